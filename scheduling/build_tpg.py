@@ -20,6 +20,7 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
+    NO_EDGES,
     TASK_DEPENDENCY,
     Causes,
     NodeChain,
@@ -57,18 +58,13 @@ def build_nodes(plan: MotionPlan) -> TemporalPlanGraph:
         parts, given = _nodes_of_robot(own, len(chains))
         if any(len(part) for part in parts):
             handlings += given
-            chains.append(join_chains(parts))
-    for chain in chains:
-        for values in vars(chain).values():
-            if isinstance(values, np.ndarray):
-                values.setflags(write=False)
+            chains.append(join_chains(parts).frozen())
     handlings.sort(key=lambda item: item[0])
     return TemporalPlanGraph(
         plan.cell,
         plan.tasks,
         tuple(chains),
-        np.empty((0, 4), dtype=np.int64),
-        np.empty(0, dtype=np.uint8),
+        *NO_EDGES,
         tuple(handling for _, handling in handlings),
         plan.allowed,
         np.asarray(plan.dependencies, dtype=np.int64).reshape(-1, 2),
@@ -205,12 +201,9 @@ def build_tpg(
     return connect_nodes(DerivedTpg(build_nodes(plan)), progress=progress)
 
 
-_NONE_KNOWN = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.uint8)
-
-
 def connect_nodes(
     nodes: DerivedTpg,
-    known: tuple[Indices, Causes] = _NONE_KNOWN,
+    known: tuple[Indices, Causes] = NO_EDGES,
     *,
     progress: Progress = no_progress,
 ) -> TemporalPlanGraph:

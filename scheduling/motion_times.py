@@ -24,9 +24,13 @@ from planning.timing.rounded_path import BlendedPath
 from planning.timing.smooth_path import SmoothPath, smooth_path
 from planning.timing.stretch import exit_bound, pass_through
 from planning.transforms import Array, Indices
-from scheduling.graph.drive import Drive, joined_drives
 from scheduling.graph.task_edges import chain_actuations
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import (
+    Drive,
+    NodeChain,
+    TemporalPlanGraph,
+    joined_drives,
+)
 from scheduling.pace import Pace, Slowing, paces
 
 
@@ -163,9 +167,8 @@ def chain_bends(
 
 def node_ends(chain: NodeChain, begin: int, stop: int) -> Array:
     """Return where nodes ``range(begin, stop)`` begin, and the last one ends."""
-    at = chain.first[begin : stop + 1] - 1
-    first = chain.start if begin == 0 else chain.waypoints[at[0]]
-    return np.vstack([first[None], chain.waypoints[at[1:]]])
+    ends = chain.waypoints[chain.first[begin + 1 : stop + 1] - 1]
+    return np.vstack([chain.stands_at(begin)[None], ends])
 
 
 def _full_speed_times(
@@ -258,9 +261,8 @@ def skill_motion(
 
 def node_path(chain: NodeChain, node: int) -> Array:
     """Return the path of a node with the configuration that it starts from, shape (w, n)."""
-    low, high = int(chain.first[node]), int(chain.first[node + 1])
-    begin = chain.start if low == 0 else chain.waypoints[low - 1]
-    return np.vstack([begin, chain.waypoints[low:high]])
+    own = chain.waypoints[chain.first[node] : chain.first[node + 1]]
+    return np.vstack([chain.stands_at(node), own])
 
 
 def _timed(tpg: TemporalPlanGraph, k: int, pace: Pace) -> NodeChain:
@@ -314,7 +316,7 @@ def stretch_numbers(tpg: TemporalPlanGraph, k: int) -> Indices:
         k: index of the chain.
     """
     chain = tpg.chains[k]
-    ends = np.vstack([chain.start[None], chain.waypoints[chain.first[1:] - 1]])
+    ends = node_ends(chain, 0, len(chain))
     way = np.diff(ends, axis=0)
     leave, enter = _directions(way), _directions(way)
     inside = np.zeros(max(len(chain) - 1, 0), dtype=np.bool_)

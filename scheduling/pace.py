@@ -41,8 +41,14 @@ from planning.timing.torque import (
 )
 from planning.transforms import Array, Indices, Transform
 from scheduling.conflicts.object_spans import Moment, ObjectSpan, trace_objects
-from scheduling.graph.drive import BY_EFFORT, BY_JOINTS, BY_TOOL_SPEED, Drive
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import (
+    BY_EFFORT,
+    BY_JOINTS,
+    BY_TOOL_SPEED,
+    Drive,
+    NodeChain,
+    TemporalPlanGraph,
+)
 from scheduling.graph.total_order import planned_ranks
 
 _SAME = 1.0 + 1e-9

@@ -27,13 +27,13 @@ import numpy.typing as npt
 
 from planning.cell.workcell import CellObject
 from planning.errors import PlanInvariantError
-from planning.tasks.task import AllowedContact, Handling, Task
-from planning.tasks.time_window import TimeWindow
+from planning.tasks.task import AllowedContact, Handling, Task, TimeWindow
 from planning.transforms import Indices
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.task_edges import task_nodes
 from scheduling.graph.temporal_plan_graph import (
+    NO_EDGES,
     NodeChain,
     NodeHandling,
     TemporalPlanGraph,
@@ -147,8 +147,7 @@ class _Copies:
             cell,
             tasks,
             tuple(chain for chain in chains if len(chain)),
-            np.empty((0, 4), dtype=np.int64),
-            np.empty(0, dtype=np.uint8),
+            *NO_EDGES,
             handlings,
             tuple(a for k in self._copies() for a in self._allowed(k)),
             self._dependencies(),
@@ -217,11 +216,7 @@ class _Copies:
             if chain.corners is None
             else chain.corners.repeated(times, len(chain)),
         )
-        out = whole.cut(0, last * len(chain) + rest)
-        for values in vars(out).values():
-            if isinstance(values, np.ndarray):
-                values.setflags(write=False)
-        return out
+        return whole.cut(0, last * len(chain) + rest).frozen()
 
     def _handlings(self, copy: int) -> Iterator[NodeHandling]:
         index = self.index[copy]

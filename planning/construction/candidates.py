@@ -15,6 +15,7 @@ import numpy as np
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.world.fixed_world import Building
+from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array
 
 Skeleton = tuple[str, ...]
@@ -151,3 +152,19 @@ def rank_parts(
         return (crowd, *first, ready, drawn[part])
 
     return sorted(candidates, key=rank)
+
+
+def rank_next(
+    problem: ConstructionProblem,
+    building: Building,
+    closed: Mapping[str, Collection[frozenset[str]]],
+    rng: np.random.Generator,
+) -> list[str]:
+    """Return the parts that may be placed next, see ``rank_parts``, by the robot that is free first."""
+    world = building.world
+    robot = min(problem.team, key=world.free_from)
+    free = world.free_from(robot)
+    at = frame_pose(
+        problem.cell.robot(robot), world.robots[robot].at(free), problem.frame
+    )
+    return rank_parts(problem, building.placed, closed, rng, free, at[:3, 3])

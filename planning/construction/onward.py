@@ -13,7 +13,7 @@ from itertools import chain, islice
 import numpy as np
 
 from planning.cell.workcell import Attachment
-from planning.construction.candidates import Skeleton, rank_parts, skeletons
+from planning.construction.candidates import Skeleton, rank_next, skeletons
 from planning.construction.held_parts import let_go, place_held, secure, way_out
 from planning.construction.keyframes import TURNS
 from planning.construction.problem.problem import (
@@ -36,7 +36,6 @@ from planning.construction.world.fixed_world import (
     lying_at,
 )
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
-from planning.kinematics.kinematics import frame_pose
 from planning.steps.skill import NOTHING, gripped
 from planning.transforms import Array
 
@@ -214,13 +213,7 @@ class _Rest:
 
     def _ranked(self) -> Sequence[str]:
         """Return the parts that may be placed next: those in hands first, then the best."""
-        world = self.building.world
-        robot = min(self.problem.team, key=world.free_from, default=None)
-        if robot is None:
+        if not self.problem.team:
             return ()
-        free = world.free_from(robot)
-        q = world.robots[robot].at(free)
-        tool = frame_pose(self.problem.cell.robot(robot), q, self.problem.frame)[:3, 3]
-        placed = self.building.placed
-        ranked = rank_parts(self.problem, placed, {}, self.rng, free, tool)
+        ranked = rank_next(self.problem, self.building, {}, self.rng)
         return sorted(ranked, key=lambda name: name not in self.holds)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.candidates import Skeleton, rank_parts, skeletons
+from planning.construction.candidates import Skeleton, rank_next, skeletons
 from planning.construction.held_parts import place_held
 from planning.construction.problem.problem import (
     ConstructionProblem,
@@ -22,7 +22,6 @@ from planning.construction.problem.reach_bounds import reach_bounds
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.fixed_world import Building, nothing_built
 from planning.errors import ConstructionError
-from planning.kinematics.kinematics import frame_pose
 from planning.progress import Progress, no_progress
 
 
@@ -144,18 +143,11 @@ class ConstructionSearch:
 
     def next_parts(self, building: Building) -> list[Part]:
         """Return the parts that may be placed next, the best first."""
-        problem = self.problem
-        world = building.world
-        robot = min(problem.team, key=world.free_from)
-        free = world.free_from(robot)
-        q = world.robots[robot].at(free)
-        tool = frame_pose(problem.cell.robot(robot), q, problem.frame)[:3, 3]
-        args = (problem, building.placed)
-        ranked = rank_parts(*args, self._walls, self._rng, free, tool)
+        ranked = rank_next(self.problem, building, self._walls, self._rng)
         if not ranked:
             # What has been remembered leaves nothing: go on, and see what can be placed.
-            ranked = rank_parts(*args, {}, self._rng, free, tool)
-        return [problem.part(name) for name in ranked]
+            ranked = rank_next(self.problem, building, {}, self._rng)
+        return [self.problem.part(name) for name in ranked]
 
     def _backtrack(self, done: list[Building], part: Part) -> list[Building]:
         """Return the states up to one in which a part is in its place that could not be placed.

@@ -16,8 +16,7 @@ from dataclasses import dataclass, field
 from planning.cell.workcell import Attachment, CellObject, Workcell, WorldState
 from planning.errors import TransitError
 from planning.files import KeptAnswers
-from planning.tasks.task import AllowedContact, Handling, Task
-from planning.tasks.time_window import TimeWindow
+from planning.tasks.task import AllowedContact, Handling, Task, TimeWindow
 from planning.transforms import Array, Indices
 
 Pairs = frozenset[frozenset[str]]

@@ -31,6 +31,7 @@ from planning.tasks.task import (
     ExceptionKey,
     StepTasks,
     Task,
+    TimeWindow,
     allowed_pairs,
     apply_handlings,
     cell_with_steps,
@@ -38,7 +39,6 @@ from planning.tasks.task import (
     still_borders,
     strongest_exception,
 )
-from planning.tasks.time_window import TimeWindow
 from planning.transforms import Array
 
 MARGIN = 0.0005

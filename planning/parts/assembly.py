@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from planning.contacts.interference import Overlaps
 from planning.grips.grip import DOWN, UP, GripRules
 from planning.statics.standing import Joint, StandingRules
-from planning.tasks.time_window import TimeLag
+from planning.tasks.task import TimeLag
 from planning.tasks.work import Supply
 from planning.transforms import Transform
 

@@ -22,13 +22,7 @@ from planning.statics.build_order import (
     Waits,
     waits_for_balance,
 )
-from planning.statics.standing import (
-    Joint,
-    Standing,
-    StandingRules,
-    body_at,
-    ground_of,
-)
+from planning.statics.standing import Joint, Standing, StandingRules, body_at, ground_of
 
 _MOST_NAMED = 4
 """How many parts that would be held are named."""

@@ -12,12 +12,7 @@ from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.grips.fingers import firm_grips
 from planning.grips.grip import Grip
-from planning.grips.tool_grips import (
-    beyond_part,
-    overload,
-    own_grips,
-    why_no_grip,
-)
+from planning.grips.tool_grips import beyond_part, overload, own_grips, why_no_grip
 from planning.parts.assembly import MachineWork, PartAssembly, PlacePart, Process, Work
 from planning.parts.balance import stand_of_all
 from planning.parts.part_skills import SkillTry, ToolSkills, process_targets

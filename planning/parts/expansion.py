@@ -42,10 +42,10 @@ from planning.tasks.task import (
     Handling,
     StepTasks,
     Task,
+    TimeWindow,
     door_shut,
     is_done_to_a_product,
 )
-from planning.tasks.time_window import TimeWindow
 from planning.tasks.work import Supply, TaskHistory
 from planning.transforms import Transform
 

@@ -32,6 +32,7 @@ from planning.steps.skill import (
     Phase,
     SkillContacts,
     SkillPath,
+    SkillScene,
     SkillTargets,
     Subgoal,
     ToolContact,
@@ -39,7 +40,6 @@ from planning.steps.skill import (
     straight_way,
     touching,
 )
-from planning.steps.skill_scene import SkillScene
 from planning.steps.skill_trial import find_obstruction, resolve_skill
 from planning.steps.tool_changes import with_tools
 from planning.tasks.assignment import Tools

@@ -16,15 +16,9 @@ from planning.contacts.touching import Lying, near_to, nearest_words, standing
 from planning.errors import InfeasibleStepError
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import tool_grips
-from planning.parts.assembly import (
-    AnyStep,
-    PartAssembly,
-    PlacePart,
-    Spot,
-    Work,
-)
+from planning.parts.assembly import AnyStep, PartAssembly, PlacePart, Spot, Work
 from planning.statics.standing import Joint
-from planning.steps.skill_scene import Objects
+from planning.steps.skill import Objects
 from planning.steps.tool_changes import with_each_tool
 from planning.transforms import Transform, readonly
 
@@ -152,6 +146,17 @@ def steps_in_order(
         if number in supply.leaves:
             for name, _ in supply.leaves[number].parts:
                 del where[name]
+
+
+def lying_by_then(
+    cell: Workcell, where: Mapping[str, Transform], but: str
+) -> dict[str, Lying]:
+    """Return fixtures and parts where they are as a step begins, one part left out, by name."""
+    return standing(cell) | {
+        item.name: (item, where[item.name])
+        for item in cell.objects
+        if item.name in where and item.name != but
+    }
 
 
 def far_first(step: KnownStep) -> list[int]:
@@ -374,11 +379,7 @@ def part_fits(cell: Workcell, assembly: PartAssembly) -> Iterator[PartFit]:
     for number, step, where, goal in steps_in_order(cell, assembly):
         if not isinstance(step, PlacePart):
             continue
-        others = standing(cell) | {
-            item.name: (item, where[item.name])
-            for item in cell.objects
-            if item.name in where and item.name != step.part
-        }
+        others = lying_by_then(cell, where, but=step.part)
         way = np.array(assembly.handling(step.part).insertion)
         found = play((cell.object(step.part), goal), others, way)
         if found is not None:

@@ -19,9 +19,9 @@ from planning.steps.skill import (
     Obstruction,
     SkillContacts,
     SkillPath,
+    SkillScene,
     gripped,
 )
-from planning.steps.skill_scene import SkillScene
 from planning.steps.skill_trial import find_obstruction
 from planning.tasks.assignment import (
     PrimaryCandidate,

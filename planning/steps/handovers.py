@@ -17,15 +17,16 @@ from planning.kinematics.kinematics import inverse_kinematics
 from planning.steps.skill import (
     LARGEST_TURN,
     NOTHING,
+    Objects,
     Obstruction,
     SkillContacts,
     SkillPath,
+    SkillScene,
     SkillTargets,
     Subgoal,
     gripped,
     joint_distance,
 )
-from planning.steps.skill_scene import Objects, SkillScene
 from planning.steps.skill_trial import find_obstruction, resolve_skill
 from planning.tasks.assignment import (
     AssignmentProblem,

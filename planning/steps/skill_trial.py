@@ -14,14 +14,15 @@ from planning.geometry.robot_bodies import entity
 from planning.geometry.scene_checker import BodyPair, SceneChecker
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.steps.skill import (
+    IN_IT,
     Obstruction,
     Phase,
     SkillPath,
+    SkillScene,
     SkillTargets,
     skill_postures,
     touching,
 )
-from planning.steps.skill_scene import IN_IT, SkillScene
 from planning.transforms import Array, inverse
 
 _SURELY = 1e-5

@@ -17,12 +17,7 @@ from itertools import pairwise, permutations
 import numpy as np
 
 from planning.cell.robot_model import RobotModel
-from planning.cell.workcell import (
-    Attachment,
-    PlacedRobot,
-    RackTool,
-    Workcell,
-)
+from planning.cell.workcell import Attachment, PlacedRobot, RackTool, Workcell
 from planning.contacts.touching import near_to, standing
 from planning.errors import InfeasibleStepError
 from planning.geometry.robot_bodies import entity
@@ -30,8 +25,10 @@ from planning.steps.skill import (
     NOTHING,
     Obstruction,
     Pairs,
+    Placed,
     SkillContacts,
     SkillPath,
+    SkillScene,
     SkillTargets,
     Subgoal,
     joint_distance,
@@ -39,7 +36,6 @@ from planning.steps.skill import (
     straight_way,
     touching,
 )
-from planning.steps.skill_scene import Placed, SkillScene
 from planning.steps.skill_trial import find_obstruction
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import NO_TOOLS, Tools

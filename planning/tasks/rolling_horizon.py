@@ -12,12 +12,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 
-from planning.tasks.assignment import (
-    AssignmentProblem,
-    StepChoice,
-    TaskPlan,
-    Tools,
-)
+from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan, Tools
 
 MOST_CONTESTED = 4000
 """Up to so many candidates whose objects can be used once, the whole program is solved."""

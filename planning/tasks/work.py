@@ -16,8 +16,7 @@ import networkx as nx
 import numpy as np
 
 from planning.tasks.assignment import AssignmentProblem, TaskPlan, alternatives
-from planning.tasks.task import StepTasks, Task
-from planning.tasks.time_window import TimeWindow
+from planning.tasks.task import StepTasks, Task, TimeWindow
 from planning.transforms import Indices, Transform
 
 _MOST_WAYS = 12

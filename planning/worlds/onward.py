@@ -25,22 +25,10 @@ from planning.tasks.assignment import (
     TaskPlan,
 )
 from planning.tasks.highs_solver import assign_steps
-from planning.tasks.task import (
-    STRAIGHT,
-    TRANSIT,
-    AllowedContact,
-    StepTasks,
-    Task,
-)
+from planning.tasks.task import STRAIGHT, TRANSIT, AllowedContact, StepTasks, Task
 from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import Array, Indices, readonly
-from planning.worlds.supplied import (
-    Scrap,
-    brings,
-    supplied,
-    taken_out,
-    without_brought,
-)
+from planning.worlds.supplied import Scrap, brings, supplied, taken_out, without_brought
 from planning.worlds.world import Leftover, World, leftovers, taken_by
 
 

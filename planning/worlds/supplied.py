@@ -27,7 +27,7 @@ from planning.tasks.task import (
 )
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, readonly
-from planning.worlds.world import World
+from planning.worlds.world import World, continued
 
 REMOVAL = "removal"
 """Name of the machine by which a person takes what lies in the way of others."""
@@ -67,17 +67,13 @@ def _some_of(
     first = min((task.index for task in step.tasks), default=0)
     new = {task.index: first + k for k, task in enumerate(tasks)}
     known = {**done, **new}
-    contacts = (
-        replace(c, tasks=frozenset(new[t] for t in c.tasks if t in new))
-        for c in step.allowed
-    )
     return replace(
         step,
         tasks=tuple(replace(task, index=new[task.index]) for task in tasks),
         dependencies=tuple(
             (known[a], new[b]) for a, b in step.dependencies if a in known and b in new
         ),
-        allowed=tuple(contact for contact in contacts if contact.tasks),
+        allowed=continued(step.allowed, new),
     )
 
 

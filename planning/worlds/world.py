@@ -15,6 +15,7 @@ from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import Beginning
 from planning.tasks.task import (
+    EARLIER,
     HOLD,
     STRAIGHT,
     SUPPLY_KINDS,
@@ -23,8 +24,8 @@ from planning.tasks.task import (
     Handling,
     StepTasks,
     Task,
+    TimeWindow,
 )
-from planning.tasks.time_window import EARLIER, TimeWindow
 from planning.transforms import Transform, readonly
 
 

@@ -266,8 +266,7 @@ class _Trace:
     def _hand(self, node: Node) -> Transform:
         """Return the flange pose of a robot that stands after a node (-1: at its start)."""
         chain, k = self._tpg.chains[node[0]], node[1]
-        q = chain.start if k < 0 else chain.waypoints[chain.first[k + 1] - 1]
-        return frame_pose(self._tpg.cell.robot(chain.robot), q)
+        return frame_pose(self._tpg.cell.robot(chain.robot), chain.stands_at(k + 1))
 
 
 def while_at_rest(

@@ -17,13 +17,14 @@ from pydantic import (
 from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError, listed
 from planning.tasks.task import (
+    EARLIER,
     GONE,
     Actuation,
     AllowedContact,
     Handling,
     Task,
+    TimeWindow,
 )
-from planning.tasks.time_window import EARLIER, TimeWindow
 from scheduling.graph.columns import (
     LONGEST_S,
     POSES,
@@ -33,7 +34,6 @@ from scheduling.graph.columns import (
     require,
     write_columns,
 )
-from scheduling.graph.drive import Drive, RoundedCorners
 from scheduling.graph.stored_cell import (
     CellEntry,
     Entry,
@@ -45,8 +45,10 @@ from scheduling.graph.stored_cell import (
     write_cell,
 )
 from scheduling.graph.temporal_plan_graph import (
+    Drive,
     NodeChain,
     NodeHandling,
+    RoundedCorners,
     TemporalPlanGraph,
 )
 

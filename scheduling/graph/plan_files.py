@@ -31,14 +31,15 @@ from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError
 from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz, replacing
 from planning.robots.descriptions.xml_files import copy_description
-from planning.tasks.task import Handling, Task
-from planning.tasks.time_window import EARLIER
+from planning.tasks.task import EARLIER, Handling, Task
 from scheduling.graph.columns import require
 from scheduling.graph.document import PlanDocument, read_graph, write_graph
-from scheduling.graph.drive import BY_EFFORT, Drive, RoundedCorners
 from scheduling.graph.temporal_plan_graph import (
+    BY_EFFORT,
+    Drive,
     NodeChain,
     NodeHandling,
+    RoundedCorners,
     TemporalPlanGraph,
 )
 

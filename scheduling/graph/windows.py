@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.kernels import kernel
-from planning.tasks.time_window import EARLIER
+from planning.tasks.task import EARLIER
 from planning.transforms import Indices
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.task_edges import sequential_order

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.tasks.time_window import EARLIER
+from planning.tasks.task import EARLIER
 from planning.transforms import Array
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg

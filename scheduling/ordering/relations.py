@@ -47,6 +47,7 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     NodeChain,
     TemporalPlanGraph,
+    pose_nodes,
 )
 
 Stair = tuple[Indices, Indices]
@@ -333,17 +334,8 @@ class BesideSkills:
         """Tell whether a robot on a polyline, shape (w, n), is clear of what the skills sweep."""
         path = path if len(path) > 1 else np.repeat(path, 2, axis=0)
         count = len(path) - 1
-        nodes = NodeChain(
-            robot,
-            path[0],
-            path[1:],
-            np.ones(count),
-            np.arange(count + 1),
-            np.full(count, self._transits[robot].task),
-            np.zeros(count, dtype=np.bool_),
-            np.zeros(count),
-            np.zeros(count),
-        )
+        task = self._transits[robot].task
+        nodes = pose_nodes(robot, path[0], path[1:], task, 0.0)
         held = [replace(span, end=(count, 0)) for span in self._held[robot]]
         own = chain_occupancy(self._graph.tpg.cell, nodes, held, self._graph.entities)
         floor = np.full(count, -1, dtype=np.int64)

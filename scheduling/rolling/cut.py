@@ -8,7 +8,8 @@ nobody who stands at it is in the way of any of them: who would be is ordered af
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from typing import NamedTuple
 
 from planning.cell.workcell import WorldState, start_state
 from planning.tasks.task import (
@@ -17,6 +18,7 @@ from planning.tasks.task import (
     LAG,
     LEFT_OUT,
     TAKEN_OUT,
+    TRANSIT,
     AllowedContact,
     Handling,
     StepTasks,
@@ -24,10 +26,9 @@ from planning.tasks.task import (
     apply_handlings,
     move_robot,
 )
-from planning.transforms import Array
 from scheduling.conflicts.object_spans import handlings_in_order
 from scheduling.graph.task_edges import TaskNodes, task_nodes
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import planned_ranks
 
 Counts = tuple[int, ...]
@@ -180,18 +181,13 @@ def state_at(tpg: TemporalPlanGraph, counts: Sequence[int]) -> WorldState:
     """
     state = start_state(tpg.cell)
     for chain, count in zip(tpg.chains, counts, strict=True):
-        state = move_robot(state, chain.robot, stands_at(chain, count))
+        state = move_robot(state, chain.robot, chain.stands_at(count))
     done = [
         Handling(h.object, h.waypoint, h.holder, h.pose)
         for h in handlings_in_order(tpg, planned_ranks(tpg.chains))
         if h.node < counts[h.robot]
     ]
     return apply_handlings(state, done)
-
-
-def stands_at(chain: NodeChain, count: int) -> Array:
-    """Return where a robot stands when so many of its nodes are complete, shape (n,)."""
-    return chain.start if count == 0 else chain.waypoints[chain.first[count] - 1]
 
 
 def planned_steps(tpg: TemporalPlanGraph) -> tuple[StepTasks, ...]:
@@ -222,3 +218,44 @@ def planned_steps(tpg: TemporalPlanGraph) -> tuple[StepTasks, ...]:
         )
         for step, tasks in sorted(by_step.items())
     )
+
+
+class KeptHold(NamedTuple):
+    """A part in its place that is kept hold of, or was.
+
+    Attributes:
+        part: its name.
+        robot: who keeps hold of it.
+        last: what has come by which it stands; nothing as long as nothing has.
+        left: whether its robot has left it.
+    """
+
+    part: str
+    robot: str
+    last: str
+    left: bool
+
+
+def kept_hold(tpg: TemporalPlanGraph, complete: Collection[int]) -> Iterator[KeptHold]:
+    """Yield the parts that are kept hold of in their places when some tasks are complete, or were.
+
+    The way back of who keeps hold of a part is a task of its own that is about the part and in which nothing
+    changes hands; it waits for what is put down until then. Of all others it belongs to the skill that places.
+    """
+    until: dict[int, Task] = {}
+    for first, second in tpg.dependencies.tolist():
+        if tpg.tasks[first].kind == "place-down":
+            until[second] = tpg.tasks[first]
+    before: dict[str, Task] = {}
+    for task in tpg.tasks:
+        if task.kind in (LEFT_OUT, FAILED):
+            continue
+        put = before.get(task.robot)
+        before[task.robot] = task
+        if put is None or task.kind != TRANSIT or put.kind != "place-down":
+            continue
+        if task.object == put.object is not None and put.index in complete:
+            own = until.get(task.index)
+            there = own is not None and own.index in complete
+            last = str(own.object) if own is not None and there else ""
+            yield KeptHold(put.object, task.robot, last, task.index in complete)

@@ -14,17 +14,28 @@ from dataclasses import replace
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.tasks.task import LEFT_OUT, AllowedContact, Handling, Task
-from planning.tasks.time_window import TimeWindow
-from planning.transforms import Indices
+from planning.tasks.task import (
+    FAILED,
+    LEFT_OUT,
+    AllowedContact,
+    Handling,
+    Task,
+    TimeWindow,
+)
+from planning.transforms import Indices, readonly
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.drive import joined_corners, joined_drives
+from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import (
+    NO_EDGES,
+    Drive,
     NodeChain,
     NodeHandling,
     TemporalPlanGraph,
     join_chains,
+    joined_corners,
+    joined_drives,
+    pose_nodes,
 )
 
 
@@ -167,8 +178,7 @@ def extended(
             *(_with_hands(task, hands) for task in new.tasks[len(committed.tasks) :]),
         ),
         chains,
-        np.empty((0, 4), dtype=np.int64),
-        np.empty(0, dtype=np.uint8),
+        *NO_EDGES,
         tuple(handlings),
         merged((*committed.allowed, *new.allowed)),
         _pairs((*committed.dependencies.tolist(), *dependencies.tolist(), *passed)),
@@ -207,12 +217,8 @@ def _with_idle(tpg: TemporalPlanGraph, order: Sequence[str]) -> TemporalPlanGrap
 
 
 def _empty_chain(cell: Workcell, name: str) -> NodeChain:
-    home, none = cell.robot(name).home, np.empty(0)
-    numbers = np.empty(0, dtype=np.int64)
-    points = np.empty((0, len(home)))
-    skill = np.empty(0, dtype=np.bool_)
-    first = np.zeros(1, dtype=np.int64)
-    return NodeChain(name, home, points, none, first, numbers, skill, none, none)
+    home = cell.robot(name).home
+    return pose_nodes(name, home, np.empty((0, len(home))), 0, 0.0)
 
 
 def joined_parts(parts: Sequence[NodeChain]) -> NodeChain:
@@ -259,3 +265,88 @@ def merged(allowed: Sequence[AllowedContact]) -> tuple[AllowedContact, ...]:
 
 def _pairs(pairs: Sequence[Sequence[int]]) -> Indices:
     return np.array(sorted({tuple(p) for p in pairs}), dtype=np.int64).reshape(-1, 2)
+
+
+def with_attempt(
+    committed: TemporalPlanGraph,
+    tpg: TemporalPlanGraph,
+    robot: str,
+    node: int,
+    changes: Sequence[Handling] = (),
+    *,
+    missing: bool = False,
+) -> TemporalPlanGraph:
+    """Return committed nodes with one more, in which a robot has tried a skill and stands where it was.
+
+    It has gone back along its own path, which is part of what the skill occupies: the node needs nobody else to
+    wait, and what follows is planned from there.
+
+    Args:
+        committed: of a graph, up to the node; see ``committed_part``.
+        tpg: the graph.
+        robot: who tried.
+        node: the first node of the skill.
+        changes: what has become of the object, at waypoint 1.
+        missing: whether what it is about was not there, so that it waited for no machine to bring it.
+    """
+    whole = tpg.chains[tpg.chain_index[robot]]
+    index = int(whole.task[node])
+    q = readonly(whole.stands_at(node).copy())
+    times = float(whole.duration[node]), float(whole.planned_start[node])
+    stood = pose_nodes(robot, q, q[None], index, *times, skill=True)
+    if whole.drive is not None:
+        stood = replace(stood, drive=_still())
+    old = committed.chain_index
+    if robot in old:
+        at = old[robot]
+        chains = list(committed.chains)
+        chains[at] = joined_parts([chains[at], stood])
+    else:
+        at, chains = len(committed.chains), [*committed.chains, stood]
+    own = tpg.chain_index[robot]
+    place = {chain.robot: k for k, chain in enumerate(chains)}
+    brings = machine_chains(tpg) if missing else frozenset[int]()
+    rows = [
+        row
+        for row, (k, _, i, v) in enumerate(tpg.edges.tolist())
+        if (i, v) == (own, node) and k not in brings
+    ]
+    into = [
+        (place[tpg.chains[k].robot], u, at, node)
+        for k, u, _, _ in tpg.edges[rows].tolist()
+    ]
+    task = replace(
+        tpg.tasks[index],
+        kind=FAILED,
+        label=f"{tpg.tasks[index].label}: failed",
+        path=q[None],
+        handlings=tuple(changes),
+        actuations=(),
+        goal=False,
+    )
+    tasks = [
+        *committed.tasks,
+        *map(left_out, tpg.tasks[len(committed.tasks) : index + 1]),
+    ]
+    tasks[index] = task
+    handled = [
+        NodeHandling(h.object, at, node, h.waypoint, h.holder, h.pose) for h in changes
+    ]
+    return replace(
+        committed,
+        tasks=tuple(tasks),
+        chains=tuple(chains),
+        edges=np.concatenate(
+            [committed.edges, np.array(into, dtype=np.int64).reshape(-1, 4)]
+        ),
+        cause=np.concatenate([committed.cause, tpg.cause[rows]]),
+        handlings=(*committed.handlings, *handled),
+        allowed=merged((*committed.allowed, *allowed_during(tpg.allowed, {index}))),
+    )
+
+
+def _still() -> Drive:
+    """Return how a node without motion is passed."""
+    none, one = np.zeros(1), np.ones(1)
+    rests, by = np.ones(1, dtype=np.bool_), np.zeros(1, dtype=np.int64)
+    return Drive(none, none, none, rests, one, by, one)

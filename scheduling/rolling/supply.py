@@ -1,7 +1,8 @@
 """What is brought to a cell while a plan is executed, as nodes of machines.
 
 Something that is brought is nowhere before. Its node comes before all others in the order of the graph, so
-that everybody keeps clear of its place all along, and whatever is done to it waits for the node.
+that everybody keeps clear of its place all along, and whatever is done to it waits for the node. A plan that
+begins in a world, and knows nothing of what was before, begins with what machines are still at work at.
 """
 
 from __future__ import annotations
@@ -11,19 +12,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.cell.workcell import CellObject, Workcell, machine
-from planning.tasks.task import BROUGHT, STILL, TRANSIT, Handling, Task
-from planning.transforms import Indices, readonly
+from planning.cell.workcell import Begun, CellObject, Workcell, machine
+from planning.tasks.task import BROUGHT, DOOR, GOES_ON, STILL, TRANSIT, Handling, Task
+from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import (
-    NodeChain,
+    TASK_DEPENDENCY,
     NodeHandling,
     TemporalPlanGraph,
     join_chains,
+    pose_nodes,
 )
-from scheduling.rolling.extension import committed_part
+from scheduling.rolling.extension import allowed_during, committed_part
 
 _LATER = 1.0
-"""How much later all others are planned to start than what is brought, so that it comes first [s]."""
+"""How much later all others are planned to start than what is brought, or machines go on with, so that it comes first [s]."""
 
 
 def with_supply(
@@ -47,30 +49,18 @@ def with_supply(
         step: that it serves.
         seconds: how long it takes.
     """
-    index, still = len(tpg.tasks), readonly(np.zeros(1))
+    index = len(tpg.tasks)
     name = None if item is None else item.name
     brings = () if item is None else (Handling(item.name, 1, None, item.start),)
     task = Task(index, who, BROUGHT, step, label, STILL, brings, name)
-    own = NodeChain(
-        who,
-        still,
-        STILL,
-        np.ones(1),
-        np.array([0, 1]),
-        np.array([index]),
-        np.ones(1, dtype=np.bool_),
-        np.array([seconds]),
-        np.zeros(1),
-    )
+    own = pose_nodes(who, STILL[0], STILL, index, seconds, skill=True)
     place = tpg.chain_index.get(who, len(tpg.chains))
     chains = [
         c if k == place else replace(c, planned_start=c.planned_start + _LATER)
         for k, c in enumerate(tpg.chains)
     ]
     node = len(chains[place]) if place < len(chains) else 0
-    chains[place : place + 1] = [
-        join_chains([chains[place], own]) if place < len(chains) else own
-    ]
+    chains[place : place + 1] = [join_chains([*chains[place : place + 1], own])]
     handled = [NodeHandling(h.object, place, node, 1, None, h.pose) for h in brings]
     return replace(
         tpg,
@@ -162,3 +152,92 @@ def without_chains(
         for task in rest.tasks
     )
     return replace(rest, tasks=tasks)
+
+
+def alone(
+    new: TemporalPlanGraph, first: int, begun: Begun, room: int = 0
+) -> TemporalPlanGraph:
+    """Return a graph that begins in a world without the tasks before it.
+
+    Args:
+        new: see ``extended``.
+        first: index of the first task of its own.
+        begun: what was done before.
+        room: tasks that come before its own.
+    """
+    shift = room - first
+    return replace(
+        new,
+        cell=replace(new.cell, begun=begun),
+        tasks=tuple(
+            replace(task, index=task.index + shift) for task in new.tasks[first:]
+        ),
+        chains=tuple(replace(c, task=c.task + shift) for c in new.chains),
+        allowed=tuple(
+            replace(c, tasks=frozenset(k + shift for k in c.tasks))
+            for c in allowed_during(new.allowed, range(first, len(new.tasks)))
+        ),
+        dependencies=new.dependencies + shift,
+        slots=np.empty(0, dtype=np.int64),
+        products=np.empty(0, dtype=np.int64),
+        windows=tuple(window.moved(lambda k: k + shift) for window in new.windows),
+    )
+
+
+def going_on(
+    own: TemporalPlanGraph,
+    union: TemporalPlanGraph,
+    counts: Mapping[str, int],
+    left_s: Mapping[str, float],
+) -> TemporalPlanGraph:
+    """Return a graph in which machines that were at work go on with that first.
+
+    Args:
+        own: see ``alone``; it leaves room for a task of each.
+        union: what was before it, and it.
+        counts: how many nodes of each chain of that were before.
+        left_s: how long these machines are at work still [s].
+    """
+    index, tasks = union.chain_index, []
+    for number, (name, seconds) in enumerate(sorted(left_s.items())):
+        at, last = index[name], counts[name] - 1
+        task = union.task_at(at, last)
+        place = own.chain_index.get(name, len(own.chains))
+        node = pose_nodes(name, STILL[0], STILL, number, seconds, skill=True)
+        chains = [
+            replace(c, planned_start=c.planned_start + _LATER) for c in own.chains
+        ]
+        chains[place : place + 1] = [join_chains([node, *chains[place : place + 1]])]
+        edges = own.edges.copy()
+        edges[:, 1] += edges[:, 0] == place
+        edges[:, 3] += edges[:, 2] == place
+        handlings = [
+            replace(h, node=h.node + (h.robot == place)) for h in own.handlings
+        ]
+        # A door that is shut stays so; what it brings or takes away counts as there or gone.
+        doors = [
+            replace(h, robot=place, node=0)
+            for h in union.handlings
+            if (h.robot, h.node) == (at, last)
+            and own.cell.object(h.object).kind == DOOR
+        ]
+        waits = [
+            (place, 0, where, v - counts.get(union.chains[i].robot, 0))
+            for k, u, i, v in union.edges.tolist()
+            if (k, u) == (at, last)
+            and (where := own.chain_index.get(union.chains[i].robot)) is not None
+            and v >= counts.get(union.chains[i].robot, 0)
+        ]
+        more = np.array(waits, dtype=np.int64).reshape(-1, 4)
+        why = np.full(len(more), TASK_DEPENDENCY, dtype=np.uint8)
+        about = number, name, GOES_ON, task.step, f"{task.label} goes on", STILL
+        handled = tuple(Handling(h.object, h.waypoint, h.holder, h.pose) for h in doors)
+        tasks.append(Task(*about, handled, task.object))
+        own = replace(
+            own,
+            chains=tuple(chains),
+            edges=np.concatenate([edges, more]),
+            cause=np.concatenate([own.cause, why]),
+            handlings=(*doors, *handlings),
+        )
+    return replace(own, tasks=(*tasks, *own.tasks))

@@ -13,8 +13,7 @@ import numpy as np
 from planning.timing.rounded_path import BlendedPath, longest_window, ordered_windows
 from planning.timing.stretch import RoundedStretch
 from planning.transforms import Array, Indices
-from scheduling.graph.drive import RoundedCorners
-from scheduling.graph.temporal_plan_graph import NodeChain
+from scheduling.graph.temporal_plan_graph import NodeChain, RoundedCorners
 from scheduling.motion_times import node_ends
 from scheduling.pace import Pace
 from scheduling.shortcuts.candidates import Span

@@ -25,6 +25,7 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     TemporalPlanGraph,
+    pose_nodes,
 )
 
 
@@ -145,17 +146,9 @@ def new_nodes(
     if sampled is None:
         return None
     waypoints, duration = sampled
-    return NodeChain(
-        chain.robot,
-        path[0],
-        waypoints,
-        np.ones(count),
-        np.arange(count + 1),
-        chain.task[first : last + 1],
-        np.zeros(count, dtype=np.bool_),
-        duration,
-        chain.planned_start[first : last + 1],
-    )
+    own = slice(first, last + 1)
+    task, start = chain.task[own], chain.planned_start[own]
+    return pose_nodes(chain.robot, path[0], waypoints, task, duration, start)
 
 
 def corners(path: Array) -> Array:

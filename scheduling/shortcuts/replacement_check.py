@@ -31,12 +31,12 @@ from scheduling.conflicts.derived_tpg import (
     rest_stretch,
 )
 from scheduling.conflicts.object_spans import while_at_rest
-from scheduling.graph.drive import joined_corners
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     Causes,
     NodeChain,
     TemporalPlanGraph,
+    joined_corners,
 )
 from scheduling.graph.total_order import planned_ranks, reduce_again, with_edges
 from scheduling.shortcuts.candidates import Span

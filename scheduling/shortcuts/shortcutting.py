@@ -19,13 +19,137 @@ import numpy as np
 
 from planning.motion.speed import SpeedModel
 from planning.progress import Progress, no_progress
+from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg, StretchConflicts
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.shortcuts.board import Board
-from scheduling.shortcuts.candidates import join_nodes
+from scheduling.shortcuts.candidates import CORNER, candidate_path, join_nodes
 from scheduling.shortcuts.scenery import KnownWays
-from scheduling.shortcuts.sidesteps import take_sidesteps
+
+_SAME = 1e-7
+"""Times that differ by less are the same [s]."""
+
+_LEAST = 1e-6
+"""Least time by which a sidestep has to make the plan end sooner [s]."""
+
+_ASIDE = 0.3
+"""Spread of corners around the straight way [rad or m]."""
+
+_SPREAD = 0x51DE
+"""Sets the draws of sidesteps apart from those of shortcuts with the same seed."""
+
+
+def take_sidesteps(
+    board: Board, candidates: int, seed: int, progress: Progress = no_progress
+) -> None:
+    """Change a board's graph by sidesteps as long as they pay.
+
+    A shortcut has to save its robot time. Where the makespan hangs on a wait of one robot for another, a way of
+    the same length may do as well: one that comes into the other's way later, or lets the other pass sooner. Runs
+    of transits on both sides of such waits get a corner at random, and keep it where the whole plan ends sooner.
+
+    Args:
+        board: the graph, with its runs, after shortcuts.
+        candidates: most candidates drawn. The search ends before when a window of them, as long
+            as those of shortcuts, makes the plan hardly shorter.
+        seed: of the draws.
+        progress: told candidates done and in all.
+    """
+    rng = np.random.default_rng([seed, _SPREAD])
+    beside = runs_beside_waits(board)
+    since, before = 0, board.makespan
+    for done in range(candidates):
+        if not beside:
+            break
+        if since == board.window:
+            if not board.worth(before):
+                break
+            since, before = 0, board.makespan
+        since += 1
+        which, node = beside[int(rng.integers(len(beside)))]
+        span = board.spans[which]
+        # Ends of the run are kept as often as not: most of the way there is the most room.
+        first = (
+            span.first
+            if rng.random() < 0.5
+            else int(rng.integers(span.first, node + 1))
+        )
+        last = (
+            span.last if rng.random() < 0.5 else int(rng.integers(node, span.last + 1))
+        )
+        path = _around_corner(
+            board, span.chain, board.way(span.chain, first, last), rng
+        )
+        if board.try_candidate(which, first, last, path, sooner=_LEAST):
+            beside = runs_beside_waits(board)
+        if done % 16 == 0:
+            progress(done, candidates)
+    progress(candidates, candidates)
+
+
+def runs_beside_waits(board: Board) -> list[tuple[int, int]]:
+    """Return the runs that waits for motions which the makespan hangs on begin or end in.
+
+    Returns:
+        Each as the number of a span and the node of it that waits, or is waited for.
+    """
+    spans = board.spans
+    found = []
+    for chain, node in waits(board.graph):
+        found += [
+            (which, node)
+            for which, span in enumerate(spans)
+            if span.chain == chain and span.first <= node <= span.last
+        ]
+    return found
+
+
+def waits(graph: DerivedTpg) -> list[tuple[int, int]]:
+    """Return the nodes at both ends of the conflicts that a longest path of a graph goes over.
+
+    It is followed from its end: from each node to the one before it on its robot where they
+    follow each other at once, else to the node that it waits for.
+    """
+    tpg, rollout = graph.tpg, graph.rollout
+    before: dict[tuple[int, int], list[tuple[int, int, bool]]] = {}
+    for (i, u, k, v), cause in zip(tpg.edges.tolist(), tpg.cause.tolist(), strict=True):
+        before.setdefault((k, v), []).append((i, u, cause == MOTION_CONFLICT))
+    ends = [float(end[-1]) if len(end) else 0.0 for end in rollout.end]
+    chain = int(np.argmax(ends))
+    node = len(rollout.end[chain]) - 1
+    found: list[tuple[int, int]] = []
+    while node >= 0:
+        begin = float(rollout.start[chain][node])
+        if node > 0 and begin - float(rollout.end[chain][node - 1]) < _SAME:
+            node -= 1
+            continue
+        late = [
+            (i, u, conflict)
+            for i, u, conflict in before.get((chain, node), ())
+            if begin - float(rollout.end[i][u]) < _SAME
+        ]
+        if not late:
+            break
+        other, waited_for, conflict = late[0]
+        if conflict:
+            found += [(chain, node), (other, waited_for)]
+        chain, node = other, waited_for
+    return found
+
+
+def _around_corner(
+    board: Board, chain: int, way: Array, rng: np.random.Generator
+) -> Array:
+    """Return a way of the same ends over one corner, on the straight way or around it."""
+    if rng.random() < 0.5:
+        return candidate_path(way, CORNER, rng)
+    tpg = board.graph.tpg
+    model = tpg.cell.robot(tpg.chains[chain].robot).model
+    corner = way[0] + rng.random() * (way[-1] - way[0])
+    corner = corner + rng.normal(0.0, _ASIDE, len(corner))
+    return np.array([way[0], np.clip(corner, model.lower, model.upper), way[-1]])
+
 
 _QUICK = 8
 """Most candidates for each run in a quick look ahead."""

@@ -18,7 +18,13 @@ from typing import Any
 from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.case import AuditCase
+from twin.audit.case import (
+    AuditCase,
+    NodeSpans,
+    Violation,
+    edge_violations,
+    logged_spans,
+)
 from twin.audit.contacts import Contacts, allowed_contacts
 from twin.audit.grips import grip_violations
 from twin.audit.limit_checks import (
@@ -35,7 +41,6 @@ from twin.audit.motion.efforts import (
 )
 from twin.audit.motion.executed import Recording, ReplayedRun, read_recording
 from twin.audit.motion.movers import stretches
-from twin.audit.order import NodeSpans, edge_violations, logged_spans
 from twin.audit.places import (
     helpers_left,
     jump_violations,
@@ -47,7 +52,6 @@ from twin.audit.places import (
 from twin.audit.processes import process_violations
 from twin.audit.resting import balance_violations, hanging_violations, rest_violations
 from twin.audit.supports import support_violations
-from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
 from twin.audit.worlds.engines import (
     Engine,

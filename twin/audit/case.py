@@ -1,21 +1,210 @@
-"""What rules of the audit look at: an execution, its plan, what was wanted, a world to measure in."""
+"""What rules of the audit look at: an execution, its plan, what was wanted, a world to measure in; and violations.
+
+The order of what was executed is one of them: nobody moves before what type-2 edges ask for is over.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.cell.robot_model import ToolGrip
 from planning.cell.workcell import PlacedRobot
-from planning.transforms import Transform
+from planning.errors import OutputError
+from planning.transforms import Array, Transform
+from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.motion.executed import Recording, ReplayedRun
-from twin.audit.order import NodeSpans, moved_spans
+from twin.audit.motion.executed import Recording, ReplayedRun, RobotRows
 from twin.audit.wanted import ChangedTool, Wanted
 from twin.audit.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
+
+ViolationKind = Literal[
+    "contact",
+    "jump",
+    "joint-limit",
+    "joint-speed",
+    "joint-acceleration",
+    "joint-jerk",
+    "joint-effort",
+    "joint-motion",
+    "tool-speed",
+    "edge-order",
+    "hanging",
+    "balance",
+    "grip",
+    "place",
+    "support",
+    "process",
+    "tool",
+    "hand",
+    "duration",
+]
+
+
+@dataclass(frozen=True)
+class Violation:
+    """An event of a run that nothing allows.
+
+    Attributes:
+        t_start, t_end: first and last moment at which it was seen [s].
+        first, second: who and what. Of a ``contact`` two entities, such as ``"left/arm"``,
+            ``"right/tool"``, ``"b3"``, ``"plate"``; of a ``jump`` the object and
+            ``"jump"``; of the kinds of joints the robot and
+            its joint, or ``"all joints"``; of a ``tool-speed`` the robot and ``"tool"``; of an ``edge-order`` the robots, the one that must be complete first; of
+            ``hanging`` the object and the nearest thing that stands; of ``balance`` what falls and
+            ``"gravity"``; of a ``grip`` the object and its holder; of a ``place`` the object and its place; of a ``support`` the object
+            and who is nearest to being its support, or the two robots of a handover; of a ``process`` what was to be done and the thing at
+            which, or two steps of which the first began too early; of a ``tool`` the tool and the
+            robot that has it on it, or ``"rack"``. Of plans of others also of a ``hand`` the robot and the object that it
+            cannot take or give; of a ``duration`` the robot and its work; of a ``jump`` the robot and its joint.
+        depth_m: greatest overlap, 0 for robots that just touch; of a jump its length; of what
+            hangs, a grip or a support the distance; of a place or a tool how far off; 0 for kinds that are
+            no lengths [m].
+        detail: the links that overlapped most, or what is wrong, and how much.
+        kind: what is not allowed.
+    """
+
+    t_start: float
+    t_end: float
+    first: str
+    second: str
+    depth_m: float
+    detail: str = ""
+    kind: ViolationKind = "contact"
+
+
+_TICK = 1e-9
+"""Times are whole nanoseconds [s]."""
+
+
+@dataclass(frozen=True)
+class NodeSpans:
+    """Executed begin and end of each node of a robot.
+
+    Attributes:
+        begin, end: infinite where that never happened, shape (nodes,) [s].
+    """
+
+    begin: Array
+    end: Array
+
+
+def edge_violations(
+    tpg: TemporalPlanGraph, spans: Mapping[str, NodeSpans], seen_in: str
+) -> Iterator[Violation]:
+    """Yield the type-2 edges whose later node began before the earlier one was over.
+
+    Args:
+        tpg: what was to be executed.
+        spans: of the nodes of each robot of the plan; of others nothing is known.
+        seen_in: which record says so, for people.
+    """
+    for a, u, b, v in tpg.edges.tolist():
+        first, second = tpg.chains[a].robot, tpg.chains[b].robot
+        if first not in spans or second not in spans:
+            continue
+        over, begins = float(spans[first].end[u]), float(spans[second].begin[v])
+        if np.isfinite(begins) and begins < over - _TICK:
+            late = "never was" if np.isinf(over) else f"was {over - begins:.6g} s later"
+            detail = f"node {v} began before node {u} of {first} was over, which {late}"
+            end = begins if np.isinf(over) else over
+            yield Violation(
+                begins, end, first, second, 0.0, f"{detail} ({seen_in})", "edge-order"
+            )
+
+
+def tasks_at(
+    tpg: TemporalPlanGraph, robots: Mapping[str, RobotRows], robot: str, t: float
+) -> frozenset[int]:
+    """Return the tasks a robot is at at a time [s]: two when one ends, and while it stands."""
+    index = tpg.chain_index.get(robot)
+    if index is None:
+        return frozenset()
+    tasks = tpg.chains[index].task
+    nodes = np.clip(robots[robot].nodes_at(t), 0, len(tasks) - 1)
+    return frozenset(tasks[nodes].tolist())
+
+
+def moved_spans(
+    tpg: TemporalPlanGraph, robots: Mapping[str, RobotRows]
+) -> dict[str, NodeSpans]:
+    """Return from when to when robots moved in their nodes, from their trajectories.
+
+    A node in which its robot only stands is over when the next one moves; it begins never.
+    Machines do not move.
+    """
+    out = {}
+    machines = machine_chains(tpg)
+    for k, chain in enumerate(tpg.chains):
+        if k in machines:
+            continue
+        rows = robots[chain.robot]
+        begin = np.full(len(chain), np.inf)
+        end = np.full(len(chain), np.inf)
+        end[: min(int(rows.node.max(initial=-1)) + 1, len(chain))] = 0.0
+        way = np.abs(np.diff(rows.q, axis=0)).max(axis=1, initial=0.0)
+        steps = np.flatnonzero((way > 0.0) & ~_standing(rows, way))
+        nodes = rows.node[steps + 1]
+        inside = (nodes >= 0) & (nodes < len(chain))
+        steps, nodes = steps[inside], nodes[inside]
+        end[nodes] = 0.0
+        np.minimum.at(begin, nodes, rows.t[steps])
+        np.maximum.at(end, nodes, rows.t[steps + 1])
+        out[chain.robot] = NodeSpans(begin, end)
+    return out
+
+
+def _standing(rows: RobotRows, way: Array) -> npt.NDArray[np.bool_]:
+    """Tell which steps from row to row are those of a robot that stands and is pushed, shape (k - 1,).
+
+    Such a step leads to a row that comes again at once, as that of the node that then begins.
+
+    Args:
+        rows: of the robot.
+        way: greatest way of a joint in each step, shape (k - 1,).
+    """
+    again = (np.diff(rows.t) == 0.0) & (np.diff(rows.node) != 0)
+    found = np.append(again[1:], False)[: len(way)]
+    return np.asarray(found & (way <= rows.still))
+
+
+_TOLD = ("started", "completed", "recovered")
+"""Kinds of events with which nodes begin or are over."""
+
+
+def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
+    """Return when nodes were started and completed, from the event log; what has failed is over once it is recovered from.
+
+    Raises:
+        OutputError: a line is no event of this plan.
+    """
+    out = {
+        chain.robot: NodeSpans(np.full(len(chain), np.inf), np.full(len(chain), np.inf))
+        for chain in tpg.chains
+    }
+    with path.open(encoding="utf-8") as lines:
+        for number, line in enumerate(lines, 1):
+            if not any(f'"{kind}"' in line for kind in _TOLD):
+                continue
+            try:
+                event = json.loads(line)
+                if event["kind"] in _TOLD and event["robot"]:
+                    own = out[event["robot"]]
+                    times = own.begin if event["kind"] == "started" else own.end
+                    times[int(event["node"])] = float(event["t_s"])
+            except (ValueError, KeyError, IndexError, TypeError) as error:
+                raise OutputError(
+                    f"{path}:{number}: is no event of this plan: {error}"
+                ) from error
+    return out
+
 
 _WITHOUT = ToolGrip((0.0, 0.0), "no tool")
 """How a robot holds that has left its tool in the rack."""

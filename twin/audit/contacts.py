@@ -11,11 +11,9 @@ import numpy as np
 
 from planning.tasks.task import AllowedContact
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.case import AuditCase
+from twin.audit.case import AuditCase, Violation, tasks_at
 from twin.audit.motion.movers import RunStretch
 from twin.audit.motion.pairs import SLACK, Asked, gaps
-from twin.audit.order import tasks_at
-from twin.audit.violation import Violation
 from twin.audit.worlds.world import WatchedShape
 
 CONTACT_DEPTH = 0.003

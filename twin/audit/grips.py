@@ -16,9 +16,8 @@ import numpy as np
 
 from planning.cell.workcell import CellObject
 from planning.transforms import Array, Transform, translation
-from twin.audit.case import AuditCase, Hand
+from twin.audit.case import AuditCase, Hand, Violation
 from twin.audit.motion.executed import Stay
-from twin.audit.violation import Violation
 from twin.audit.worlds.world import FAR, AuditWorld, WatchedShape
 
 GRIP = 0.005

@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from planning.cell.robot_model import MotionLimits
 from planning.transforms import Array, Indices
+from twin.audit.case import Violation, ViolationKind
 from twin.audit.motion.efforts import RobotEfforts, ToolSpeeds
 from twin.audit.motion.executed import ReplayedRun, RobotRows
-from twin.audit.violation import Violation, ViolationKind
 from twin.audit.worlds.world import JointLimits
 
 

@@ -12,10 +12,9 @@ from scipy.optimize import linear_sum_assignment
 from planning.cell.workcell import CellObject, Workcell
 from planning.tasks.task import FAILED, GONE
 from planning.transforms import Array, Transform, rotation
-from twin.audit.case import AuditCase
+from twin.audit.case import AuditCase, Violation
 from twin.audit.motion.executed import ReplayedRun, Stay
 from twin.audit.motion.reach import travel_of_points
-from twin.audit.violation import Violation
 from twin.audit.wanted import ChangedTool, Place, Wanted
 
 PLACED = 0.001
@@ -175,7 +174,7 @@ def taken(
             alike = (
                 b for b in cell.objects if b.kind == place.kind and b.name in there
             )
-            found = (b.name for b in alike if _rests_at(b, there[b.name], place.pose))
+            found = (b.name for b in alike if rests_at(b, there[b.name], place.pose))
             came.update((k, name) for name in islice(found, 1))
     others = there.keys() - set(came.values())
     out = [
@@ -203,7 +202,8 @@ def taken(
     return out
 
 
-def _rests_at(box: CellObject, stay: Stay, place: Transform) -> bool:
+def rests_at(box: CellObject, stay: Stay, place: Transform) -> bool:
+    """Tell whether an object rests at a place."""
     return stay.holder is None and distance_of(box, stay.pose, place) <= PLACED
 
 

@@ -9,11 +9,10 @@ from functools import partial
 import numpy as np
 
 from planning.transforms import Array, Indices, Transform
-from twin.audit.case import AuditCase, tool_frames
+from twin.audit.case import AuditCase, Violation, tool_frames
 from twin.audit.motion.executed import RobotRows
 from twin.audit.resting import machine_work
 from twin.audit.supports import keeping_violations, nearest_hand
-from twin.audit.violation import Violation
 from twin.audit.wanted import WantedProcess
 from twin.audit.worlds.world import FAR
 

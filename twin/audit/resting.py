@@ -12,15 +12,13 @@ from itertools import pairwise, product
 import networkx as nx
 import numpy as np
 
-from planning.cell.workcell import Workcell
 from planning.statics.standing import Standing, body_at, ground_of
 from planning.tasks.task import GONE, Task
 from planning.transforms import Transform, translation
-from twin.audit.case import AuditCase
+from twin.audit.case import AuditCase, Violation
 from twin.audit.motion.executed import Stay
-from twin.audit.places import PLACED, distance_of
-from twin.audit.supports import held_in_place
-from twin.audit.violation import Violation
+from twin.audit.places import rests_at
+from twin.audit.supports import states_and_kept
 from twin.audit.wanted import TOUCH, WantedRest
 from twin.audit.worlds.world import FAR
 
@@ -35,11 +33,9 @@ def hanging_violations(case: AuditCase) -> Iterator[Violation]:
     keeps hold of. What rests on something that stands, stands too; see ``Hold`` for what counts as
     resting.
     """
-    pile, end, held = _Pile(case), case.end, held_in_place(case)
+    pile = _Pile(case)
     hanging: dict[str, tuple[float, float, str]] = {}
-    ends = [until for _, until in held.values() if 0.0 < until <= end]
-    for t, there in case.states(*ends):
-        kept = {name for name, (begin, until) in held.items() if begin <= t < until}
+    for t, there, kept in states_and_kept(case):
         if not pile.update(there, frozenset(case.wanted.doors | kept)):
             continue
         now = pile.floating()
@@ -49,7 +45,7 @@ def hanging_violations(case: AuditCase) -> Iterator[Violation]:
             if name not in hanging:
                 hanging[name] = (t, *pile.nearest(name, now))
     for name, since in hanging.items():
-        yield _hung(name, since, end)
+        yield _hung(name, since, case.end)
 
 
 def _hung(name: str, since: tuple[float, float, str], until: float) -> Violation:
@@ -213,11 +209,12 @@ def rest_violations(case: AuditCase) -> Iterator[Violation]:
     for k, rest in enumerate(wanted.rests):
         if rest.step in before:
             continue
-        own = case.stays[rest.part]
+        own, item = case.stays[rest.part], case.cell.object(rest.part)
         # To be put down somewhere it comes to rest anew.
         first = looked.get(rest.part, 0) + (rest.process is None)
         at = next(
-            (n for n in range(first, len(own)) if _lies(case.cell, own[n], rest)), None
+            (n for n in range(first, len(own)) if rests_at(item, own[n], rest.pose)),
+            None,
         )
         if at is None:
             yield _violation(case.end, rest, "it never lies where it should")
@@ -276,11 +273,6 @@ def _is(rest: WantedRest, task: Task) -> bool:
     )
 
 
-def _lies(cell: Workcell, stay: Stay, rest: WantedRest) -> bool:
-    item = cell.object(rest.part)
-    return stay.holder is None and distance_of(item, stay.pose, rest.pose) <= PLACED
-
-
 def _shut(stays: Sequence[Stay], begin: float, end: float) -> bool:
     """Tell whether a door was shut within some time, and until the end of it [s]."""
     return any(
@@ -308,21 +300,27 @@ def balance_violations(case: AuditCase) -> Iterator[Violation]:
         return
     goals = {p.object: p.pose for p in case.wanted.places if p.object is not None}
     bodies = {name: body_at(cell.object(name), pose) for name, pose in goals.items()}
-    kinds = {item.name: item.kind for item in cell.objects}
-    alike = {n: [k for k in kinds if kinds[k] == kinds[n] and k != n] for n in goals}
+    objects = {item.name: item for item in cell.objects}
+    alike = {
+        name: [k for k, item in objects.items() if item.kind == objects[name].kind]
+        for name in goals
+    }
     standing = Standing(bodies, ground_of(cell, bodies), rules)
     since: tuple[float, str, str] | None = None
-    kept = held_in_place(case)
-    ends = [until for _, until in kept.values() if 0.0 < until <= case.end]
-    for t, there in case.states(*ends):
+    for t, there, kept in states_and_kept(case):
         placed, held = [], []
         for name, pose in goals.items():
             who = next(
-                (n for n in (name, *alike[name]) if _at(cell, there, n, pose)), None
+                (
+                    other
+                    for other in (name, *alike[name])
+                    if other in there and rests_at(objects[other], there[other], pose)
+                ),
+                None,
             )
             if who is not None:
                 placed.append(name)
-                if who in kept and kept[who][0] <= t < kept[who][1]:
+                if who in kept:
                     held.append(name)
         body = standing.falling(placed, joints=standing.joints, held=held)
         if since is not None and body != since[1]:
@@ -332,14 +330,6 @@ def balance_violations(case: AuditCase) -> Iterator[Violation]:
             since = t, body, standing.why(body, placed)
     if since is not None:
         yield _fallen(since, case.end)
-
-
-def _at(cell: Workcell, there: Mapping[str, Stay], name: str, at: Transform) -> bool:
-    """Tell whether an object lies at a place."""
-    stay = there.get(name)
-    if stay is None or stay.holder is not None:
-        return False
-    return distance_of(cell.object(name), stay.pose, at) <= PLACED
 
 
 def _fallen(since: tuple[float, str, str], until: float) -> Violation:

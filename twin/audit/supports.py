@@ -13,11 +13,10 @@ import numpy as np
 
 from planning.tasks.task import TRANSIT, Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.case import AuditCase
+from twin.audit.case import AuditCase, Violation
 from twin.audit.grips import RIGHT, as_shaped
 from twin.audit.motion.executed import Stay
 from twin.audit.places import taken
-from twin.audit.violation import Violation
 from twin.audit.worlds.world import FAR
 
 SUPPORT = 0.003
@@ -184,7 +183,17 @@ def keeping_violations(
                 yield Violation(leaves, end, part, who, 0.0, detail, "support")
 
 
-def held_in_place(case: AuditCase) -> dict[str, tuple[float, float]]:
+def states_and_kept(
+    case: AuditCase,
+) -> Iterator[tuple[float, Mapping[str, Stay], set[str]]]:
+    """Yield when something changes, where everything is then, and which parts are kept hold of in their places."""
+    held = _held_in_place(case)
+    ends = [until for _, until in held.values() if 0.0 < until <= case.end]
+    for t, there in case.states(*ends):
+        yield t, there, {k for k, (begin, end) in held.items() if begin <= t < end}
+
+
+def _held_in_place(case: AuditCase) -> dict[str, tuple[float, float]]:
     """Return from when to when parts that are kept hold of are held where they were put down [s].
 
     That is as long as who placed them stands still, whatever they are kept hold of for; where balance is looked

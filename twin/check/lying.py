@@ -23,6 +23,7 @@ from planning.parts.assembly import MachineWork, PlacePart, Process
 from planning.parts.part_skills import process_targets
 from planning.parts.part_steps import (
     KnownStep,
+    lying_by_then,
     steps_in_order,
     wide_joints,
 )
@@ -102,14 +103,9 @@ def check_goals(subject: Subject, parts: OrderedParts) -> Findings:
         at, place = subject.thing_at(name, "goal"), "in its place"
         if step.stop is not None:
             at, place = subject.step_at(number, "at"), f"at {step.stop.words}"
-        lying: dict[str, Lying] = standing(cell)
-        lying |= {
-            item.name: (item, where[item.name])
-            for item in cell.objects
-            if item.name in where and item.name != name
-        }
-        touched = near_to((cell.object(name), goal), lying, section.touch_m)
+        lying = lying_by_then(cell, where, but=name)
         overlaps, part = assembly.overlaps, (cell.object(name), goal)
+        touched = near_to(part, lying, section.touch_m)
         for other, deep in overlaps.too_deep(name, part, lying).items():
             when = "is" if where.get(other) is not None else "stands"
             yield Finding(
@@ -119,7 +115,7 @@ def check_goals(subject: Subject, parts: OrderedParts) -> Findings:
                 error=True,
             )
         if not touched and not assembly.joined_to(name):
-            near = nearest_words(name, (cell.object(name), goal), lying)
+            near = nearest_words(name, part, lying)
             yield Finding(
                 at,
                 f"{name} would be left in the air: {place} it touches neither a fixture nor a"

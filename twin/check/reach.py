@@ -22,7 +22,7 @@ from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinemati
 from planning.parts.assembly import PartHandling, PlacePart
 from planning.parts.part_skills import pick_targets, place_targets, process_targets
 from planning.parts.part_steps import steps_in_order
-from planning.steps.skill import SkillPath, SkillTargets, skill_postures
+from planning.steps.skill import SkillTargets, in_some_posture
 from planning.steps.tool_changes import find_tool_changes, rack_tools
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, OrderedParts, Subject, position
@@ -222,7 +222,7 @@ def _check_works(subject: Subject, parts: OrderedParts) -> Findings:
     for number, found, step, robots in parts.works():
         process = step.process
         if any(
-            _does(robot, process_targets(process, found.place, turn).targets)
+            in_some_posture(robot, process_targets(process, found.place, turn).targets)
             for robot in robots
             for turn in process.turns
         ):
@@ -259,12 +259,7 @@ def _reaches(robot: PlacedRobot, frame: str, grip: Transform, targets: Targets) 
     """Tell whether a robot can pick or place with its tool at a pose."""
     if too_far(robot, frame, grip):
         return False
-    return _does(robot, targets(grip))
-
-
-def _does(robot: PlacedRobot, targets: SkillTargets) -> bool:
-    """Tell whether a skill is possible in some posture, with nothing around."""
-    return any(isinstance(way, SkillPath) for way in skill_postures(robot, targets))
+    return in_some_posture(robot, targets(grip))
 
 
 def _check_moves(subject: Subject, section: GoalsSection) -> Findings:

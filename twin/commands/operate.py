@@ -109,9 +109,8 @@ def drive_robot(
     """
     from twin.cluster.certificates import certificates_in
     from twin.drivers.simulated_arm import SimulatedArm
-    from twin.live.driver_end import DriverEnd
+    from twin.live.driver_end import DriverEnd, started_now
     from twin.live.service import drive_remotely
-    from twin.live.wire import started_now
 
     end = DriverEnd(SimulatedArm(pace=pace), robot, started_now())
     held = None if certificates is None else certificates_in(certificates)

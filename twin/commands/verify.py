@@ -20,7 +20,7 @@ from twin.host.guard import COMPLETED, FAILED, print_json
 if TYPE_CHECKING:
     from planning.cell.workcell import PoseError
     from scheduling.verification.verify import SurvivedErrors, VerificationReport
-    from twin.audit.violation import Violation
+    from twin.audit.case import Violation
     from twin.host.progress import Report
     from twin.judge.judge import Judgement
     from twin.trial.simulation import AdversaryReport

@@ -10,7 +10,7 @@ import numpy as np
 
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrder
-from twin.drivers.near_path import near_path
+from twin.drivers.legs import near_path
 
 
 class SimulatedArm:

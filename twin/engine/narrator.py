@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from planning.tasks.task import DOOR, GONE
-from planning.tasks.time_window import EARLIER, TimeWindow
+from planning.tasks.task import DOOR, EARLIER, GONE, TimeWindow
 from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_nodes
@@ -160,7 +159,7 @@ class Narrator:
 def failure_text(tpg: TemporalPlanGraph, times: NodeTimes, chain: int) -> str:
     """Return which task of a robot failed for good, in words."""
     node = times.failed[chain]
-    task = tpg.tasks[int(tpg.chains[chain].task[node])]
+    task = tpg.task_at(chain, node)
     attempts = sum(
         entry.node == node and entry.cause == "retry"
         for entry in times.standstills[chain]

@@ -18,7 +18,7 @@ from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import Exponential
 from twin.durations.measured import MeasuredTimes
 from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
-from twin.engine.bulk.holding import held_back
+from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.execution_model import ExecutionModel
 from twin.follow.drift import FEWEST, Drift, DriftWatch

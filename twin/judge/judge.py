@@ -14,8 +14,7 @@ from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
 from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL
 from twin.audit.audit import audit_recording
-from twin.audit.order import NodeSpans
-from twin.audit.violation import Violation
+from twin.audit.case import NodeSpans, Violation
 from twin.audit.worlds.engines import (
     Engine,
     engine_and_version,

@@ -25,12 +25,11 @@ from scheduling.graph.task_edges import actuation_nodes
 from twin.drivers.driver import DriverState, Sample, cleared_node, order_of
 from twin.durations.model import NANOSECONDS
 from twin.engine.processes import Steps
-from twin.live.history import ANEW, History
+from twin.live.driver_end import Wire
 from twin.live.link import AwaitedAct, Link, see_to_tools
-from twin.live.measured import MeasuredLog, MeasuredRows, samples_between
-from twin.live.wire import Wire
+from twin.live.measured import ANEW, History, MeasuredLog, MeasuredRows, samples_between
 from twin.live.wire_format import Report
-from twin.operate.incident import Version
+from twin.operate.committed import Version
 from twin.operate.rolling import RollingExecution
 from twin.run.events import EventKind, Measured, Outcome
 from twin.uncertainty.node_times import NodeTimes

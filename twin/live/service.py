@@ -14,8 +14,7 @@ from typing import Any
 from planning.errors import RequestError
 from twin.cluster.certificates import Certificates, on_this_machine
 from twin.host.extras import extra_module
-from twin.live.driver_end import DriverEnd
-from twin.live.wire import Deliver
+from twin.live.driver_end import Deliver, DriverEnd
 from twin.live.wire_format import (
     Command,
     MessageError,

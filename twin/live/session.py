@@ -14,11 +14,10 @@ from twin.cluster.certificates import on_this_machine
 from twin.drivers.driver import Driver
 from twin.drivers.drivers_file import DriversSection, FrankaArm, ServiceDriver
 from twin.drivers.simulated_arm import SimulatedArm
-from twin.live.driver_end import DriverEnd
-from twin.live.history import History
+from twin.live.driver_end import DriverEnd, LocalWire, Wire, started_now
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
-from twin.live.wire import LocalWire, Wire, started_now
+from twin.live.measured import History
 
 if TYPE_CHECKING:
     from twin.live.service import Service

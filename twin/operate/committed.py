@@ -1,36 +1,106 @@
-"""What is committed when something has failed: what is still executed of a plan, and what comes of that."""
+"""What has happened while a plan was executed, what is committed then, and what comes of that."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import count
 
 from planning.cell.workcell import WorldState
 from planning.tasks.task import Handling, Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.attempt import with_attempt
 from scheduling.rolling.cut import Counts, complete_tasks, cut_after, state_at
-from scheduling.rolling.extension import committed_part
-from twin.durations.model import NANOSECONDS
-from twin.operate.incident import Failure, Incident, Version
-from twin.scenario.sections.execution import RecoverySection
+from scheduling.rolling.extension import committed_part, with_attempt
+from scheduling.rolling.forecast import Clock
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A skill that has failed for good.
+
+    Attributes:
+        chain, node: its first node.
+        lost: whether its object is lost.
+        missing: whether it was not tried, as what it is about was not there.
+    """
+
+    chain: int
+    node: int
+    lost: bool = False
+    missing: bool = False
+
+
+@dataclass(frozen=True)
+class Incident:
+    """What has happened since the last plan.
+
+    Attributes:
+        failures: skills that failed.
+        out: robots that are out.
+        unwanted: steps that are not wanted any more, by number.
+        released: how many nodes of each chain have been released.
+        ago: how long ago the tasks ended that opened windows of time, by their index [s].
+        clock: what has been executed; None where there is no time.
+        due: whether nothing has happened but that more is to be planned.
+        more: products that have been ordered since the beginning.
+    """
+
+    failures: tuple[Failure, ...]
+    out: frozenset[str]
+    unwanted: frozenset[int]
+    released: tuple[int, ...]
+    ago: Mapping[int, float] = field(default_factory=dict)
+    clock: Clock | None = None
+    due: bool = False
+    more: int = 0
+
+
+@dataclass(frozen=True)
+class Version:
+    """A graph that takes the place of the one that is executed.
+
+    Attributes:
+        tpg: what was executed, is still, and what is new.
+        counts: how many nodes of each chain are not new.
+        new: robots that have new nodes.
+        times: of the new nodes, an entry for each of these robots.
+        planning_ns: how long planning it takes in the simulation [ns].
+        cpu_s: processor seconds that planning it took.
+        cause: why, for people.
+        recovered: what becomes of each failure, for people; one entry each.
+    """
+
+    tpg: TemporalPlanGraph
+    counts: tuple[int, ...]
+    new: tuple[str, ...]
+    times: NodeTimes
+    planning_ns: int
+    cpu_s: float
+    cause: str
+    recovered: tuple[str, ...] = ()
+
 
 Draw = Callable[[TemporalPlanGraph, Mapping[int, TaskName]], NodeTimes]
 """Returns the times of the nodes of a graph, given the names of the draws of tasks."""
 
 
-def not_executed(tpg: TemporalPlanGraph, incident: Incident) -> list[tuple[int, int]]:
-    """Return the nodes that are not executed any more, nor what waits for them."""
+def cut_at(
+    tpg: TemporalPlanGraph,
+    incident: Incident,
+    *,
+    steps: bool = True,
+    go_on: Sequence[float] = (),
+) -> Counts:
+    """Return how many nodes of each chain are committed in what has happened, see ``cut_after``."""
     index = tpg.chain_index
     never = [(failure.chain, failure.node) for failure in incident.failures]
     never += [
         (index[robot], incident.released[index[robot]])
         for robot in sorted(incident.out & index.keys())
     ]
-    return never
+    return cut_after(tpg, incident.released, never, steps=steps, go_on=go_on)
 
 
 @dataclass(frozen=True)
@@ -51,16 +121,11 @@ class Recut:
         self, tpg: TemporalPlanGraph, incident: Incident, planning_s: float
     ) -> Counts:
         """Return how many nodes of each chain are committed; planning takes so long [s]."""
-        never, released, clock = (
-            not_executed(tpg, incident),
-            incident.released,
-            incident.clock,
-        )
-        go_on: list[float] = []
+        clock, go_on = incident.clock, list[float]()
         if self.going and clock is not None:
-            for k, chain in enumerate(tpg.chains):
-                go_on.append(planning_s - clock.left_s(chain, k, released[k]))
-        return cut_after(tpg, released, never, steps=self.steps, go_on=go_on)
+            left = map(clock.left_s, tpg.chains, count(), incident.released)
+            go_on = [planning_s - seconds for seconds in left]
+        return cut_at(tpg, incident, steps=self.steps, go_on=go_on)
 
 
 @dataclass(frozen=True)
@@ -115,40 +180,6 @@ class Committed:
         return tuple(lengths.get(chain.robot, 0) for chain in union.chains)
 
 
-def version_of(
-    union: TemporalPlanGraph,
-    new: TemporalPlanGraph,
-    at: Committed,
-    drawn: NodeTimes,
-    section: RecoverySection,
-    begin: float,
-    cause: str,
-) -> Version:
-    """Return a graph that takes the place of one, as it is handed to who executes it.
-
-    Args:
-        union: all of it.
-        new: what is new only.
-        at: what there was before.
-        drawn: times of the new nodes.
-        section: says how long planning takes in the simulation.
-        begin: of planning, in processor time of this process [s].
-        cause: why, for people.
-    """
-    executed_by = tuple(chain.robot for chain in union.chains)
-    assert executed_by[: len(at.robots)] == at.robots, "chains keep their numbers"
-    return Version(
-        union,
-        at.counts(union),
-        tuple(chain.robot for chain in new.chains),
-        drawn,
-        round(section.planning_s * NANOSECONDS),
-        time.process_time() - begin,
-        cause,
-        at.judged.words,
-    )
-
-
 def committed_at(
     tpg: TemporalPlanGraph,
     counts: Sequence[int],
@@ -178,7 +209,7 @@ def committed_at(
 
 def tried_task(tpg: TemporalPlanGraph, failure: Failure) -> Task:
     """Return the task of which all attempts have failed."""
-    return tpg.tasks[int(tpg.chains[failure.chain].task[failure.node])]
+    return tpg.task_at(failure.chain, failure.node)
 
 
 def cause_of(

@@ -24,48 +24,39 @@ from planning.tasks.task import AllowedContact, Task
 from planning.worlds.supplied import taken_out
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.cut import complete_tasks, cut_after
-from scheduling.rolling.extension import committed_part, extended
-from scheduling.rolling.kept import kept_hold
+from scheduling.rolling.cut import complete_tasks, kept_hold
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
     Committed,
     Draw,
-    cause_of,
+    Incident,
+    Version,
     committed_at,
-    not_executed,
-    version_of,
+    cut_at,
 )
-from twin.operate.going import appended
-from twin.operate.incident import Incident, Version
+from twin.operate.going import Extension, Known, Luck, Planner, appended, nothing_new
 from twin.operate.judging import Judging, asks_for_another
-from twin.operate.ledger import Ledger
-from twin.operate.luck import Luck
-from twin.operate.person import Ask, Person
+from twin.operate.person import Ledger, Person
 from twin.planning.construction import ConstructionKind
 from twin.planning.kind import PlannedMotions, assembly_kind, timed
-from twin.planning.onward import graph_from
+from twin.planning.pipeline import graph_from
 from twin.scenario.sections.scenario import Scenario
 
 _PUT = "place-down"
 
 
 @dataclass(frozen=True)
-class _Built:
-    """What is known of a plan from which it can be gone on.
+class _Built(Known):
+    """What is known of the plan of a construction.
 
     Attributes:
         parts: where each belongs by now.
         step_of: step that puts it there, by its name.
-        luck: of its tasks.
-        ledger: what has become of steps and parts.
         kept: parts that would fall and are kept hold of, see ``Middle``.
     """
 
     parts: tuple[ModelPart, ...]
     step_of: Mapping[str, int]
-    luck: Luck
-    ledger: Ledger
     kept: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def exchanged(self, one: str, other: str) -> _Built:
@@ -80,7 +71,7 @@ class _Built:
 
 
 @dataclass
-class ConstructionRecovery:
+class ConstructionRecovery(Planner[_Built]):
     """Plans what is left of a construction whenever something has failed.
 
     Args:
@@ -115,23 +106,8 @@ class ConstructionRecovery:
             for name in steps
         }
         ledger = Ledger(above, gone=set(self.gone))
-        self._executed = _Built(kind.parts, steps, Luck.of(tpg), ledger)
+        self._executed = _Built(Luck.of(tpg), ledger, kind.parts, steps)
         self._planned = self._executed
-
-    @property
-    def given_up(self) -> Mapping[int, str]:
-        """Steps that are not done any more in what is executed, by number, with the reason."""
-        return self._executed.ledger.given_up
-
-    @property
-    def dropped(self) -> Mapping[int, str]:
-        """Steps that are not wanted any more in what is executed, or rest on one, likewise."""
-        return self._executed.ledger.dropped
-
-    @property
-    def asks(self) -> tuple[Ask, ...]:
-        """What a person was asked for what is executed."""
-        return self._executed.ledger.asks
 
     def begun(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> set[int]:
         """Return the steps that have begun once so many nodes of each chain are executed."""
@@ -147,40 +123,24 @@ class ConstructionRecovery:
         """Whether less is built than is wanted."""
         return bool(self.given_up)
 
-    def swapped(self) -> None:
-        """Take note that what was planned last has taken its place."""
-        self._executed = self._planned
-
     def plan(self, tpg: TemporalPlanGraph, incident: Incident) -> Version:
         """Return the graph that goes on."""
         begin = time.process_time()
-        union, new, at = self._onward(tpg, incident)
-        luck = self._executed.luck.onward(union, len(at.committed.tasks))
-        self._planned = replace(self._planned, luck=luck)
-        answers = [ask.answer for ask in self._planned.ledger.asks[len(self.asks) :]]
-        drawn = self.draw(new, luck.names)
-        cause = cause_of(tpg, incident, range(0), answers)
-        section = self.scenario.execution.recovery
-        return version_of(union, new, at, drawn, section, begin, cause)
+        return self._version(tpg, incident, self._onward(tpg, incident), begin)
 
-    def plan_alone(
-        self, tpg: TemporalPlanGraph, incident: Incident
-    ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]:
-        """Return all, what is new only, and what there was before; what is given up is told from then on."""
+    def plan_alone(self, tpg: TemporalPlanGraph, incident: Incident) -> Extension:
+        """Return what goes on, see ``Planner``."""
         found = self._onward(tpg, incident)
         self._executed = self._planned
         return found
 
-    def _onward(
-        self, tpg: TemporalPlanGraph, incident: Incident
-    ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]:
+    def _onward(self, tpg: TemporalPlanGraph, incident: Incident) -> Extension:
         """Return all, what is new only, and what there was before."""
         ledger = self._executed.ledger.copy()
         section = self.scenario.execution
         judging = Judging(section, ledger, self.person)
         judged = judging.judged(tpg, incident)
-        never = not_executed(tpg, incident)
-        counts = cut_after(tpg, incident.released, never, steps=self.steps)
+        counts = cut_at(tpg, incident, steps=self.steps)
         at = committed_at(tpg, counts, incident, judged)
         for step in incident.unwanted - self.begun(tpg, counts):
             ledger.drop(step)
@@ -234,9 +194,7 @@ class ConstructionRecovery:
                 why = str(error).partition("\n")[0]
                 ledger.given_up.setdefault(built.step_of[name], why)
             self._give_up(built, placed)
-            new = committed_part(at.committed, [0] * len(at.committed.chains))
-            none = np.empty((0, 2), dtype=np.int64)
-            union = extended(at.committed, new, tpg.cell, none, order=at.robots)
+            return nothing_new(at, tpg.cell)
         return union, new, at
 
     def _there(self, ledger: Ledger, at: Committed) -> Mapping[str, Attachment]:

@@ -1,14 +1,15 @@
-"""What is done about skills that have failed for good: again, the step anew, ask somebody, or give up."""
+"""What is done about skills that have failed for good: again, the step anew, ask somebody, or give up what nobody can do."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError
+from planning.tasks.assignment import AssignmentProblem, TaskPlan
 from planning.tasks.task import (
     FAILED,
     GONE,
@@ -21,22 +22,22 @@ from planning.tasks.task import (
     TAKE_TOOL,
     TAKEN_OUT,
     TRANSIT,
+    AllowedContact,
     Handling,
     Task,
 )
+from planning.tasks.work import AssemblyWork
 from planning.transforms import Transform
 from planning.worlds.measured import Poses, beside
+from planning.worlds.onward import Situation, narrowed
 from planning.worlds.world import World, pose_of
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
-from scheduling.rolling.attempt import with_attempt
-from scheduling.rolling.cut import cut_after, state_at
-from scheduling.rolling.extension import committed_part
-from twin.operate.committed import Judged, not_executed, tried_task
-from twin.operate.incident import Failure, Incident
-from twin.operate.ledger import Ledger
-from twin.operate.person import Person
+from scheduling.rolling.cut import state_at
+from scheduling.rolling.extension import committed_part, with_attempt
+from twin.operate.committed import Failure, Incident, Judged, cut_at, tried_task
+from twin.operate.person import AGAIN, Ledger, Person
 from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.draws import uniforms
 
@@ -50,9 +51,6 @@ _NO_PROCESS = (
     *(*HANDLING, *SUPPLY_KINDS, TRANSIT, STRAIGHT, HOLD, FAILED, LEFT_OUT),
     *(LEAVE_TOOL, TAKE_TOOL, TAKEN_OUT),
 )
-
-_AGAIN = 2**32
-"""Added to the number of a step for each time that it is tried once more."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +125,7 @@ class Judging:
 
     def _draw(self, task: Task, what: str, index: int = 0) -> float:
         """Return a number in [0, 1) that is drawn for the failure of a task."""
-        number = task.step + self.ledger.tries[task.step, task.kind] * _AGAIN
+        number = task.step + self.ledger.tries[task.step, task.kind] * AGAIN
         mine = [self.person.replication]
         about = self.person.seed, mine, [task.kind], number, [what], "failure"
         return float(uniforms(*about, index)[0][0])
@@ -144,11 +142,9 @@ class Judging:
         way = offset.m * np.sqrt(far) * np.array([np.cos(angle), np.sin(angle)])
         pose = beside(lay, way, offset.rad * (2.0 * turned - 1.0))
         found = Handling(name, 1, None, pose)
-        counts = cut_after(tpg, incident.released, not_executed(tpg, incident))
         who = tpg.chains[failure.chain].robot
-        there = with_attempt(
-            committed_part(tpg, counts), tpg, who, failure.node, (found,)
-        )
+        committed = committed_part(tpg, cut_at(tpg, incident))
+        there = with_attempt(committed, tpg, who, failure.node, (found,))
         try:
             # Others go on by a plan in which it lies where it was said.
             check_invariant(DerivedTpg(there))
@@ -172,10 +168,7 @@ class Judging:
             self.ledger.shunned.add(self.ledger.lost(name))
             return (), ""
         # What it holds does not change any more before its robot goes on.
-        counts = cut_after(
-            tpg, incident.released, not_executed(tpg, incident), steps=False
-        )
-        state = state_at(tpg, counts)
+        state = state_at(tpg, cut_at(tpg, incident, steps=False))
         at = state.attachments.get(name)
         if not failure.lost or at is None:
             if task.kind == "pick":
@@ -268,3 +261,91 @@ def interrupted(
             ledger.gone |= {t.object for t in left if t.object is not None}
             found[number] = out
     return found
+
+
+def resting_steps(
+    tasks: Iterable[Task],
+    allowed: Iterable[AllowedContact],
+    chosen: TaskPlan,
+    needs: Iterable[tuple[int, int]],
+) -> Mapping[int, frozenset[int]]:
+    """Return the later steps that cannot be without a step, by number.
+
+    In them something touches its object where that is put, or would fall without it.
+
+    Args:
+        tasks: of a plan.
+        allowed: what may touch in them.
+        chosen: objects of steps that are not done are those of their choices.
+        needs: what would fall, see ``AssemblyWork``.
+    """
+    tasks = tuple(tasks)
+    placed = {choice.object: choice.step for choice in chosen.choices}
+    placed.update((name, step) for step, name in chosen.taken.items())
+    for task in tasks:
+        if task.kind in ("place-down", "place-up") and task.object is not None:
+            placed[task.object] = task.step
+    step_of = {task.index: task.step for task in tasks}
+    works = {t.index for t in tasks if t.kind not in (TRANSIT, "pick", "handover")}
+    found: dict[int, set[int]] = {}
+    for first, later in needs:
+        found.setdefault(first, set()).add(later)
+    for contact in allowed:
+        for name in (contact.first, contact.second):
+            step = placed.get(name)
+            if step is not None:
+                touch = {step_of[t] for t in contact.tasks & works}
+                found.setdefault(step, set()).update(k for k in touch if k > step)
+    return {step: frozenset(own) for step, own in found.items()}
+
+
+def hopeless(
+    work: AssemblyWork, now: Situation, cell: Workcell
+) -> tuple[AssemblyWork, dict[int, str]]:
+    """Return the work with spare objects where others are lost, and the steps that nobody can do any more.
+
+    Args:
+        work: all candidates up to now.
+        now: what has become of the plan.
+        cell: its objects, where they were at the start.
+
+    Returns:
+        The work, and the reason by the number of the step.
+    """
+    while True:
+        left = narrowed(work.problem, now.kept, now.world.out, {})
+        steps = [step for step in left.impossible if step not in now.kept]
+        before = work
+        for step in steps:
+            own = work.problem.primaries_of.get(step, ())
+            if all(work.problem.primaries[k].object in now.world.out for k in own):
+                work = work.spare(step, _untouched(now, cell)) or work
+        if work is before:
+            return work, {
+                step: _lost_or_out(work.problem, step, now) or left.lacking(step) or ""
+                for step in steps
+            }
+
+
+def _untouched(now: Situation, cell: Workcell) -> set[str]:
+    """Return the objects that lie where they were at the start and that nobody has chosen."""
+    lie = {
+        name: at.pose
+        for name, at in now.world.state.attachments.items()
+        if at.holder is None and name not in now.world.out
+    }
+    items = (item for item in cell.objects if item.name in lie)
+    there = {i.name for i in items if np.allclose(lie[i.name], i.start)}
+    return there - {choice.object for choice in now.kept.values()}
+
+
+def _lost_or_out(problem: AssignmentProblem, step: int, now: Situation) -> str:
+    """Return in words what a step lacks where that is the only thing that could do it, else nothing."""
+    own = [problem.primaries[k] for k in problem.primaries_of.get(step, ())]
+    for names, words in (
+        ({item.object for item in own}, "is lost"),
+        ({item.robot for item in own}, "is out"),
+    ):
+        if len(names) == 1 and names <= now.world.out:
+            return f"{names.pop()} {words}"
+    return ""

@@ -18,11 +18,11 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
 from scheduling.rolling.supply import supply_waits, with_supply, without_chains
 from twin.durations.model import NANOSECONDS
-from twin.engine.bulk.holding import held_back
+from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.execution_model import ExecutionModel
-from twin.operate.committed import Recut
+from twin.operate.committed import Recut, Version
 from twin.operate.constructing import ConstructionRecovery
-from twin.operate.incident import Version
+from twin.operate.going import Planner
 from twin.operate.person import Ask, Person, Says
 from twin.operate.recovery import Recovery
 from twin.operate.rolling import RollingDrivenExecution, RollingExecution
@@ -147,7 +147,7 @@ def operate(
     tpg = _with_late(tpg, [item.part for item in late])
     asked = scenario.execution.recovery.ask or (AskSection() if says else None)
     person = Person(asked, seed, replication, says)
-    planner: Recovery | ConstructionRecovery
+    planner: Planner[Any]
     if motions.work is None:
         planner = ConstructionRecovery(
             scenario, motions, tpg, draw, person, steps=not halting

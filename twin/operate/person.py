@@ -1,4 +1,4 @@
-"""A person who is asked before something is given up, and what comes of that in a simulation.
+"""What has become of steps and objects in an operation, and a person who is asked before something is given up.
 
 The answer is drawn when a plan is made: how long the person takes, and whether that helps. What helps is a
 task of the graph, in which the person brings an object of the kind that is lost, or sees to what failed.
@@ -6,23 +6,25 @@ task of the graph, in which the person brings an object of the kind that is lost
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from planning.cell.workcell import Workcell
-from planning.transforms import Array
+from planning.cell.workcell import Attachment, Workcell
+from planning.tasks.task import Task
+from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.supply import coming, with_supply
+from scheduling.rolling.supply import brought_in, coming, with_supply
 from twin.scenario.sections.execution import AskSection
 from twin.uncertainty.draws import uniforms
 
 PERSON = "person"
 """Name of the machine of a graph whose tasks a person does."""
 
-_AGAIN = 2**32
-"""Added to the number of a step for each time that somebody is asked for it once more."""
+AGAIN = 2**32
+"""Added to the number of a step or task, by which draws are named, for each time that it is tried or asked for once more."""
 
 Says = Callable[[str], bool]
 """Returns whether a person helps, given what is asked."""
@@ -114,7 +116,7 @@ class Person:
         return Ask(step, words, label, float(taken_s[0]), helps, name, fresh)
 
     def _draw(self, step: int, count: int, purpose: str) -> Array:
-        number, mine = step + count * _AGAIN, [self.replication]
+        number, mine = step + count * AGAIN, [self.replication]
         u = uniforms(self.seed, mine, [PERSON], number, ["ask"], purpose)
         return np.asarray(u[0])
 
@@ -138,3 +140,137 @@ def with_help(
             tpg, PERSON, item, label=ask.label, step=ask.step, seconds=ask.seconds
         )
     return tpg, cell
+
+
+@dataclass
+class Ledger:
+    """What is known of the steps and objects of an operation at one time.
+
+    Attributes:
+        resting: the later steps that rest on each step, by number.
+        given_up: steps that nobody does any more, by number, with the reason.
+        dropped: steps that are not wanted any more, or rest on one, by number, with the reason.
+        gone: objects that are lost.
+        shunned: objects that could not be picked, and are only tried again where there are no others.
+        closed: whether no more steps come than are planned, as nobody can do the next one.
+        more: products that have been ordered since the beginning.
+        tries: how often all attempts at a skill of a step have failed.
+        asks: what a person was asked.
+        measured: where parts lie that were found beside where they were said to.
+    """
+
+    resting: Mapping[int, frozenset[int]]
+    given_up: dict[int, str] = field(default_factory=dict)
+    dropped: dict[int, str] = field(default_factory=dict)
+    gone: set[str] = field(default_factory=set)
+    shunned: set[str] = field(default_factory=set)
+    closed: bool = False
+    more: int = 0
+    tries: Counter[tuple[int, str]] = field(default_factory=Counter)
+    asks: tuple[Ask, ...] = ()
+    measured: dict[str, Transform] = field(default_factory=dict)
+
+    def copy(self) -> Ledger:
+        """Return one that goes on independently."""
+        return replace(
+            self,
+            given_up=dict(self.given_up),
+            dropped=dict(self.dropped),
+            gone=set(self.gone),
+            shunned=set(self.shunned),
+            tries=Counter(self.tries),
+            measured=dict(self.measured),
+        )
+
+    @property
+    def undone(self) -> frozenset[int]:
+        """Steps that are not done any more, whatever the reason."""
+        return frozenset(self.given_up.keys() | self.dropped.keys())
+
+    @property
+    def fresh(self) -> dict[str, str]:
+        """Names in the graph of what a person has brought, by the names of what was lost, which plans go on with."""
+        helpful = (ask for ask in self.asks if ask.helps)
+        return {ask.object: ask.fresh for ask in helpful if ask.object and ask.fresh}
+
+    def lost(self, name: str) -> str:
+        """Return the name with which plans know what has a name in the graph."""
+        return next((old for old, own in self.fresh.items() if own == name), name)
+
+    def pending(self, tasks: Iterable[Task]) -> list[Ask]:
+        """Return what a person is to do that is not among some tasks."""
+        known = {task.label for task in brought_in(tasks)}
+        fresh = {None, *self.fresh.values()}
+        asks = (ask for ask in self.asks if ask.helps and ask.fresh in fresh)
+        return [ask for ask in asks if ask.label not in known]
+
+    def where(
+        self,
+        attachments: Mapping[str, Attachment],
+        pending: Iterable[Ask],
+        cell: Workcell,
+    ) -> dict[str, Attachment]:
+        """Return where objects are, by the names with which plans know them; what is to be brought is there."""
+        found = {self.lost(name): own for name, own in attachments.items()}
+        for ask in pending:
+            if ask.object is not None:
+                found[ask.object] = Attachment(None, cell.object(ask.object).start)
+        return found
+
+    def answered(self, ask: Ask) -> bool:
+        """Take note of what came of asking; return whether it helps."""
+        self.asks = (*self.asks, ask)
+        if ask.helps and ask.object is not None:
+            self.gone.discard(ask.object)
+        return ask.helps
+
+    def give_up(self, step: int, why: str) -> None:
+        """Give up a step with all that rests on it."""
+        for one, words in self._with_resting(step, why):
+            if one not in self.dropped:
+                self.given_up.setdefault(one, words)
+
+    def drop(self, step: int) -> None:
+        """Take note that a step is not wanted any more, so that all that rests on it cannot be done."""
+        for one, words in self._with_resting(step, "it is not wanted any more"):
+            self.given_up.pop(one, None)
+            if one == step or one not in self.dropped:
+                self.dropped[one] = words
+
+    def leave_off(self, steps: Collection[int], whole: Sequence[int]) -> None:
+        """Begin nothing of what cannot be brought to its end.
+
+        Args:
+            steps: those that are not begun.
+            whole: all steps about the same object.
+        """
+        undone = next((k for k in whole if k in self.undone), None)
+        told = self.dropped if undone in self.dropped else self.given_up
+        for step in sorted(set(steps) - self.undone) if undone else ():
+            told[step] = f"step {undone} is not done"
+
+    def falls(self) -> bool:
+        """Take note of what rests on steps that are not done any more; return whether there is any."""
+        before = self.undone
+        for step, why in tuple(self.given_up.items()):
+            self.give_up(step, why)
+        for step, why in tuple(self.dropped.items()):
+            for one, words in self._with_resting(step, why):
+                self.dropped.setdefault(one, words)
+        return self.undone != before
+
+    def _with_resting(self, step: int, why: str) -> Iterator[tuple[int, str]]:
+        todo, seen = [step], {step}
+        while todo:
+            one = todo.pop()
+            words = why if one == step else f"it rests on step {step}"
+            yield one, words.splitlines()[0]
+            more = {k for k in self.resting.get(one, ()) if k > one} - seen
+            todo += sorted(more)
+            seen |= more
+
+    def takes_what_is_there(self) -> bool:
+        """Try again what could not be picked before; return whether there is anything of that kind."""
+        there = bool(self.shunned)
+        self.shunned.clear()
+        return there

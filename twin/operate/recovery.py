@@ -12,12 +12,7 @@ from dataclasses import InitVar, dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
 
-import numpy as np
-
-from planning.cell.workcell import (
-    WorldState,
-    start_state,
-)
+from planning.cell.workcell import WorldState, start_state
 from planning.errors import (
     InfeasibleStepError,
     PlanInvariantError,
@@ -26,42 +21,45 @@ from planning.errors import (
 )
 from planning.motion.known_motions import KnownMotions
 from planning.tasks.assignment import TaskPlan
-from planning.tasks.task import (
-    TAKEN_OUT,
-)
+from planning.tasks.task import TAKEN_OUT
 from planning.tasks.work import AssemblyWork
 from planning.worlds.measured import MeasuredWork, Poses, chosen_there
 from planning.worlds.onward import Hindered, Situation, hindered, narrowed
 from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, leftovers, standing
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.cut import (
-    Counts,
-    complete_tasks,
-    planned_steps,
-)
-from scheduling.rolling.extension import committed_part, extended
+from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from scheduling.rolling.supply import coming
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
     Committed,
     Draw,
+    Incident,
     Judged,
     Recut,
-    cause_of,
+    Version,
     committed_at,
-    version_of,
 )
-from twin.operate.dependents import hopeless, resting_steps
-from twin.operate.going import Found, Going, appended
-from twin.operate.incident import Incident, Version
-from twin.operate.judging import Judging, asks_for_another, interrupted
-from twin.operate.ledger import Ledger
-from twin.operate.luck import Luck
-from twin.operate.person import Ask, Person
+from twin.operate.going import (
+    Extension,
+    Found,
+    Going,
+    Luck,
+    Planner,
+    appended,
+    nothing_new,
+)
+from twin.operate.judging import (
+    Judging,
+    asks_for_another,
+    hopeless,
+    interrupted,
+    resting_steps,
+)
+from twin.operate.person import Ledger, Person
 from twin.operate.step_window import StepWindow
 from twin.planning.kind import PlannedMotions
-from twin.planning.onward import plan_from
+from twin.planning.pipeline import plan_from
 from twin.scenario.sections.scenario import Scenario
 
 _AS_PLANNED = ((Recut(steps=True),), (Recut(aside=True),))
@@ -69,11 +67,8 @@ _AS_PLANNED = ((Recut(steps=True),), (Recut(aside=True),))
 
 
 @dataclass
-class Recovery:
+class Recovery(Planner[Going]):
     """Plans what is left of an assembly whenever something has failed.
-
-    What it knows is that of the graph that is executed; of one that is planned and does not take its place,
-    because more happens before, nothing is kept.
 
     Attributes:
         scenario: its recovery section says how.
@@ -121,25 +116,17 @@ class Recovery:
         chosen, work = self.motions.task_plan, self.motions.work
         assert work is not None
         self._window = StepWindow(self.scenario.execution.window, self.motions)
-        self._executed = Going(
-            coming(tpg.cell, (), REMOVAL) if work.passing else tpg.cell,
-            chosen,
-            planned_steps(tpg),
-            Luck.of(tpg),
-            Ledger(
-                resting_steps(tpg.tasks, tpg.allowed, chosen, work.needs),
-                given_up=dict(undone),
-                gone=set(gone),
-                measured=dict(measured),
-            ),
+        ledger = Ledger(
+            resting_steps(tpg.tasks, tpg.allowed, chosen, work.needs),
+            given_up=dict(undone),
+            gone=set(gone),
+            measured=dict(measured),
         )
+        cell = coming(tpg.cell, (), REMOVAL) if work.passing else tpg.cell
+        steps = planned_steps(tpg)
+        self._executed = Going(Luck.of(tpg), ledger, cell, chosen, steps)
         self._planned = self._executed
         self._restore(self._executed)
-
-    @property
-    def given_up(self) -> Mapping[int, str]:
-        """Steps that are not done any more in what is executed, by number, with the reason."""
-        return self._executed.ledger.given_up
 
     @property
     def short(self) -> bool:
@@ -147,25 +134,11 @@ class Recovery:
         ledger, planned = self._executed.ledger, len(self._executed.task_plan.choices)
         return self._window.is_short(ledger.given_up, ledger.more, planned)
 
-    @property
-    def dropped(self) -> Mapping[int, str]:
-        """Steps that are not wanted any more in what is executed, or rest on one, likewise."""
-        return self._executed.ledger.dropped
-
-    @property
-    def asks(self) -> tuple[Ask, ...]:
-        """What a person was asked for what is executed."""
-        return self._executed.ledger.asks
-
     def begun(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> set[int]:
         """Return the steps that have begun once so many nodes of each chain are executed."""
         complete = complete_tasks(tpg, counts)
         steps = self._executed.steps
         return set(World(start_state(tpg.cell), steps, complete=complete).begun())
-
-    def swapped(self) -> None:
-        """Take note that what was planned last has taken its place."""
-        self._executed = self._planned
 
     def due(self, tpg: TemporalPlanGraph, released: Sequence[int]) -> bool:
         """Tell whether it is time to plan more steps of what is executed."""
@@ -180,9 +153,7 @@ class Recovery:
         """All candidates, with parts where they were measured."""
         return self._elsewhere.of(self.motions.work, self._ledger.measured)
 
-    def _after(
-        self, tpg: TemporalPlanGraph, incident: Incident
-    ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]:
+    def _after(self, tpg: TemporalPlanGraph, incident: Incident) -> Extension:
         """Decide what is done about failures, and plan that; see ``plan_alone``."""
         allows = partial(self._elsewhere.allows, self.motions.work, self._task_plan)
         about = self.scenario.execution, self._ledger, self.person
@@ -202,41 +173,29 @@ class Recovery:
         self._reach = planned
         self.motions = self._window.of_first(self.motions, planned)
         self._ledger.more = incident.more
-        union, new, at = self._after(tpg, incident)
-        planned = len(self._task_plan.choices)
-        self._luck: Luck = self._luck.onward(union, len(at.committed.tasks))
+        found = self._after(tpg, incident)
         self._planned = self._state()
-        answers = [ask.answer for ask in self._ledger.asks[len(self.asks) :]]
-        fresh = replace(incident, more=incident.more - self._executed.ledger.more)
-        cause = cause_of(tpg, fresh, range(executed + 1, planned + 1), answers)
-        drawn = self.draw(new, self._luck.names)
-        section = self.scenario.execution.recovery
-        return version_of(union, new, at, drawn, section, begin, cause)
+        new = range(executed + 1, len(self._task_plan.choices) + 1)
+        return self._version(tpg, incident, found, begin, new)
 
-    def plan_alone(
-        self, tpg: TemporalPlanGraph, incident: Incident
-    ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]:
-        """Return all, what is new only, and what there was before; what was given up is told from then on.
-
-        The tasks of the new graph are those before it and then its own; it begins in the world at the cut.
-        """
-        union, new, at = self._after(tpg, incident)
+    def plan_alone(self, tpg: TemporalPlanGraph, incident: Incident) -> Extension:
+        """Return what goes on, see ``Planner``."""
+        found = self._after(tpg, incident)
         self._planned = self._executed = self._state()
-        return union, new, at
+        return found
 
     def _state(self) -> Going:
-        going = self._cell, self._task_plan, self._steps, self._luck
-        return Going(*going, self._ledger.copy(), self._past)
+        known = self._executed.luck, self._ledger.copy(), self._cell
+        return Going(*known, self._task_plan, self._steps, self._past)
 
     def _restore(self, going: Going) -> None:
         self._cell, self._steps, self._past = going.cell, going.steps, going.past
         self._task_plan = going.task_plan
-        self._luck = going.luck
         self._ledger: Ledger = going.ledger.copy()
 
     def _from_some_cut(
         self, tpg: TemporalPlanGraph, incident: Incident, judged: Judged
-    ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]:
+    ) -> Extension:
         """Return the longer graph, the new one, and what was there before."""
         before, found, why = self._state(), list[Found](), ""
         planning_s = self.scenario.execution.recovery.planning_s
@@ -271,10 +230,7 @@ class Recovery:
         for step in self._window.all_steps(self._task_plan):
             if step not in done:
                 self._ledger.give_up(step, why)
-        nothing = committed_part(at.committed, [0] * len(at.committed.chains))
-        waits = np.empty((0, 2), dtype=np.int64)
-        union = extended(at.committed, nothing, self._cell, waits, order=at.robots)
-        return union, nothing, at
+        return nothing_new(at, self._cell)
 
     def _world(self, at: Committed) -> World:
         """Return the world once all that is committed is complete."""
@@ -335,7 +291,7 @@ class Recovery:
                     self._look_no_further(undoable)
                 continue
             try:
-                found = plan_from(
+                onward, tpg = plan_from(
                     replace(self.motions, work=self.work),
                     self.scenario,
                     self._cell,
@@ -359,13 +315,10 @@ class Recovery:
                     elif not self._retreat(now, error, why_not):
                         raise
                 continue
-            onward = found.onward
             come_up = onward.motions.cell.objects[len(self._cell.objects) :]
             self._cell = replace(self._cell, objects=(*self._cell.objects, *come_up))
             known = onward.motions.dependencies, onward.motions.windows
-            union, new, self._cell = appended(
-                at, found.tpg, self._cell, self._ledger, *known
-            )
+            union, new, self._cell = appended(at, tpg, self._cell, self._ledger, *known)
             if len(onward.task_plan.choices) > len(self._task_plan.choices):
                 self._ledger.resting = resting_steps(
                     union.tasks, union.allowed, onward.task_plan, self.work.needs

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -31,11 +32,11 @@ from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, taken_by
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.alone import alone, going_on
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
-from twin.operate.committed import Committed, Recut
+from scheduling.rolling.supply import alone, going_on
+from twin.operate.committed import Committed, Failure, Incident, Recut
 from twin.operate.constructing import ConstructionRecovery
-from twin.operate.incident import Failure, Incident
+from twin.operate.going import Planner
 from twin.operate.person import Person
 from twin.operate.recovery import Recovery
 from twin.planning.kind import PlannedMotions
@@ -89,7 +90,7 @@ def plan_remainder(
         and h.holder is None
         and h.object not in gone
     }
-    planner: Recovery | ConstructionRecovery
+    planner: Planner[Any]
     if motions.work is None:
         nobody = Person(None, scenario.seed)
         planner = ConstructionRecovery(
@@ -156,7 +157,7 @@ def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:
 
 
 def _require_whole(
-    planner: Recovery | ConstructionRecovery,
+    planner: Planner[Any],
     new: TemporalPlanGraph,
     at: Committed,
     known: Collection[int],

@@ -28,7 +28,8 @@ from twin.engine.driven import DrivenExecution
 from twin.engine.passage import Passage
 from twin.engine.processes import Steps, impatient_edges
 from twin.engine.supplied import SuppliedExecution
-from twin.operate.incident import Failure, Incident, Planner, Version
+from twin.operate.committed import Failure, Incident, Version
+from twin.operate.going import Planner
 from twin.uncertainty.node_times import NodeTimes, Standstill
 
 _AFTER_ALL = EventPriority(10)
@@ -55,7 +56,7 @@ class RollingExecution(SuppliedExecution):
     def __init__(
         self,
         *rest: Any,
-        planner: Planner,
+        planner: Planner[Any],
         hold: Hold | None = None,
         far: bool = False,
         halting: bool = False,

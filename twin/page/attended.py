@@ -26,7 +26,7 @@ from twin.durations.model import NANOSECONDS
 from twin.follow.state import FollowedRun
 from twin.live.live_execution import LiveExecution
 from twin.live.session import Session
-from twin.operate.incident import Version
+from twin.operate.committed import Version
 from twin.recorders.observers import Observers
 from twin.run.events import Event, Outcome
 

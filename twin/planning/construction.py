@@ -17,13 +17,11 @@ from planning.transforms import Array, Transform, readonly
 from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
+from twin.planning.part_assembly.problems import unlike_ends
 from twin.scenario.document.validation import Found, unless_known
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.construction import (
-    ConstructionSection,
-    ModelSection,
-)
+from twin.scenario.sections.construction import ConstructionSection, ModelSection
 from twin.scenario.sections.shapes import as_planned, build_transform
 
 if TYPE_CHECKING:
@@ -98,10 +96,7 @@ class ConstructionKind(AssemblyKind):
             for i, name in enumerate(item.parts):
                 own = (*at, "parts", i)
                 yield from unless_known(own, "part or fixture", name, things)
-            if item.parts[0] == item.parts[1]:
-                yield at, f"{item.parts[0]} cannot be joined to itself"
-            elif parts.isdisjoint(item.parts):
-                yield at, f"neither {' nor '.join(item.parts)} is placed"
+            yield from unlike_ends(at, item.parts, parts, "joined to")
             if item.by is not None:
                 yield (
                     (*at, "by"),

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.tasks.time_window import EARLIER, TimeWindow
+from planning.tasks.task import EARLIER, TimeWindow
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import least_gaps, window_gaps, window_nodes
 from twin.durations.model import NANOSECONDS

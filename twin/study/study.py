@@ -19,8 +19,7 @@ from twin.audit.motion.executed import read_recording
 from twin.audit.worlds.engines import Engine, engine_named
 from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations.model import NANOSECONDS
-from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.bulk.holding import held_back
+from twin.engine.bulk.bulk_engine import BulkEngine, held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import Messages
 from twin.host.guard import write_json

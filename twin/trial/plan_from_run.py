@@ -12,10 +12,10 @@ from planning.errors import RequestError
 from planning.tasks.task import BROUGHT
 from scheduling.graph.temporal_plan_graph import NodeChain
 from scheduling.graph.windows import opened_at
-from scheduling.rolling.cut import Counts, cut_after, stands_at
+from scheduling.rolling.cut import Counts, cut_after
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch
-from twin.operate.incident import Failure
+from twin.operate.committed import Failure
 from twin.operate.operation import require_rolling
 from twin.operate.remainder import plan_remainder
 from twin.operate.rolling import OUT_FOR_GOOD
@@ -186,7 +186,7 @@ def _first_rests(
             continue
         when = end[count - 1 : count] if count else np.zeros(1, dtype=np.int64)
         stood = run.motions[chain.robot].at(when)[0]
-        if (away := np.abs(stood - stands_at(chain, count)).max()) > _AWAY:
+        if (away := np.abs(stood - chain.stands_at(count)).max()) > _AWAY:
             raise RequestError(
                 f"{chain.robot!r} came to rest {away:.3g} rad or m from where its plan has it: who moved it?"
             )

@@ -24,13 +24,13 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.pace import overloads
 from scheduling.verification.graph_structure import find_precedence
 from twin.audit.audit import Auditor
+from twin.audit.case import Violation
 from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
-from twin.audit.violation import Violation
 from twin.audit.worlds.engines import Engine, engine_and_version, engine_named
 from twin.check.finding import Subject
 from twin.check.fits import PLACE, place_misses
 from twin.durations.measured import packaged_timings
-from twin.engine.bulk.holding import held_back
+from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.host.progress import Report, report_nothing

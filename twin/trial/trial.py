@@ -365,7 +365,7 @@ def _go_on(
     Raises:
         ResumeError: something was planned anew in it.
     """
-    from twin.live.history import history_of
+    from twin.live.measured import history_of
     from twin.live.session import Session
 
     assert about.session is not None

@@ -17,11 +17,7 @@ from planning.construction.paths.direct_paths import (
     next_arrival,
 )
 from planning.construction.paths.earliest_arrival import search_roadmap
-from planning.construction.paths.postprocess import (
-    delayed,
-    retimed,
-    shorten,
-)
+from planning.construction.paths.postprocess import delayed, retimed, shorten
 from planning.construction.problem.problem import RrtSettings
 from planning.packed import packed
 from planning.stopwatch import Stopwatch

@@ -14,11 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, Workcell, start_state
 from planning.construction.problem.models import ModelPart
-from planning.construction.problem.problem import (
-    ConstructionProblem,
-    Part,
-    face_grips,
-)
+from planning.construction.problem.problem import ConstructionProblem, Part, face_grips
 from planning.construction.problem.reach_bounds import (
     ReachBounds,
     reach_bounds,

@@ -15,13 +15,7 @@ from pathlib import Path
 
 from planning.errors import ScenarioError, listed, told
 from planning.files import read_file
-from planning.lego.bricks.assembly import (
-    BRICKS,
-    BrickType,
-    Cell,
-    GridPlace,
-    OnGrid,
-)
+from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, GridPlace, OnGrid
 from planning.lego.bricks.drawing import type_of_size
 from planning.lego.bricks.grid import joined_to_plate
 

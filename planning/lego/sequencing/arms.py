@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from planning.lego.skills.targets import (
     BrickGrip,
     place_targets,
 )
-from planning.steps.skill import Obstruction, SkillPath, skill_postures
+from planning.steps.skill import Obstruction, in_some_posture
 
 _MOST_TRIES = 12
 """Sequences that are tried."""
@@ -69,17 +70,18 @@ class GripReach:
 
     def _find(self, some: BrickGrip, up: bool) -> bool:
         heights = (APPROACH_HEIGHT,) if up else (APPROACH_HEIGHT, HIGH_APPROACH)
-        for robot in self._cell.robots:
-            grip = replace(some, frames=robot.model.frames)
-            for attack in (1, -1):
-                for height in heights:
-                    ways = place_targets(grip, up=up, attack=attack, height=height)
-                    if any(
-                        isinstance(found, SkillPath)
-                        for found in skill_postures(robot, ways)
-                    ):
-                        return True
-        return False
+        return any(
+            in_some_posture(
+                robot,
+                place_targets(
+                    replace(some, frames=robot.model.frames),
+                    up=up,
+                    attack=attack,
+                    height=height,
+                ),
+            )
+            for robot, attack, height in product(self._cell.robots, (1, -1), heights)
+        )
 
 
 @dataclass(frozen=True)

@@ -29,11 +29,7 @@ from planning.lego.insertion.rules import NO_ARM, InsertionWay
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH, support_targets
 from planning.lego.stability.partial_structures import Names
-from planning.steps.skill import (
-    SkillPath,
-    SkillTargets,
-    skill_postures,
-)
+from planning.steps.skill import SkillPath, SkillTargets, skill_postures
 
 Part = TypeVar("Part")
 

@@ -210,19 +210,10 @@ class Design:
 
     def _column(self, name: str, *, carriers: bool = False) -> tuple[PlacedBrick, ...]:
         """Return a column under a brick, or under the nearest of its carriers with room for one."""
-        bricks, every = self.structures.bricks, frozenset(self.structures.bricks)
-        types = self.rules.types or tuple(BRICKS.values())
-        seen, front = {name}, [name]
-        while front:
-            for carried in front:
-                filled = self.structures.filled
-                columns = columns_below(bricks[carried], filled, types)
-                column = self._best(columns)
-                if column or not carriers:
-                    return column
-            below = (n for up in front for n in self.structures.below(every, up))
-            front = sorted({n for n in below if n is not None} - seen)
-            seen.update(front)
+        for item in self._with_carriers([name]):
+            column = self._best(self._columns_below(item))
+            if column or not carriers:
+                return column
         return ()
 
     def _best(
@@ -299,21 +290,26 @@ class Design:
 
     def _all_columns(self) -> Iterator[tuple[PlacedBrick, ...]]:
         """Yield a bounded number of columns below the smallest blocking set and what carries it."""
-        structures, every = self.structures, frozenset(self.structures.bricks)
+        every = (
+            column
+            for item in self._with_carriers(sorted(self.blocking_set()))
+            for column in self._columns_below(item, beyond=self.rules.ground)
+        )
+        yield from islice(every, _MOST_COLUMNS)
+
+    def _columns_below(
+        self, item: PlacedBrick, beyond: Collection[tuple[int, int]] = ()
+    ) -> Iterator[tuple[PlacedBrick, ...]]:
         types = self.rules.types or tuple(BRICKS.values())
-        front = sorted(self.blocking_set())
-        seen = set(front)
-        count = 0
-        while front and count < _MOST_COLUMNS:
-            for name in front:
-                item = structures.bricks[name]
-                columns = columns_below(
-                    item, structures.filled, types, beyond=self.rules.ground
-                )
-                for column in islice(columns, _MOST_COLUMNS - count):
-                    yield column
-                    count += 1
-            below = (n for up in front for n in structures.below(every, up))
+        return columns_below(item, self.structures.filled, types, beyond=beyond)
+
+    def _with_carriers(self, front: list[str]) -> Iterator[PlacedBrick]:
+        """Yield bricks, then what is below them, then what is below that."""
+        bricks, seen = self.structures.bricks, set(front)
+        every = frozenset(bricks)
+        while front:
+            yield from (bricks[name] for name in front)
+            below = (n for up in front for n in self.structures.below(every, up))
             front = sorted({n for n in below if n is not None} - seen)
             seen.update(front)
 

@@ -16,12 +16,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from planning.cell.workcell import Attachment
 from planning.kinematics.kinematics import inverse_kinematics
-from planning.lego.bricks.brick_world import (
-    BrickWorld,
-    Placed,
-    goal_name,
-    press_of,
-)
+from planning.lego.bricks.brick_world import BrickWorld, Placed, goal_name, press_of
 from planning.lego.skills.handovers import brick_meetings, giver_rest
 from planning.lego.skills.targets import (
     APPROACH_HEIGHT,
@@ -44,6 +39,7 @@ from planning.steps.skill import (
     Pairs,
     SkillContacts,
     SkillPath,
+    SkillScene,
     SkillTargets,
     Subgoal,
     ToolContact,
@@ -51,7 +47,6 @@ from planning.steps.skill import (
     joint_distance,
     skill_postures,
 )
-from planning.steps.skill_scene import SkillScene
 from planning.steps.skill_trial import ResolvedSkill, resolve_skill
 from planning.tasks.assignment import SupportCandidate
 from planning.transforms import Array, translation

@@ -25,13 +25,7 @@ from planning.lego.skills.targets import (
     supporting,
 )
 from planning.steps.handovers import Handover
-from planning.steps.skill import (
-    NOTHING,
-    Obstruction,
-    Pairs,
-    gripped,
-    touching,
-)
+from planning.steps.skill import NOTHING, Obstruction, Pairs, gripped, touching
 from planning.steps.skill_trial import ResolvedSkill
 from planning.steps.step_writer import (
     PlannedHandover,

@@ -34,12 +34,7 @@ from planning.lego.skills.targets import (
 )
 from planning.steps.skill import Subgoal
 from planning.transforms import Array, Transform, from_rpy, translation
-from tests.planning.importers.published_form import (
-    DATA,
-    cell_of,
-    needs_data,
-    types_of,
-)
+from tests.planning.importers.published_form import DATA, cell_of, needs_data, types_of
 
 TASKS = ("cliff", "faucet", "bridge")
 ROWS_DOWN, ROWS_UP = 16, 27

@@ -12,12 +12,7 @@ from hypothesis import strategies as st
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError
 from planning.grips.grip import GripRules
-from planning.parts.alike import (
-    Sharing,
-    find_alike_candidates,
-    renamed,
-    turns,
-)
+from planning.parts.alike import Sharing, find_alike_candidates, renamed, turns
 from planning.parts.assembly import PartAssembly, PartHandling, PlacePart
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.order import find_ordered_candidates, in_found_order

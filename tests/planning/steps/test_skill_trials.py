@@ -25,13 +25,13 @@ from planning.steps.skill import (
     Obstruction,
     SkillContacts,
     SkillPath,
+    SkillScene,
     SkillTargets,
     Subgoal,
     ToolContact,
     skill_postures,
     touching,
 )
-from planning.steps.skill_scene import SkillScene
 from planning.steps.skill_trial import (
     Hindrance,
     SkillTrial,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.tasks.time_window import EARLIER, TimeWindow
+from planning.tasks.task import EARLIER, TimeWindow
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.graph.windows import (

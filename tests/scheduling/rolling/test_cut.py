@@ -1,4 +1,7 @@
-"""Cuts are closed under what they wait for, and the world at a cut is what has been executed."""
+"""Cuts are closed under what they wait for, and the world at a cut is what has been executed.
+
+When what is left will be complete, against one robot after the other by hand.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planning.transforms import Array
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import complete_tasks, cut_after, state_at
 from scheduling.rolling.extension import committed_part
+from scheduling.rolling.forecast import Clock, forecast_s
 from tests.shipped_runs import ShippedRuns
 
 
@@ -75,3 +80,63 @@ def test_a_cut_is_closed_and_leaves_out_what_waits_for_what_never_happens(
         whole = set(chain_.task.tolist()) - set(chain_.task[counts[k] :].tolist())
         assert whole <= complete
         assert not complete & set(chain_.task[counts[k] :].tolist())
+
+
+def executed(tpg: TemporalPlanGraph, seed: int) -> tuple[list[Array], list[Array]]:
+    """Begin and end of every node where each takes a while longer than planned."""
+    rng, graph = np.random.default_rng(seed), precedence(tpg)
+    begun = [np.zeros(len(chain)) for chain in tpg.chains]
+    ended = [np.zeros(len(chain)) for chain in tpg.chains]
+    for k, n in nx.topological_sort(graph):
+        before = [ended[i][u] for i, u in graph.predecessors((k, n))]
+        begun[k][n] = max(before, default=0.0) + rng.choice([0.0, 0.4])
+        took = tpg.chains[k].duration[n] * rng.uniform(1.0, 2.0)
+        ended[k][n] = begun[k][n] + took
+    return begun, ended
+
+
+@pytest.fixture(scope="module")
+def cliff(shipped: ShippedRuns) -> TemporalPlanGraph:
+    return shipped("lego/cliff").planned.tpg
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    seed=st.integers(0, 1000),
+    share=st.floats(0.0, 1.0),
+    planning_s=st.sampled_from([0.0, 3.0, 40.0]),
+)
+def test_it_is_the_longest_path_from_what_is_known(
+    cliff: TemporalPlanGraph, seed: int, share: float, planning_s: float
+) -> None:
+    begun, ended = executed(cliff, seed)
+    now = share * max(own[-1] for own in ended)
+    counts = [int((own <= now).sum()) for own in begun]
+    done = [int((own <= now).sum()) for own in ended]
+    clock = Clock(
+        now,
+        tuple(own[:n] for own, n in zip(begun, counts, strict=True)),
+        tuple(own[:n] for own, n in zip(ended, done, strict=True)),
+    )
+    graph, ends = precedence(cliff), dict[tuple[int, int], float]()
+    for k, n in nx.topological_sort(graph):
+        took = cliff.chains[k].duration[n]
+        if n < done[k]:
+            ends[k, n] = ended[k][n]
+        elif n < counts[k]:
+            ends[k, n] = max(begun[k][n] + took, now)
+        else:
+            may = [ends[node] for node in graph.predecessors((k, n))]
+            ends[k, n] = max([*may, now + planning_s]) + took
+    found = forecast_s(cliff, counts, clock, planning_s)
+    assert found == pytest.approx(max(ends.values()))
+    for k, chain in enumerate(cliff.chains):
+        left = clock.left_s(chain, k, counts[k])
+        due = (
+            begun[k][counts[k] - 1] + chain.duration[counts[k] - 1]
+            if counts[k]
+            else 0.0
+        )
+        assert left == pytest.approx(
+            max(due - now, 0.0) if done[k] < counts[k] else 0.0
+        )

@@ -19,9 +19,11 @@ from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import chain_bends, within_limits
 from scheduling.shortcuts.corners import round_corners
+from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import check_conflicts_are_ordered
 from tests.scheduling.mini_world import PlanWriter, planar_cell, random_plan
 from tests.scheduling.two_arms import Writer, two_arms
+from twin.trial.simulation import audit_standing_states
 
 
 def _limited(cell: Workcell) -> Workcell:
@@ -87,6 +89,8 @@ def test_a_rounded_plan_is_proved_safe_and_stands_still_safely(seed: int) -> Non
                 writer.move(robot.name, goal)
     tpg = within_limits(round_corners(build_tpg(writer.plan())))
     assert _corners(tpg)
+    assert verify_plan(tpg).problems == ()
+    assert audit_standing_states(tpg).violations == ()
 
 
 def test_the_same_plan_is_rounded_the_same_way() -> None:

@@ -31,8 +31,7 @@ from scheduling.shortcuts import replacement_check as shortcut_check
 from scheduling.shortcuts import scenery
 from scheduling.shortcuts.board import Board
 from scheduling.shortcuts.replacement_check import Swap, splice_edges
-from scheduling.shortcuts.shortcutting import shorten_tpg
-from scheduling.shortcuts.sidesteps import runs_beside_waits, waits
+from scheduling.shortcuts.shortcutting import runs_beside_waits, shorten_tpg, waits
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import (
     PlainGraph,

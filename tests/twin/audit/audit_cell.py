@@ -22,7 +22,10 @@ from planning.transforms import (
     translation,
 )
 from scheduling.graph.plan_files import save_plan
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import (
+    TemporalPlanGraph,
+    pose_nodes,
+)
 from tests.scheduling.two_arms import two_arms
 
 BRICK = np.array([0.0158, 0.0318, 0.0096])
@@ -146,21 +149,9 @@ class HandWrittenRun:
             if robot.name not in self.motions:
                 continue
             t, q = self.motions[robot.name]
-            count, task = len(t) - 1, len(tasks)
+            task = len(tasks)
             tasks.append(Task(task, robot.name, "pick", 1, "by hand", q[1:]))
-            chains.append(
-                NodeChain(
-                    robot.name,
-                    q[0],
-                    q[1:],
-                    np.ones(count),
-                    np.arange(count + 1),
-                    np.full(count, task),
-                    np.zeros(count, dtype=bool),
-                    np.diff(t),
-                    t[:-1],
-                )
-            )
+            chains.append(pose_nodes(robot.name, q[0], q[1:], task, np.diff(t), t[:-1]))
         return TemporalPlanGraph(
             self.cell,
             tuple(tasks),

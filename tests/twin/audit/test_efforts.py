@@ -14,6 +14,7 @@ from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, translation
 from tests.twin.audit.audit_cell import brick
 from tests.twin.audit.swings import states_of, swing
+from twin.audit.case import Violation
 from twin.audit.limit_checks import (
     effort_violations,
     limit_violations,
@@ -26,7 +27,6 @@ from twin.audit.motion.efforts import (
     tool_speeds_of_run,
 )
 from twin.audit.motion.executed import ObjectRow, Recording, ReplayedRun
-from twin.audit.violation import Violation
 
 G = 9.80665
 PENDULUM = """<robot name="pendulum">

@@ -10,14 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from planning.cell.robot_model import RobotModel, ToolGrip
-from planning.cell.shape import (
-    Capsule,
-    Cylinder,
-    Element,
-    Shape,
-    box_shape,
-    shape_of,
-)
+from planning.cell.shape import Capsule, Cylinder, Element, Shape, box_shape, shape_of
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.grips.pads import pads_at
 from planning.kinematics.kinematics import frame_in_last_joint, frame_pose

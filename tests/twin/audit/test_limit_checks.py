@@ -21,9 +21,9 @@ from tests.twin.driven_toys import driven_tpg
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import toy_cell
 from twin.audit.audit import audit_run
+from twin.audit.case import Violation
 from twin.audit.limit_checks import joint_violations, limit_violations
 from twin.audit.motion.executed import Recording, ReplayedRun, RobotRows
-from twin.audit.violation import Violation
 from twin.audit.worlds.world import JointLimits
 from twin.durations.measured import packaged_timings
 from twin.durations.model import NANOSECONDS

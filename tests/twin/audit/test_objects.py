@@ -20,8 +20,8 @@ from tests.twin.audit.audit_cell import (
     two_arm_cell,
 )
 from twin.audit.audit import Auditor, audit_run
+from twin.audit.case import Violation
 from twin.audit.motion.executed import read_recording
-from twin.audit.violation import Violation
 from twin.audit.wanted import Hold, Place, Wanted
 
 X, Y = 0.42, -0.08

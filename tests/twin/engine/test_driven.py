@@ -1,34 +1,34 @@
-"""Robots that keep to limits: only ever inside cleared nodes, whatever the delays, and never too fast."""
+"""Robots that keep to limits: only ever inside cleared nodes, whatever the delays, and never too fast, also where corners are rounded."""
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.dispatcher import Dispatcher, earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.motion_times import at_full_speed, node_path, within_limits
-from tests.twin.drawn_runs import ANYTHING, VARIED
-from tests.twin.driven_toys import BENT_TPGS, DRIVEN_TPGS, driven_tpg
-from tests.twin.engine.driven_checks import (
-    MESSAGES,
-    QUIET,
-    assert_engines_agree,
-    assert_inside_cleared_nodes,
-    assert_takes_as_planned,
-    assert_within_limits,
-    path_borders,
-    travelled,
+from scheduling.motion_times import (
+    at_full_speed,
+    blended_path,
+    chain_bends,
+    node_path,
+    within_limits,
 )
+from tests.twin.drawn_runs import ANYTHING, VARIED
+from tests.twin.driven_toys import BENT_TPGS, DRIVEN_TPGS, bent_tpg, driven_tpg
 from tests.twin.simulated import NOMINAL, simulate, stopped, watched
-from twin.durations.bounded import Uniform
+from twin.durations.bounded import Fixed, Uniform
+from twin.durations.model import NANOSECONDS
+from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.driven import DrivenExecution
+from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.run.events import Policy
-from twin.run.trajectory import object_placements, robot_trajectories
+from twin.run.events import ExecutionRecord, Policy
+from twin.run.trajectory import Trajectory, object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
@@ -37,6 +37,103 @@ from twin.uncertainty.disturbances import (
 )
 from twin.uncertainty.node_times import NodeTimeSampler
 from twin.uncertainty.skill_durations import SkillDurations
+
+MESSAGES = st.builds(
+    Messages.of_seconds,
+    st.sampled_from([None, 1, 3]),
+    st.sampled_from([0.0, 0.05, 0.5]),
+    st.sampled_from([0.0, 0.05]),
+)
+QUIET = st.builds(
+    Disturbances,
+    jitter=st.sampled_from([None, Uniform(low_s=0.0, high_s=0.1)]),
+    stalls=st.builds(
+        Stalls,
+        count_per_robot=st.sampled_from([0, 2]),
+        rate_per_h=st.sampled_from([0.0, 400.0]),
+        duration=st.sampled_from([None, Fixed(value_s=0.3)]),
+    ),
+)
+
+
+def travelled(motion: Trajectory, t_ns: np.ndarray) -> np.ndarray:
+    """Return how far along its path a robot is at some times: every row in between is looked at."""
+    times = np.unique(np.concatenate([motion.t_ns, t_ns]))
+    q = motion.at(times)
+    way = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    return np.interp(t_ns, times, np.concatenate([[0.0], np.cumsum(way)]))
+
+
+def path_borders(tpg: TemporalPlanGraph, k: int) -> np.ndarray:
+    """Return how far along the path of a chain each node begins, and the end."""
+    chain = tpg.chains[k]
+    points = np.vstack([chain.start[None], chain.waypoints])
+    way = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(way)])[chain.first]
+
+
+def assert_within_limits(tpg: TemporalPlanGraph, run: ExecutionRecord) -> None:
+    """Check speeds, accelerations and jerks of all motions, and that rows say what positions do."""
+    for motion in robot_trajectories(tpg, run):
+        limits = tpg.cell.robot(motion.robot).limits
+        assert limits is not None
+        assert motion.v is not None
+        assert motion.a is not None
+        span = np.diff(motion.t_ns)[:, None] / NANOSECONDS
+        assert np.all(span > 0.0)
+        assert np.max(np.abs(motion.v) / limits.velocity) <= 1.0 + 1e-6
+        assert np.max(np.abs(motion.a) / limits.acceleration) <= 1.0 + 1e-6
+        rise = np.abs(np.diff(motion.a, axis=0))
+        assert np.all(rise <= limits.jerk * span * (1.0 + 1e-6) + 1e-7)
+        gained = span * (motion.a[:-1] + motion.a[1:]) / 2
+        assert np.allclose(np.diff(motion.v, axis=0), gained, atol=1e-6)
+        moved = span * motion.v[:-1] + span**2 * (2 * motion.a[:-1] + motion.a[1:]) / 6
+        assert np.allclose(np.diff(motion.q, axis=0), moved, atol=1e-6)
+
+
+def assert_inside_cleared_nodes(
+    tpg: TemporalPlanGraph, run: ExecutionRecord, late_ns: int = 0
+) -> None:
+    """Check of every edge that the first is left, and known to be, before the second is entered."""
+    motions = {motion.robot: motion for motion in robot_trajectories(tpg, run)}
+    for r, u, s, v in tpg.edges.tolist():
+        done = int(run.end_ns[r][u])
+        if done < 0:
+            continue
+        first = motions[tpg.chains[r].robot]
+        left = travelled(first, np.array([done]))[0]
+        # Gentle corners of skills are cut by less than this.
+        assert left >= path_borders(tpg, r)[u + 1] - 1e-3
+        then = motions[tpg.chains[s].robot]
+        here = travelled(then, np.array([min(done + late_ns, run.makespan_ns)]))[0]
+        assert here <= path_borders(tpg, s)[v] + 1e-3
+
+
+def assert_engines_agree(
+    tpg: TemporalPlanGraph, model: ExecutionModel, seed: int
+) -> None:
+    """Check that both engines start and end every node in the same nanosecond."""
+    engine = BulkEngine(tpg, model)
+    found = engine.execute(engine.sample(seed=seed, replications=range(4)))
+    simulator = Simulator(tpg, model)
+    for k in range(4):
+        run = simulator.run(seed=seed, replication=k)
+        assert np.concatenate(run.start_ns).tolist() == found.start_ns[:, k].tolist()
+        assert np.concatenate(run.end_ns).tolist() == found.end_ns[:, k].tolist()
+
+
+def assert_takes_as_planned(
+    tpg: TemporalPlanGraph, seed: int, *, within_s: float
+) -> None:
+    """Check that robots which need not wait for others end every node when the plan does."""
+    free = replace(
+        tpg, edges=tpg.edges[:0], cause=tpg.cause[:0], dependencies=tpg.dependencies[:0]
+    )
+    run = simulate(free, seed=seed)
+    planned = earliest_times(free)
+    for end, nominal in zip(run.end_ns, planned.end, strict=True):
+        assert np.allclose(end / NANOSECONDS, nominal, atol=within_s)
+
 
 GRAPHS = st.one_of(DRIVEN_TPGS, DRIVEN_TPGS, BENT_TPGS)
 """Straight ways, and in every third case rounded corners."""
@@ -291,3 +388,115 @@ def _alone(tpg: TemporalPlanGraph, node: int) -> float:
     assert drive is not None
     cruise, ramp = float(drive.cruise[node]), float(drive.ramp[node])
     return cruise + ramp if cruise >= ramp else 2.0 * (cruise * ramp) ** 0.5
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(BENT_TPGS, QUIET, st.integers(0, 99))
+def test_what_is_executed_is_the_curve_that_was_checked(
+    tpg: TemporalPlanGraph, disturbances: Disturbances, seed: int
+) -> None:
+    """The oracle is the distance from all chords of the chain."""
+    run = simulate(tpg, VARIED, seed=seed, disturbances=disturbances)
+    for chain, motion in zip(tpg.chains, robot_trajectories(tpg, run), strict=True):
+        if chain.corners is None:
+            continue
+        points = np.vstack([chain.start[None], chain.waypoints])
+        a, b = points[:-1], points[1:]
+        times = np.linspace(0, run.makespan_ns, 300).astype(np.int64)
+        for q in motion.at(times):
+            way, off = b - a, q - a
+            share = np.sum(off * way, axis=1) / np.maximum(
+                np.sum(way**2, axis=1), 1e-30
+            )
+            near = a + np.clip(share, 0.0, 1.0)[:, None] * way
+            # Gentle corners of skills are cut by as much.
+            assert np.min(np.abs(q - near).sum(axis=1)) <= 3e-4
+
+
+def first_bent(**shape: Any) -> TemporalPlanGraph:
+    """Return the first graph of a shape whose first robot passes a corner at speed."""
+    graphs = (bent_tpg(seed, edges=0, **shape) for seed in range(100))
+    return next(tpg for tpg in graphs if tpg.chains[0].corners is not None)
+
+
+def test_a_corner_is_passed_at_speed_and_a_robot_that_is_not_cleared_stops_within_it() -> (
+    None
+):
+    tpg = first_bent(dofs=(2, 2), tasks=2)
+    chain = tpg.chains[0]
+    assert chain.drive is not None
+    bend = next(chain_bends(chain))
+    middle = (bend.begin + bend.stop) // 2
+    inside = ~chain.drive.rests[bend.begin : bend.stop - 1]
+    assert np.all(inside)
+    free = simulate(tpg)
+    motion = robot_trajectories(tpg, free)[0]
+    assert motion.v is not None
+    rows = (motion.node >= bend.begin) & (motion.node < bend.stop - 1)
+    stands = np.all(np.abs(motion.v[rows]) < 1e-9, axis=1)
+    assert np.count_nonzero(stands) <= 1  # at most where the stretch begins
+    waits = np.array([[1, len(tpg.chains[1]) - 1, 0, middle]])
+    held = replace(tpg, edges=waits, cause=np.ones(1, dtype=np.uint8))
+    run = simulate(held)
+    assert_within_limits(held, run)
+    assert_inside_cleared_nodes(held, run)
+    if run.end_ns[1][-1] > free.start_ns[0][middle]:
+        moved = robot_trajectories(held, run)[0]
+        before = travelled(moved, run.end_ns[1][-1:] - 1)[0]
+        after = travelled(moved, run.end_ns[1][-1:] + 10**9)[0]
+        assert after > before
+
+
+def test_a_robot_that_stands_in_a_corner_leaves_no_more_rows_the_longer_it_stands() -> (
+    None
+):
+    tpg = bent_tpg(3, dofs=(3,), tasks=2, edges=0)
+    corners = tpg.chains[0].corners
+    assert corners is not None
+    inside = int(corners.begin[0] + corners.stop[0]) // 2
+    at_s = simulate(tpg).start_ns[0][inside] / NANOSECONDS
+    rows = []
+    for length_s in (100.0, 3600.0):
+        run = simulate(tpg, disturbances=stopped(at_s, length_s))
+        assert_within_limits(tpg, run)
+        motion = robot_trajectories(tpg, run)[0]
+        rows.append(len(motion.t_ns))
+        times = np.linspace((at_s + 5.0), (at_s + length_s), 7) * NANOSECONDS
+        assert np.max(np.ptp(motion.at(times.astype(np.int64)), axis=0)) < 1e-9
+    assert rows[0] == rows[1]
+
+
+def test_other_limits_keep_the_curve_and_are_kept() -> None:
+    tpg = first_bent(dofs=(3,), tasks=1)
+    robot = tpg.cell.robots[0]
+    assert robot.limits is not None
+    slow = replace(
+        robot.limits,
+        velocity=robot.limits.velocity * np.array([0.3, 0.7, 0.5]),
+        acceleration=robot.limits.acceleration * 0.5,
+    )
+    cell = replace(tpg.cell, robots=(replace(robot, limits=slow),))
+    other = within_limits(replace(tpg, cell=cell))
+    run = simulate(other)
+    assert_within_limits(other, run)
+    for a, b in pairwise((tpg, other)):
+        for chain in (a.chains[0], b.chains[0]):
+            assert chain.drive is not None
+            ends = np.flatnonzero(chain.drive.rests) + 1
+            for begin, stop in pairwise([0, *ends.tolist()]):
+                if chain.drive.ramp[begin] > 0.0:
+                    cruise = chain.drive.cruise[begin:stop]
+                    path = blended_path(chain, begin, stop, cruise)
+                    at = np.concatenate([[0.0], np.cumsum(cruise)])
+                    q = path.states(at[1:])[0]
+                    own = chain.waypoints[chain.first[begin + 1 : stop + 1] - 1]
+                    assert np.allclose(q, own, atol=1e-9)
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+def test_a_short_queue_stops_robots_within_corners(depth: int) -> None:
+    tpg = bent_tpg(3, dofs=(2, 3), tasks=4, nodes_per_transit=20)
+    assert any(chain.corners is not None for chain in tpg.chains)
+    run = simulate(tpg, messages=Messages.of_seconds(depth))
+    assert run.makespan_s > 1.05 * simulate(tpg).makespan_s
+    assert_within_limits(tpg, run)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.drivers.driver import ClearedNode, Sample
-from twin.drivers.near_path import near_path
+from twin.drivers.legs import near_path
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.measured import MeasuredRows, samples_between
 

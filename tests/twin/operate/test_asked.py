@@ -13,8 +13,15 @@ from typer.testing import CliRunner
 
 import twin
 from planning.tasks.task import GONE
-from tests.twin.operate.operated import STACK, operated, stack
-from tests.twin.operate.test_late import came_at, require_kept
+from tests.twin.operate.operated import (
+    STACK,
+    came_at,
+    operated,
+    operated_by_program,
+    placed,
+    require_kept,
+    require_resumed,
+)
 from tests.twin.program import invoke
 from tests.twin.scenarios.test_processes import SCENARIO as COVER
 from twin.cli import app
@@ -22,11 +29,6 @@ from twin.operate.person import PERSON, Person
 from twin.scenario.sections.execution import AskSection
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
-
-
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
-    return stack(tmp_path_factory.mktemp("stack"))
 
 
 def asking(
@@ -63,8 +65,7 @@ def test_whatever_is_lost_somebody_brings_another_one(
         more["late"] = [{"part": name, "at_s": 50.0} for name in ("left_a", "right_b")]
     done, events = operated(plan, seed, **asking(helps=helps, times=times), **more)
     require_kept(done)
-    placed = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
-    assert sorted([*placed, *done.given_up]) == [1, 2, 3, 4]
+    assert sorted([*placed(done), *done.given_up]) == [1, 2, 3, 4]
     if helps == 1.0 and times == 50:
         assert done.record.outcome == "completed", done.given_up
     for step in range(1, 5):
@@ -168,20 +169,9 @@ def test_the_program_asks_audits_and_resumes(plan: PlanResult, tmp_path: Path) -
     failures = "  failures: {pick: {probability: 0.75, retries: 1, loses: 1.0}}\n"
     few = "  recovery: {shortcuts: 4, again: 100, ask: {answer_s: 30, times: 50}}\n"
     file.write_text(STACK + "execution:\n" + failures + few)
-    invoke("operate", file, "--seed", seed, "--out", out, code=0)
-    summary = json.loads((out / "summary.json").read_text())
-    assert summary["audit"]["violations"] == []
+    _, summary = operated_by_program(file, out, "--seed", seed)
     assert "lacks an object" in summary["operation"]["asked"][0]["question"]
-    invoke("verify", out, code=0)
-    log = (out / "events.jsonl").read_text().splitlines(keepends=True)
-    coming = next(k for k, line in enumerate(log) if "comes up" in line)
-    (out / "events.jsonl").write_text("".join(log[:coming]))
-    (out / "summary.json").unlink()
-    invoke("resume", out, code=0)
-    assert (out / "events.jsonl").read_text() == "".join(log)
-    again = json.loads((out / "summary.json").read_text())
-    assert again["operation"]["asked"] == summary["operation"]["asked"]
-    assert again["audit"]["violations"] == []
+    require_resumed(out, "comes up")
 
 
 @pytest.mark.nightly

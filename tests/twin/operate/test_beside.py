@@ -13,14 +13,17 @@ from hypothesis import strategies as st
 
 import twin
 from planning.kinematics.kinematics import frame_pose
-from planning.tasks.task import FAILED, GONE
+from planning.tasks.task import FAILED
 from planning.transforms import Transform
 from planning.worlds.measured import MeasuredWork, beside
-from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.invariant import check_invariant
-from scheduling.rolling.cut import state_at
-from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import FEW, operated, planned
+from tests.twin.operate.operated import (
+    FEW,
+    at_the_end,
+    gone,
+    operated,
+    planned,
+    require_safe,
+)
 from tests.twin.operate.test_windows import TEXT
 from tests.twin.written import refusal, written
 from twin.operate import judging
@@ -52,8 +55,7 @@ def off(said: Transform, found: Transform) -> tuple[float, float]:
 
 def require_picked_there(done: Operation, events: Sequence[Event]) -> int:
     """Check that parts are gripped where they were found; return how many were."""
-    check_invariant(DerivedTpg(done.tpg))
-    assert not verify_plan(done.tpg).problems
+    require_safe(done.tpg)
     places: dict[str, list[Transform]] = {}
     for h in done.tpg.handlings:
         task = done.tpg.task_of(h)
@@ -89,7 +91,7 @@ def test_what_lies_beside_is_picked_there(plan: PlanResult, seed: int) -> None:
     assert sum("and is picked there" in own for own in words) == moved
     assert (done.record.outcome == "completed") == (len(words) == moved)
     # Nothing is lost: what cannot be used stays where it is.
-    assert not [h for h in done.tpg.handlings if h.holder == GONE]
+    assert not gone(done)
 
 
 def test_how_far_it_lies_is_told_and_is_all_that_is_different(plan: PlanResult) -> None:
@@ -104,12 +106,10 @@ def test_how_far_it_lies_is_told_and_is_all_that_is_different(plan: PlanResult) 
         f" {np.degrees(turn):.1f} degrees off, and is picked there"
     )
     assert "given up" in second
-    state = state_at(done.tpg, [len(chain) for chain in done.tpg.chains])
-    assert np.array_equal(state.attachments["block_b"].pose, lies[-1])
+    state = at_the_end(done)
+    assert np.array_equal(state["block_b"].pose, lies[-1])
     assert (
-        np.allclose(
-            state.attachments["block_a"].pose, done.tpg.cell.object("block_a").start
-        )
+        np.allclose(state["block_a"].pose, done.tpg.cell.object("block_a").start)
         is False
     )
 
@@ -165,11 +165,11 @@ def test_what_is_found_where_it_cannot_be_used_is_left_alone(
     assert bool(asks) == asked
     words = [e.detail for e in events if e.kind == "recovered"]
     assert words[0].endswith("lies beside its place, where nobody can pick it")
-    assert not verify_plan(done.tpg).problems
+    require_safe(done.tpg)
     assert f"{part} is lost" in done.given_up.values()
-    state = state_at(done.tpg, [len(chain) for chain in done.tpg.chains])
+    state = at_the_end(done)
     start = done.tpg.cell.object(part).start
-    assert np.array_equal(state.attachments[part].pose, start)
+    assert np.array_equal(state[part].pose, start)
 
 
 def test_what_is_left_of_a_run_knows_where_parts_were_found(
@@ -192,7 +192,7 @@ def test_what_is_left_of_a_run_knows_where_parts_were_found(
     assert twin.audit(run).clean
     # Right after it was found, and before it is picked.
     left = twin.plan(world=f"{run.files}@{swaps[0] + 0.1}")
-    assert not verify_plan(left.tpg).problems
+    require_safe(left.tpg)
     said = run.tpg.cell.object("block_a").start
     way, _ = off(said, left.tpg.cell.object("block_a").start)
     assert 0.0 < way <= FAR["m"]

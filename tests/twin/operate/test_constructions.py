@@ -13,22 +13,26 @@ from hypothesis import strategies as st
 import twin
 from benchmarks.operate import audited
 from planning.errors import RequestError
-from planning.tasks.task import BROUGHT, FAILED, GONE, TAKEN_OUT
-from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.invariant import check_invariant
-from scheduling.rolling.cut import state_at
-from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import lost, operated
-from tests.twin.operate.test_late import came_at
+from planning.tasks.task import BROUGHT, FAILED, TAKEN_OUT
+from tests.twin.operate.operated import (
+    at_the_end,
+    came_at,
+    gone,
+    gone_on,
+    lost,
+    operated,
+    require_kept,
+    require_resumed,
+    require_safe,
+    require_same_run,
+    tasks_of,
+)
 from twin.operate.operation import Operation
 from twin.operate.person import PERSON
 from twin.planning.kind import assembly_kind
-from twin.recorders.observers import MemoryRecorder
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
-from twin.trial.simulation import execute
-from twin.trial.trial import resume_run
 
 ROOT = Path(__file__).parents[3] / "scenarios" / "construction"
 LEVELS = 6
@@ -43,13 +47,8 @@ def plan() -> PlanResult:
 
 def require_true(plan: PlanResult, done: Operation) -> list[int]:
     """Check what was executed against the file alone; return the steps that were done, in order."""
-    check_invariant(DerivedTpg(done.tpg))
-    assert not verify_plan(done.tpg).problems
-    start, end = done.record.start_ns, done.record.end_ns
-    assert all((own >= 0).all() for own in (*start, *end))
-    for k, u, i, v in done.tpg.edges.tolist():
-        assert end[k][u] <= start[i][v]
-    put = [t for t in done.tpg.tasks if t.kind == "place-down"]
+    require_kept(done)
+    put = tasks_of(done, "place-down")
     steps = [t.step for t in put]
     assert len(steps) == len(set(steps))
     undone = done.given_up.keys() | done.dropped.keys()
@@ -58,25 +57,21 @@ def require_true(plan: PlanResult, done: Operation) -> list[int]:
     # In a tower each level waits for the one below: a level that is missing ends it.
     assert sorted(steps) == list(range(1, len(steps) + 1))
     goals = [p.goal for p in assembly_kind(plan.scenario.sections.assembly).parts]  # type: ignore[attr-defined]
-    state = state_at(done.tpg, [len(chain) for chain in done.tpg.chains])
+    state = at_the_end(done)
     for task in put:
-        at = state.attachments[str(task.object)]
+        at = state[str(task.object)]
         assert at.holder is None
         assert np.allclose(at.pose, goals[task.step - 1], atol=1e-9)
-    gone = {h.object for h in done.tpg.handlings if h.holder == GONE}
-    assert not gone & {t.object for t in put}
+    assert not gone(done) & {t.object for t in put}
     brought = {t.object for t in done.tpg.tasks if t.kind == BROUGHT and t.object}
-    assert len(gone) + len(state.attachments) == LEVELS + len(brought)
-    holders = {at.holder for at in state.attachments.values()}
+    assert len(gone(done)) + len(state) == LEVELS + len(brought)
+    holders = {at.holder for at in state.values()}
     assert holders <= {None, *done.out} or done.given_up
     return steps
 
 
 def test_without_failures_it_is_the_run(plan: PlanResult) -> None:
-    case, memory = plan.scenario, MemoryRecorder()
-    execute(case.sections, plan.tpg, case.folder, recorders=(memory,))
-    done, events = operated(plan, case.sections.seed)
-    assert events == memory.events
+    done = require_same_run(plan)
     assert len(require_true(plan, done)) == LEVELS
 
 
@@ -87,7 +82,7 @@ def test_whatever_fails_it_goes_on(plan: PlanResult, seed: int) -> None:
     done, events = operated(plan, seed, **lost(0.2), **{"recovery.again": 3})
     require_true(plan, done)
     failures = [e for e in events if e.kind == "failed"]
-    assert len([t for t in done.tpg.tasks if t.kind == FAILED]) == len(failures)
+    assert len(tasks_of(done, FAILED)) == len(failures)
 
 
 @pytest.mark.nightly
@@ -219,21 +214,12 @@ def test_what_a_person_brings_is_audited_and_resumed(
     assert run.summary["audit"]["violations"] == []
     (one, *_) = run.summary["operation"]["asked"]
     assert one["question"].startswith("step 6 lacks an object: will you bring one")
-    log = (run.files / "events.jsonl").read_text()
-    (run.files / "events.jsonl").write_text(log[: len(log) // 2])
-    (run.files / "summary.json").unlink()
-    again = resume_run(run.files)
-    assert (run.files / "events.jsonl").read_text() == log
-    assert again.summary["operation"]["asked"] == run.summary["operation"]["asked"]
+    require_resumed(run.files)
 
 
 def test_what_is_left_of_a_run_is_planned(plan: PlanResult, tmp_path: Path) -> None:
     run = twin.run(plan, out=tmp_path / "run", recording=False, audit=False)
-    left = twin.plan(world=f"{run.files}@{0.2 * run.makespan_s}")
-    assert not verify_plan(left.tpg).problems
-    went = twin.run(left, out=tmp_path / "went", recording=False)
-    assert went.outcome == "completed"
-    assert went.summary["audit"]["violations"] == []
+    left, went = gone_on(run, 0.2 * run.makespan_s, tmp_path / "went")
     before = dict(left.tpg.cell.begun.done if left.tpg.cell.begun else ())
     after = sum(t.kind == "place-down" for t in went.tpg.tasks)
     assert before.get("place-down", 0) + after == LEVELS
@@ -274,8 +260,7 @@ def beam(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
 
 def require_kept_hold(plan: PlanResult, done: Operation) -> bool:
     """Check that who placed the long part stays until the weight is there; return whether it stays for good."""
-    check_invariant(DerivedTpg(done.tpg))
-    assert not verify_plan(done.tpg).problems
+    require_safe(done.tpg)
     put = {}
     for k, chain in enumerate(done.tpg.chains):
         begun, ended = done.record.start_ns[k], done.record.end_ns[k]
@@ -353,13 +338,9 @@ def test_who_keeps_hold_is_audited_and_goes_on_in_what_is_left(
     k = run.tpg.chain_index[put.robot]
     last = np.flatnonzero(run.tpg.chains[k].task == put.index)[-1]
     at_s = (run.record.end_ns[k][last] + 1) / 1e9
-    left = twin.plan(world=f"{run.files}@{at_s}")
-    assert not verify_plan(left.tpg).problems
+    left, _ = gone_on(run, at_s, tmp_path / "went")
     first = next(t for t in left.tpg.tasks if t.robot == put.robot)
     assert (first.kind, first.object) == ("transit", "long")
-    went = twin.run(left, out=tmp_path / "went", recording=False)
-    assert went.outcome == "completed"
-    assert went.summary["audit"]["violations"] == []
     case = beam.scenario.varied({**STICKS, "seed": 2})
     done = twin.operate(case, out=tmp_path / "done", recording=False)
     assert done.outcome == "completed"
@@ -370,9 +351,8 @@ def test_what_stands_on_a_beam_in_place_of_a_lost_one_does_not_fall(
     plan: PlanResult,
 ) -> None:
     done, _ = operated(plan, 0, **lost(0.15))
-    gone = {h.object for h in done.tpg.handlings if h.holder == GONE}
     put = {t.step: t.object for t in done.tpg.tasks if t.kind == "place-down"}
     other = [step for step, name in put.items() if name != f"beam{step}"]
-    assert gone
+    assert gone(done)
     assert min(other) < max(put), "another one came to a place below"
     assert audited(done, plan.scenario) == []

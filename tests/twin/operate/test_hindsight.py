@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from planning.tasks.task import GONE
-from tests.twin.operate.operated import stack
+from tests.twin.operate.operated import gone
 from twin.operate.operation import Operation, operate
 from twin.study.replications.hindsight import Hindsight
 from twin.trial.plan_result import PlanResult
@@ -17,13 +16,8 @@ ITEM = {"probability": 0.2, "retries": 1, "loses": 0.3}
 FAILING = {"failures.pick": ITEM, "failures.place-down": ITEM}
 
 
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
-    return stack(tmp_path_factory.mktemp("stack"))
-
-
 def lost(done: Operation) -> set[str]:
-    return {h.object for h in done.tpg.handlings if h.holder == GONE}
+    return gone(done)
 
 
 @pytest.mark.nightly

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import random
 import signal
@@ -13,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from tests.twin.operate.operated import STACK
+from tests.twin.operate.operated import STACK, summary_of
 from tests.twin.program import invoke
 from tests.twin.trial.test_resume import KILLED
 
@@ -51,16 +50,10 @@ def started(*arguments: str, kill_at: int = 0) -> int:
 
 
 def told(folder: Path) -> dict[str, Any]:
-    """Return what a run has left, without the seconds that planning took and what is sealed with them."""
-    summary = json.loads((folder / "summary.json").read_text("utf-8"))
-    versions = summary["operation"]["versions"]
-    assert versions, "something was planned anew"
-    for version in versions:
-        del version["cpu_s"]
-    for key in ("files", "planning_s", "resumed"):
-        summary.pop(key, None)
+    """Return what a run has left."""
     files = ("events.jsonl", "trajectory.parquet", "objects.parquet")
-    return {"summary": summary, **{k: (folder / k).read_bytes() for k in files}}
+    bytes_of = {k: (folder / k).read_bytes() for k in files}
+    return {"summary": summary_of(folder), **bytes_of}
 
 
 @pytest.mark.nightly

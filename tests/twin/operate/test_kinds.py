@@ -8,12 +8,15 @@ from typing import Any
 import pytest
 
 from benchmarks.operate import audited
-from planning.tasks.task import FAILED, GONE, TAKE_TOOL, TAKEN_OUT
-from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.invariant import check_invariant
-from scheduling.rolling.cut import state_at
-from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import operated, planned, stack
+from planning.tasks.task import FAILED, TAKE_TOOL, TAKEN_OUT
+from tests.twin.operate.operated import (
+    at_the_end,
+    gone,
+    operated,
+    planned,
+    require_safe,
+    tasks_of,
+)
 from twin.operate.operation import Operation
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
@@ -23,11 +26,6 @@ SCENARIOS = Path(__file__).parents[3] / "scenarios"
 TENDING = SCENARIOS / "assembly" / "machine_tending.yaml"
 
 
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
-    return stack(tmp_path_factory.mktemp("stack"))
-
-
 def fails(plan: PlanResult, skill: str, **values: Any) -> tuple[Operation, list[str]]:
     """Operate until something fails for good, and return what became of it."""
     own = {"probability": 0.3, "retries": 0, "loses": 1.0, **values}
@@ -35,21 +33,20 @@ def fails(plan: PlanResult, skill: str, **values: Any) -> tuple[Operation, list[
         done, events = operated(plan, seed, **{f"failures.{skill}": own})
         words = [e.detail for e in events if e.kind == "recovered"]
         if len(words) == 1:
-            check_invariant(DerivedTpg(done.tpg))
-            assert not verify_plan(done.tpg).problems
+            require_safe(done.tpg)
             return done, words
     raise AssertionError("nothing failed once")
 
 
 def test_what_has_slipped_is_brought_to_a_person(plan: PlanResult) -> None:
     done, words = fails(plan, "place-down", slips=1.0)
-    (tried,) = [t for t in done.tpg.tasks if t.kind == FAILED]
+    (tried,) = tasks_of(done, FAILED)
     assert words == [
         f"step {tried.step} is begun anew: {tried.object} has slipped in the hand"
     ]
     # It stays in the hand, and leaves it at HOME.
     assert tried.handlings == ()
-    (taken,) = [t for t in done.tpg.tasks if t.kind == TAKEN_OUT]
+    (taken,) = tasks_of(done, TAKEN_OUT)
     assert (taken.robot, taken.object) == (tried.robot, tried.object)
     placed = {t.step: t.object for t in done.tpg.tasks if t.kind == "place-down"}
     assert sorted(placed) == [1, 2, 3, 4]
@@ -59,12 +56,12 @@ def test_what_has_slipped_is_brought_to_a_person(plan: PlanResult) -> None:
 
 def test_a_wrong_part_stays_where_it_lies(plan: PlanResult) -> None:
     done, words = fails(plan, "pick", wrong=1.0)
-    (tried,) = [t for t in done.tpg.tasks if t.kind == FAILED]
+    (tried,) = tasks_of(done, FAILED)
     assert words == [f"step {tried.step} is begun anew: {tried.object} is a wrong part"]
-    state = state_at(done.tpg, [len(chain) for chain in done.tpg.chains])
+    state = at_the_end(done)
     start = done.tpg.cell.object(str(tried.object)).start
-    assert (state.attachments[str(tried.object)].pose == start).all()
-    assert not [h for h in done.tpg.handlings if h.holder == GONE]
+    assert (state[str(tried.object)].pose == start).all()
+    assert not gone(done)
     assert tried.object not in {t.object for t in done.tpg.tasks if t.kind == "pick"}
     assert done.record.outcome == "completed"
 
@@ -99,7 +96,7 @@ def inspected(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
 
 def test_what_is_rejected_is_worked_at_again(inspected: PlanResult) -> None:
     done, (words,) = fails(inspected, "inspecting", loses=0.0, then="rework")
-    (tried,) = [t for t in done.tpg.tasks if t.kind == FAILED]
+    (tried,) = tasks_of(done, FAILED)
     name = tried.object
     assert words == f"milling {name} is done again, and then inspecting {name}"
     order = [t.kind for t in done.tpg.tasks if t.object == name]
@@ -125,10 +122,10 @@ def test_what_is_rejected_is_worked_at_again(inspected: PlanResult) -> None:
 
 def test_what_is_rejected_is_scrapped(inspected: PlanResult) -> None:
     done, (words,) = fails(inspected, "inspecting", loses=0.0, then="scrap")
-    (tried,) = [t for t in done.tpg.tasks if t.kind == FAILED]
+    (tried,) = tasks_of(done, FAILED)
     assert words == f"step {tried.step} is given up: {tried.object} is scrapped"
     assert done.given_up[tried.step] == f"{tried.object} is scrapped"
-    (taken,) = [t for t in done.tpg.tasks if t.kind == TAKEN_OUT]
+    (taken,) = tasks_of(done, TAKEN_OUT)
     assert taken.object == tried.object
 
 
@@ -143,7 +140,7 @@ def test_what_a_step_that_is_begun_anew_waited_for_is_no_reason_to_give_up() -> 
     more = {"failures.place-up": own, "failures.handover": own}
     done, _ = operated(plan, 0, **kinds, **more)
     assert not [words for words in done.given_up.values() if "depends on" in words]
-    assert not verify_plan(done.tpg).problems
+    require_safe(done.tpg)
 
 
 @pytest.mark.nightly
@@ -157,7 +154,7 @@ def test_a_robot_leaves_the_rack_of_its_tools_as_it_would_have() -> None:
     assert taken
     ways = {t.index: t.label for t in done.tpg.tasks if t.robot == "right"}
     assert ways[taken[-1] + 1].startswith("out of the rack")
-    assert not verify_plan(done.tpg).problems
+    require_safe(done.tpg)
     assert audited(done, plan.scenario) == []
 
 
@@ -167,5 +164,5 @@ def test_who_keeps_hold_goes_nowhere_while_what_it_waits_for_is_done_again() -> 
     fails = {"failures.weld": {"probability": 0.3, "retries": 0}}
     done, _ = operated(plan, 0, **fails, **{"recovery.again": 9})
     assert done.versions
-    assert not verify_plan(done.tpg).problems
+    require_safe(done.tpg)
     assert audited(done, plan.scenario) == []

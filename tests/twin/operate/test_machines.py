@@ -28,19 +28,23 @@ from planning.tasks.task import (
 from planning.transforms import translation
 from planning.worlds.supplied import REMOVAL, Scrap
 from planning.worlds.world import World
-from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.invariant import check_invariant
-from scheduling.rolling.cut import state_at
-from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import FEW, lost, operated
+from tests.twin.operate.operated import (
+    FEW,
+    at_the_end,
+    gone_on,
+    lost,
+    operated,
+    require_kept,
+    require_safe,
+    require_same_run,
+    tasks_of,
+)
 from twin.operate.operation import Operation
-from twin.recorders.observers import MemoryRecorder
 from twin.run.throughput import line_summary
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
-from twin.trial.simulation import execute
 
 ROOT = Path(__file__).parents[3] / "scenarios" / "assembly"
 STEPS = 5
@@ -64,12 +68,7 @@ def plan() -> PlanResult:
 
 def require_true(done: Operation) -> None:
     """Check what was executed: the guarantee, the order, and that the world at the end is as it is told."""
-    check_invariant(DerivedTpg(done.tpg))
-    assert not verify_plan(done.tpg).problems
-    start, end = done.record.start_ns, done.record.end_ns
-    assert all((own >= 0).all() for own in (*start, *end))
-    for k, u, i, v in done.tpg.edges.tolist():
-        assert end[k][u] <= start[i][v]
+    require_kept(done)
     tasks = [t for t in done.tpg.tasks if t.kind not in (LEFT_OUT, FAILED)]
     # Every skill of a step is done once, or the step is not done to its end and told.
     skills = Counter(
@@ -99,17 +98,14 @@ def require_clear(done: Operation) -> None:
     left = Counter(h.object for h in done.tpg.handlings if h.holder == GONE)
     blanks = {name: n for name, n in left.items() if name.startswith("blank")}
     assert blanks == {f"blank.{k}": 1 for k in range(1, PRODUCTS + 1)}
-    state = state_at(done.tpg, [len(chain) for chain in done.tpg.chains])
-    assert not [name for name in state.attachments if name.startswith("blank")]
-    leaves = [t for t in done.tpg.tasks if t.kind == LEAVE]
+    state = at_the_end(done)
+    assert not [name for name in state if name.startswith("blank")]
+    leaves = tasks_of(done, LEAVE)
     assert len(leaves) == PRODUCTS
 
 
 def test_without_failures_it_is_the_run(plan: PlanResult) -> None:
-    case, memory = plan.scenario, MemoryRecorder()
-    execute(case.sections, plan.tpg, case.folder, recorders=(memory,))
-    done, events = operated(plan, case.sections.seed)
-    assert events == memory.events
+    done = require_same_run(plan)
     require_true(done)
     require_clear(done)
 
@@ -210,8 +206,7 @@ def test_what_is_left_begins_with_machines_at_work(
     run = twin.run(plan, out=tmp_path / "run", recording=False, audit=False)
     start, _ = run.node_times_ns[run.tpg.chain_index[who]]
     t_s = start[-1] / 1e9 + 1.0
-    left = twin.plan(world=f"{run.files}@{t_s}")
-    assert not verify_plan(left.tpg).problems
+    left, went = gone_on(run, t_s, tmp_path / "went")
     # What the tables say of the same time: who is at work, and until when.
     ends = {}
     for chain, (start, end) in zip(run.tpg.chains, run.node_times_ns, strict=True):
@@ -224,9 +219,6 @@ def test_what_is_left_begins_with_machines_at_work(
     assert rest >= t_s
     for name, end_s in ends.items():
         assert found.get(name, 0.0) == pytest.approx(max(end_s - rest, 0.0))
-    went = twin.run(left, out=tmp_path / "went", recording=False)
-    assert went.outcome == "completed"
-    assert went.summary["audit"]["violations"] == []
     # Each machine has worked as often as there are products, before or after.
     for kind in ("milling", "washing"):
         before = dict(left.tpg.cell.begun.done if left.tpg.cell.begun else ())
@@ -253,7 +245,6 @@ def test_a_kitting_line_goes_on(tmp_path: Path) -> None:
     plan = plan_to_operate(case)
     for seed in range(4):
         done, _ = operated(plan, seed, **lost(0.1))
-        check_invariant(DerivedTpg(done.tpg))
-        assert not verify_plan(done.tpg).problems
+        require_safe(done.tpg)
         placed = {t.step for t in done.tpg.tasks if t.kind == "place-down"}
         assert placed | done.given_up.keys() == set(range(1, 25))

@@ -1,4 +1,4 @@
-"""Messages that are on their way when it is planned anew, and what robots are released ahead."""
+"""Messages that are on their way when it is planned anew, what robots are released ahead, and what passes borders at speed."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from tests.twin.operate.operated import lost, operated, stack
+from tests.twin.operate.operated import lost, operated, require_kept
 from twin.durations.model import NANOSECONDS
+from twin.operate.operation import operate
 from twin.run.events import Event
+from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
-
-
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
-    return stack(tmp_path_factory.mktemp("stack"))
+from twin.trial.planning import plan_to_operate
+from twin.trial.simulation import scenario_execution
 
 
 @settings(max_examples=3, deadline=None)
@@ -56,10 +55,7 @@ def test_nobody_begins_before_a_release_has_come_that_still_counts(
         elif event.kind == "started":
             came = released[event.robot, event.node] + release_s * NANOSECONDS
             assert event.t_ns >= came
-    start, end = done.record.start_ns, done.record.end_ns
-    way = round((report_s + release_s) * NANOSECONDS)
-    for k, u, i, v in done.tpg.edges.tolist():
-        assert end[k][u] + way <= start[i][v]
+    require_kept(done, round((report_s + release_s) * NANOSECONDS))
 
 
 def begun_between(events: list[Event], first: int, last: int) -> list[Event]:
@@ -111,3 +107,26 @@ def test_no_task_is_released_long_before_it_begins(plan: PlanResult) -> None:
     assert ends[0] == ends[1]
     for task, at in first.items():
         assert begins[task] - at <= (0.5 + longest) * NANOSECONDS
+
+
+@pytest.fixture(scope="module")
+def within_limits() -> PlanResult:
+    return plan_to_operate(load("taskboard"))
+
+
+@pytest.mark.nightly
+def test_what_follows_a_rest_begins_when_the_motion_before_has_ended(
+    within_limits: PlanResult,
+) -> None:
+    """A robot waits in the middle of a way, and is given one there that has a corner at once."""
+    plan = within_limits
+    case = plan.scenario.varied({"outages": [{"robot": "back", "at_s": 1.416}]})
+    model = scenario_execution(case.sections, case.folder)
+    done = operate(case.sections, plan.motions, plan.tpg, model, seed=0)
+    for chain, start, end in zip(
+        done.tpg.chains, done.record.start_ns, done.record.end_ns, strict=True
+    ):
+        assert chain.drive is not None
+        rests = chain.drive.rests[:-1]
+        assert (start[1:][rests] >= end[:-1][rests]).all()
+        assert (start >= 0).all()

@@ -14,40 +14,35 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import RequestError
-from planning.tasks.task import FAILED, GONE, TAKEN_OUT
+from planning.tasks.task import FAILED, TAKEN_OUT
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import (
     CLIFF,
     STACK,
+    gone,
     lost,
     operated,
+    operated_by_program,
+    placed,
+    require_kept,
     require_own_contacts,
-    stack,
+    require_resumed,
+    require_safe,
+    require_same_run,
+    tasks_of,
 )
-from tests.twin.program import invoke
 from tests.twin.scenarios.test_processes import SCENARIO as COVER
 from twin.operate.operation import Operation, operate
-from twin.recorders.observers import MemoryRecorder
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
-from twin.trial.simulation import execute, scenario_execution
-
-
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
-    return stack(tmp_path_factory.mktemp("stack"))
+from twin.trial.simulation import scenario_execution
 
 
 def test_without_failures_it_is_the_run(plan: PlanResult) -> None:
-    case, memory = plan.scenario, MemoryRecorder()
-    record = execute(case.sections, plan.tpg, case.folder, recorders=(memory,))
-    done, events = operated(plan, case.sections.seed)
-    assert events == memory.events
-    assert done.record.makespan_ns == record.makespan_ns
-    assert done.versions == ()
+    assert require_same_run(plan).versions == ()
 
 
 @settings(max_examples=6, deadline=None)
@@ -61,24 +56,17 @@ def test_whatever_fails_the_union_keeps_the_invariant(
     assert done.record.outcome in ("completed", "failed")
     assert (done.record.outcome == "failed") == bool(done.given_up)
     # Searched anew, not taken from the edges that the extension was made of.
-    check_invariant(DerivedTpg(done.tpg))
+    require_kept(done)
     require_own_contacts(done.tpg)
-    # Every node that there is was executed, in an order that its edges allow.
-    start, end = done.record.start_ns, done.record.end_ns
-    assert all((own >= 0).all() for own in (*start, *end))
-    for k, u, i, v in done.tpg.edges.tolist():
-        assert end[k][u] <= start[i][v]
     # Nothing is done twice: each goal is placed at most once, and lost bricks are used no more.
-    placed = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
-    assert len(placed) == len(set(placed))
-    gone = {h.object for h in done.tpg.handlings if h.holder == GONE}
-    assert not gone & {t.object for t in done.tpg.tasks if t.kind == "place-down"}
+    assert len(placed(done)) == len(set(placed(done)))
+    assert not gone(done) & {t.object for t in tasks_of(done, "place-down")}
     left = {e.object for e in events if e.detail == "leaves the cell"}
-    assert left == gone
+    assert left == gone(done)
     failures = [e for e in events if e.kind == "failed"]
     assert len([e for e in events if e.kind == "recovered"]) == len(failures)
-    assert len([t for t in done.tpg.tasks if t.kind == FAILED]) == len(failures)
-    if len(gone) < 4:
+    assert len(tasks_of(done, FAILED)) == len(failures)
+    if len(gone(done)) < 4:
         assert done.record.outcome == "completed", done.given_up
 
 
@@ -92,10 +80,9 @@ def test_what_is_planned_and_does_not_take_over_leaves_nothing_behind(
     slow = {"recovery.planning_s": 40.0, "recovery.again": 1}
     done, events = operated(plan, seed, **lost(0.35), **slow)
     check_invariant(DerivedTpg(done.tpg))
-    placed = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
-    assert len(placed) == len(set(placed))
-    assert sorted({*placed, *done.given_up}) == [1, 2, 3, 4]
-    assert not set(placed) & done.given_up.keys()
+    assert len(placed(done)) == len(set(placed(done)))
+    assert sorted({*placed(done), *done.given_up}) == [1, 2, 3, 4]
+    assert not set(placed(done)) & done.given_up.keys()
     failures = [e for e in events if e.kind == "failed"]
     assert len([e for e in events if e.kind == "recovered"]) == len(failures)
     assert len(done.versions) <= len(failures)
@@ -150,7 +137,7 @@ def test_what_cannot_be_put_down_is_taken_from_the_hand(plan: PlanResult) -> Non
     for chain in done.tpg.chains:
         home = done.tpg.cell.robot(chain.robot).home
         assert np.allclose(chain.waypoints[-1], home)
-    assert verify_plan(done.tpg).problems == ()
+    require_safe(done.tpg)
 
 
 @pytest.mark.parametrize("at_s", [0.0, 0.01])
@@ -190,7 +177,7 @@ def test_what_was_executed_is_verified_and_a_missing_edge_between_versions_is_fo
     from dataclasses import replace
 
     done = first_with_a_swap(plan)
-    assert verify_plan(done.tpg).problems == ()
+    require_safe(done.tpg)
     edges, found = done.tpg.edges, 0
     for row in edges_across(done)[:6]:
         keep = np.arange(len(edges)) != row
@@ -208,7 +195,7 @@ def test_a_robot_that_is_out_stands_and_the_other_one_does_the_rest(
     (swap,) = [e for e in events if e.kind == "replanned"]
     later = [e for e in events if e.t_ns > swap.t_ns and e.kind == "started"]
     assert {e.robot for e in later} == {"right"}
-    places = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
+    places = placed(done)
     assert sorted(places) == [1, 2, 3, 4]
 
 
@@ -220,26 +207,13 @@ def test_draws_are_named_so_an_operation_is_the_same_again(plan: PlanResult) -> 
 def test_the_program_operates_audits_and_resumes(tmp_path: Path) -> None:
     file = tmp_path / "stack.yaml"
     file.write_text(STACK)
-    options = ("--failures", "0.5", "--seed", "3", "--no-recording")
-    out = tmp_path / "run"
-    printed = invoke("operate", file, *options, "--out", out).stdout
+    options, out = ("--failures", "0.5", "--seed", "3"), tmp_path / "run"
+    printed, _ = operated_by_program(file, out, *options, code=None)
     assert "planned anew" in printed
-    summary = json.loads((out / "summary.json").read_text())
-    assert summary["audit"]["violations"] == []
-    assert len(summary["operation"]["versions"]) >= 1
-    invoke("verify", out, code=0)
-    log = (out / "events.jsonl").read_text().splitlines(keepends=True)
-    kinds = {json.loads(line)["kind"] for line in log}
-    assert {"failed", "recovered", "replanned"} <= kinds
     # Killed after the first swap: the log is what is left.
-    swap = next(k for k, line in enumerate(log) if '"replanned"' in line)
-    (out / "events.jsonl").write_text("".join(log[: swap + 3]) + log[swap + 3][:20])
-    (out / "summary.json").unlink()
-    invoke("resume", out)
-    assert (out / "events.jsonl").read_text() == "".join(log)
-    again = json.loads((out / "summary.json").read_text())
-    assert again["makespan_s"] == summary["makespan_s"]
-    assert again["outcome"] == summary["outcome"]
+    log = require_resumed(out, '"replanned"', 3)
+    kinds = {json.loads(line)["kind"] for line in log.splitlines()}
+    assert {"failed", "recovered", "replanned"} <= kinds
 
 
 def test_what_cannot_be_planned_anew_is_refused(plan: PlanResult) -> None:
@@ -272,8 +246,7 @@ def test_a_robot_lets_go_of_what_comes_later_where_nobody_else_can_go_on(
     file.write_text(few)
     sure = {"probability": 0.35, "retries": 0, "loses": 1.0}
     done, _ = operated(plan_to_operate(load(file)), 3, **{"failures.place-down": sure})
-    check_invariant(DerivedTpg(done.tpg))
-    assert not verify_plan(done.tpg).problems
+    require_safe(done.tpg)
     assert [t.object for t in done.tpg.tasks if t.kind == FAILED] == ["left_a"]
     assert [t.object for t in done.tpg.tasks if t.kind == TAKEN_OUT] == ["right_b"]
     assert done.record.outcome == "completed"

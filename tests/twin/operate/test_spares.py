@@ -17,21 +17,21 @@ from hypothesis import strategies as st
 import twin
 from benchmarks.operate import audited
 from planning.lego.bricks.brick_world import source_of
-from planning.tasks.task import FAILED, GONE
-from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.invariant import check_invariant
-from scheduling.rolling.cut import state_at
-from scheduling.verification.verify import verify_plan
+from planning.tasks.task import FAILED
 from tests.twin.operate.operated import (
     CLIFF,
     FEW,
     STACK,
+    at_the_end,
+    gone,
     lost,
     operated,
+    operated_by_program,
     planned,
     require_own_contacts,
+    require_resumed,
+    require_safe,
 )
-from tests.twin.program import invoke
 from twin.operate.operation import Operation, operate
 from twin.study.replications.hindsight import Hindsight
 from twin.trial.loaded_scenario import load
@@ -72,10 +72,10 @@ def plan(file: Path) -> PlanResult:
 
 def filled(done: Operation, plan: PlanResult) -> int:
     """Return how many goals have a pin each, and no goal two."""
-    state = state_at(done.tpg, [len(chain) for chain in done.tpg.chains])
+    state = at_the_end(done)
     goals = list(plan.motions.assembly.goals.values())
     assert len(goals) == GOALS
-    pins = [at.pose for name, at in state.attachments.items() if name.startswith("pin")]
+    pins = [at.pose for name, at in state.items() if name.startswith("pin")]
     there = [sum(np.allclose(pin, goal, atol=1e-6) for pin in pins) for goal in goals]
     assert max(there) <= 1
     return sum(there)
@@ -87,8 +87,7 @@ def test_a_lost_pin_is_replaced_while_there_are_others(
     plan: PlanResult, seed: int, rate: float
 ) -> None:
     done, _ = operated(plan, seed, **lost(rate))
-    check_invariant(DerivedTpg(done.tpg))
-    assert not verify_plan(done.tpg).problems
+    require_safe(done.tpg)
     tried = [t.object for t in done.tpg.tasks if t.kind == FAILED]
     beside = len({goal[2, 3] for goal in plan.motions.assembly.goals.values()}) == 1
     # What failed was lost, or was tried in vain: each time one pin less at most.
@@ -124,7 +123,7 @@ def test_it_is_audited_and_what_is_left_knows_the_spares_that_were_used(
     lost_ones = {t.object for t in run.tpg.tasks if t.kind == FAILED}
     assert lost_ones
     left = twin.plan(world=f"{run.files}@{0.8 * run.makespan_s}")
-    assert not verify_plan(left.tpg).problems
+    require_safe(left.tpg)
     placed = {t.object for t in run.tpg.tasks if t.kind == "place-down"}
     assert {t.object for t in left.tpg.tasks if t.kind == "pick"} <= placed
 
@@ -177,20 +176,21 @@ def spoiled(chance: float, loses: float, wrong: float, slips: float) -> dict[str
 def require_presented(plan: PlanResult, done: Operation) -> None:
     """Check that all is built, and of bricks that a station presented one after another."""
     assert done.record.outcome == "completed", done.given_up
-    check_invariant(DerivedTpg(done.tpg))
-    assert not verify_plan(done.tpg).problems
+    require_safe(done.tpg)
     require_own_contacts(done.tpg)
     assert audited(done, plan.scenario) == []
     names = [item.name for item in done.tpg.cell.objects]
     assert len(names) == len(set(names))
     places = {t.step: t.object for t in done.tpg.tasks if t.kind.startswith("place")}
     assert len(places) == len(plan.motions.task_plan.choices)
-    gone = {h.object for h in done.tpg.handlings if h.holder == GONE}
-    assert gone.isdisjoint(places.values())
+    assert gone(done).isdisjoint(places.values())
     stations = plan.motions.work.problem.unlimited
     for station in stations:
         own = {name for name in names if source_of(name, stations) == station}
-        used = [(n, int(n.rpartition(".")[2])) for n in own & {*gone, *places.values()}]
+        used = [
+            (n, int(n.rpartition(".")[2]))
+            for n in own & {*gone(done), *places.values()}
+        ]
         numbers = sorted(number for _, number in used)
         assert numbers == [*range(1, len(numbers) + 1)]
 
@@ -248,8 +248,7 @@ def test_who_is_out_does_nothing_under_the_number_of_another_task(
 ) -> None:
     outages = [{"robot": "left", "at_s": 178.0}]
     done, _ = operated(shortened, 54, **spoiled(0.15, 0.5, 0.4, 0.0), outages=outages)
-    check_invariant(DerivedTpg(done.tpg))
-    assert not verify_plan(done.tpg).problems
+    require_safe(done.tpg)
     assert audited(done, shortened.scenario) == []
 
 
@@ -275,7 +274,7 @@ def test_what_is_left_goes_on_with_what_a_station_presents_by_then(
     assert any(task.kind == FAILED for task in run.tpg.tasks)
     left = twin.plan(world=f"{run.files}@{0.7 * run.makespan_s}")
     require_own_contacts(left.tpg)
-    assert not verify_plan(left.tpg).problems
+    require_safe(left.tpg)
     picks = {t.object for t in left.tpg.tasks if t.kind == "pick"}
     done = {t.object for t in run.tpg.tasks if t.kind == "place-down"}
     assert picks
@@ -326,8 +325,7 @@ def test_a_product_is_made_in_place_of_one_that_is_not_whole(
 ) -> None:
     changes = {"changes": [{"at_s": 20.0, "more": more}]} if more else {}
     done, _ = operated(line, seed, **lost(rate), **changes)
-    check_invariant(DerivedTpg(done.tpg))
-    assert not verify_plan(done.tpg).problems
+    require_safe(done.tpg)
     whole = made(done)
     # As many are begun as are wanted and not made, and no more than there are.
     begun = min(WANTED + more + len(done.scrapped), WANTED + SPARE)
@@ -393,21 +391,13 @@ def test_the_program_tells_which_products_were_replaced(tmp_path: Path) -> None:
         "execution.failures.pick": "{probability: 0.2, retries: 0, loses: 1}",
     }
     sets = [word for k, v in settings.items() for word in ("--set", f"{k}={v}")]
-    options = ("--seed", "1", "--no-recording", "--out", out, *sets)
-    printed = invoke("operate", file, *options, code=0).stdout
+    printed, summary = operated_by_program(file, out, "--seed", "1", *sets)
     assert "products scrapped" in printed
-    summary = json.loads((out / "summary.json").read_text())
     assert summary["outcome"] == "completed"
-    assert summary["audit"]["violations"] == []
     assert summary["line"]["products"] == 2
     assert summary["operation"]["scrapped"]
-    invoke("verify", out, code=0)
-    log = (out / "events.jsonl").read_bytes()
-    (out / "events.jsonl").write_bytes(log[: len(log) // 2])
-    (out / "summary.json").unlink()
-    invoke("resume", out, code=0)
+    require_resumed(out)
     left = twin.plan(world=f"{out}@{0.9 * summary['makespan_s']}")
-    assert not verify_plan(left.tpg).problems
+    require_safe(left.tpg)
     first = max(summary["operation"]["scrapped"]) * STEPS + 1
     assert all(t.step >= first for t in left.tpg.tasks if t.kind == "place-down")
-    assert (out / "events.jsonl").read_bytes() == log

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from functools import cache
@@ -23,15 +22,23 @@ from planning.parts.candidates import find_candidates as find_parts
 from planning.tasks.assignment import AssignmentProblem
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
-from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import STACK, lost, operated, require_own_contacts
+from tests.twin.operate.operated import (
+    STACK,
+    lost,
+    operated,
+    placed,
+    require_own_contacts,
+    require_resumed,
+    require_safe,
+    summary_of,
+    tasks_of,
+)
 from tests.twin.program import invoke
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import assembly_kind
 from twin.planning.lego import build_lego
 from twin.planning.part_assembly.built import assembly_of
 from twin.planning.parts import PartKind
-from twin.run.folder import EVENTS, SUMMARY
 from twin.scenario.sections.lego import LegoSection
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
@@ -74,11 +81,10 @@ def test_every_step_is_done_once_whatever_the_window(
     done, _ = operated(plan, seed, **lost(chance))
     check_invariant(DerivedTpg(done.tpg))
     assert all((own >= 0).all() for own in (*done.record.start_ns, *done.record.end_ns))
-    placed = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
-    assert sorted([*placed, *done.given_up]) == [1, 2, 3, 4]
+    assert sorted([*placed(done), *done.given_up]) == [1, 2, 3, 4]
     if not chance:
         assert done.record.outcome == "completed"
-        assert verify_plan(done.tpg).problems == ()
+        require_safe(done.tpg)
 
 
 def test_nothing_is_put_where_it_would_rest_on_a_step_that_is_given_up(
@@ -92,7 +98,7 @@ def test_nothing_is_put_where_it_would_rest_on_a_step_that_is_given_up(
     assert sorted(done.given_up) == [1, 2, 3, 4]
     whys = [done.given_up[step] for step in (2, 3, 4)]
     assert all(why.startswith("it rests on step ") for why in whys)
-    assert not [t for t in done.tpg.tasks if t.kind == "place-down"]
+    assert not tasks_of(done, "place-down")
 
 
 @pytest.mark.nightly
@@ -101,7 +107,7 @@ def test_steps_after_one_that_nobody_can_do_are_given_up(planned: Planned) -> No
     loses = {"probability": 1.0, "retries": 0, "loses": 1.0}
     done, _ = operated(planned(1, 1), 0, **{"failures.pick": loses})
     assert sorted(done.given_up) == [1, 2, 3, 4]
-    assert not [t for t in done.tpg.tasks if t.kind == "place-down"]
+    assert not tasks_of(done, "place-down")
 
 
 def test_what_is_not_wanted_when_its_turn_comes_is_not_done(planned: Planned) -> None:
@@ -109,8 +115,7 @@ def test_what_is_not_wanted_when_its_turn_comes_is_not_done(planned: Planned) ->
     done, _ = operated(planned(1, 0), 0, changes=[change])
     assert list(done.dropped) == [4]
     assert done.record.outcome == "completed"
-    placed = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
-    assert sorted(placed) == [1, 2, 3]
+    assert placed(done) == [1, 2, 3]
 
 
 def test_candidates_are_those_of_all_steps_at_once(stack_file: Path) -> None:
@@ -137,18 +142,10 @@ def test_it_is_resumed_after_a_kill(
         said = (*said, "--set", f"assembly.products.count={kits}")
     options = ("--no-recording", "--no-audit", "--quiet", "--out", str(run))
     invoke("operate", str(file), *said, *options)
-    log = (run / EVENTS).read_text()
-    assert "come next" in log
-    lines = log.splitlines(keepends=True)
-    (run / EVENTS).write_text("".join(lines[: len(lines) // 2]))
-    before = json.loads((run / SUMMARY).read_text())
+    assert "come next" in require_resumed(run)
     # All that was executed one after another, not what the first window takes.
-    assert before["makespan_sequential_s"] > before["makespan_s"]
-    (run / SUMMARY).unlink()
-    invoke("resume", str(run), "--quiet")
-    assert (run / EVENTS).read_text() == log
-    after = json.loads((run / SUMMARY).read_text())
-    assert after["makespan_sequential_s"] == before["makespan_sequential_s"]
+    summary = summary_of(run)
+    assert summary["makespan_sequential_s"] > summary["makespan_s"]
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +185,7 @@ def test_whole_products_of_a_line_are_planned_at_a_time(
     done, events = operated(plan, seed, **lost(chance))
     check_invariant(DerivedTpg(done.tpg))
     require_own_contacts(done.tpg)
-    assert verify_plan(done.tpg).problems == ()
+    require_safe(done.tpg)
     placed = {t.step for t in done.tpg.tasks if t.kind == "place-down"}
     assert placed | done.given_up.keys() == set(range(1, 4 * KITS + 1))
     if not chance:
@@ -207,8 +204,7 @@ def test_spare_products_come_into_the_window_when_others_are_lost(
     window = {"steps": 4, "least": 2}
     some = line.varied({"assembly.products": products, "window": window})
     done, _ = operated(plan_to_operate(some), seed, **lost(0.15))
-    check_invariant(DerivedTpg(done.tpg))
-    assert verify_plan(done.tpg).problems == ()
+    require_safe(done.tpg)
     assert done.record.outcome == "completed"
     placed = {t.step for t in done.tpg.tasks if t.kind == "place-down"}
     whole = placed - {k for n in done.scrapped for k in range(4 * n - 3, 4 * n + 1)}
@@ -227,7 +223,7 @@ def test_an_order_of_products_ends_where_nobody_can_make_the_next_ones() -> None
     outages = [{"robot": "cart", "at_s": 56.92}]
     done, _ = operated(plan, 249228, **lost(0.3), outages=outages)
     assert done.record.outcome == "failed"
-    assert verify_plan(done.tpg).problems == ()
+    require_safe(done.tpg)
 
 
 @pytest.mark.parametrize("name", ["magazine", "truss"])

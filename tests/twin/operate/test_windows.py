@@ -11,15 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import twin
-from planning.tasks.task import FAILED, LAG, LEFT_OUT, Task
-from planning.tasks.time_window import EARLIER
-from scheduling.conflicts.derived_tpg import DerivedTpg
+from planning.tasks.task import EARLIER, FAILED, LAG, LEFT_OUT, Task
 from scheduling.graph.plan_files import load_plan, save_plan
-from scheduling.invariant import check_invariant
-from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import operated, planned
+from tests.twin.operate.operated import operated, planned, require_safe, tasks_of
 from tests.twin.written import written
-from twin.engine.bulk.holding import held_back
+from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.operate.operation import Operation
 from twin.recorders.observers import MemoryRecorder
@@ -69,8 +65,7 @@ def passed_ns(done: Operation, name: str) -> int | None:
 
 
 def require_windows(done: Operation) -> None:
-    check_invariant(DerivedTpg(done.tpg))
-    assert not verify_plan(done.tpg).problems
+    require_safe(done.tpg)
     told = {row["window"]: row for row in window_summary(done.tpg, done.record)}
     for name, (*_, least, most) in WINDOWS.items():
         passed = passed_ns(done, name)
@@ -163,7 +158,7 @@ def test_what_is_done_again_opens_its_window_again(tmp_path: Path) -> None:
             plan, seed, **{"failures.inspecting": reject, "recovery.again": 100}
         )
         assert done.record.outcome == "completed"
-        assert not verify_plan(done.tpg).problems
+        require_safe(done.tpg)
         glued = [
             span(done, t) for t in done.tpg.tasks if (t.step, t.kind) == (3, "glue")
         ]
@@ -194,7 +189,7 @@ def test_a_window_that_is_open_goes_on_in_what_is_left(
     nodes = np.flatnonzero(tpg.chains[k].task == opener.index)
     ended_s = record[k][1][nodes[-1]] / 1e9
     left = twin.plan(world=f"{run.files}@{ended_s + 0.2}")
-    assert not verify_plan(left.tpg).problems
+    require_safe(left.tpg)
     (other,) = (w for w in left.tpg.windows if w.words == name)
     assert (other.begun, other.done) == (EARLIER, EARLIER)
     assert other.ago >= 0.2
@@ -212,4 +207,4 @@ def test_a_window_that_is_open_goes_on_in_what_is_left(
     begun_s = went.node_times_ns[k][0][first] / 1e9
     assert row["passed_s"] == pytest.approx(other.ago + begun_s)
     assert row["passed_s"] >= other.least - 1e-9
-    assert not [t for t in went.tpg.tasks if t.kind == LEFT_OUT]
+    assert not tasks_of(went, LEFT_OUT)

@@ -10,9 +10,8 @@ from functools import partial
 from typing import Any
 
 from twin.drivers.simulated_arm import SimulatedArm
-from twin.live.driver_end import DriverEnd
+from twin.live.driver_end import DriverEnd, LocalWire
 from twin.live.link import Link
-from twin.live.wire import LocalWire
 from twin.operate.operation import Operation, operate
 from twin.page.attended import AttendedExecution, Panel, Shown, ShownRobot
 from twin.recorders.observers import MemoryRecorder

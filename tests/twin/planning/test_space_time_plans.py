@@ -11,10 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.motion_plan_export import (
-    export_motion_plan,
-    motion_plan,
-)
+from planning.construction.motion_plan_export import export_motion_plan, motion_plan
 from planning.construction.planner import ConstructionPlan
 from planning.construction.world.fixed_world import FixedWorld, PlannedTask
 from planning.errors import PlanInvariantError

@@ -10,8 +10,12 @@ import pinocchio
 import pytest
 
 from planning.transforms import Transform
-from scheduling.graph.drive import BY_EFFORT, BY_JOINTS, BY_TOOL_SPEED
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import (
+    BY_EFFORT,
+    BY_JOINTS,
+    BY_TOOL_SPEED,
+    TemporalPlanGraph,
+)
 from scheduling.motion_times import within_limits
 from scheduling.pace import overloads, slowed_motions
 from scheduling.shortcuts.corners import round_corners

@@ -8,8 +8,8 @@ import pytest
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.reference import ReferenceBody, ReferenceRobot, measure
 from tests.shipped_runs import ShippedRuns
+from twin.audit.case import tasks_at
 from twin.audit.motion.executed import Recording, read_recording
-from twin.audit.order import tasks_at
 
 TICK = 0.02
 """Time between two samples [s]."""

@@ -19,7 +19,7 @@ from tests.twin.scenarios.test_machines import scenario as machines
 from tests.twin.written import checked, loaded, refusal, written
 from twin.audit.audit import audit_run
 from twin.durations.model import NANOSECONDS
-from twin.engine.bulk.holding import held_back
+from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.planning.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario

@@ -128,7 +128,7 @@ def test_violations_end_with_code_1_and_are_listed(
     plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from twin.audit import audit
-    from twin.audit.violation import Violation
+    from twin.audit.case import Violation
 
     found = Violation(1.0, 2.0, "left/arm", "right/arm", 0.004, "link_3 - link_4")
     report = audit.AuditReport(100, -0.004, -0.004, (found,), "coal")

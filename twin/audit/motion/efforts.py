@@ -17,7 +17,7 @@ from scipy import constants
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.transforms import Array
 from twin.audit.motion.executed import ReplayedRun, Stay
-from twin.audit.worlds.described_arm import DescribedArm
+from twin.audit.worlds.link_chain import DescribedArm
 
 _SPARE = 0.01
 """Share of its effort that gravity has to leave a joint which can be held to it."""

@@ -22,13 +22,7 @@ from planning.robots.registry import ROBOTS
 from planning.silence import silenced
 from planning.transforms import Array, Transform, quat_wxyz
 from twin.audit.worlds.link_chain import Frames, JointAxes, ShapeLink
-from twin.audit.worlds.world import (
-    BASE,
-    AuditWorld,
-    Convex,
-    JointLimits,
-    WatchedShape,
-)
+from twin.audit.worlds.world import BASE, AuditWorld, Convex, JointLimits, WatchedShape
 
 with silenced():  # it greets on standard error
     import pybullet

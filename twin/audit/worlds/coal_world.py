@@ -17,15 +17,8 @@ import pinocchio
 from planning.cell.shape import Box, Capsule, Cylinder
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.transforms import Array, Transform
-from twin.audit.worlds.described_arm import DescribedArm
-from twin.audit.worlds.link_chain import Frames, JointAxes, ShapeLink
-from twin.audit.worlds.world import (
-    BASE,
-    AuditWorld,
-    Convex,
-    JointLimits,
-    WatchedShape,
-)
+from twin.audit.worlds.link_chain import DescribedArm, Frames, JointAxes, ShapeLink
+from twin.audit.worlds.world import BASE, AuditWorld, Convex, JointLimits, WatchedShape
 
 
 @dataclass

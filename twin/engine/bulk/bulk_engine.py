@@ -8,6 +8,7 @@ the borders (``driven_times``), if messages take no time. What the policies make
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,10 +18,12 @@ from planning.kernels import kernel
 from planning.parallel import side_by_side, usable_cores
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.windows import with_holds
 from scheduling.motion_times import at_full_speed, is_driven
 from twin.durations.model import Nanoseconds, to_nanoseconds
 from twin.engine.bulk.driven_times import driven_times, joined_drives
 from twin.engine.bulk.max_plus import (
+    OTHER,
     Completions,
     PrecedenceArrays,
     completions,
@@ -33,10 +36,7 @@ from twin.engine.execution_model import ExecutionModel, Messages
 from twin.uncertainty.contraction import Contraction, contract, uncontracted
 from twin.uncertainty.disturbances import Disturbances, Speed
 from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
-from twin.uncertainty.skill_durations import (
-    SkillDraws,
-    cumulative_shares,
-)
+from twin.uncertainty.skill_durations import SkillDraws, cumulative_shares
 
 
 class _Shares(NamedTuple):
@@ -202,3 +202,33 @@ def _add_shares(totals: Nanoseconds, shares: _Shares, busy: Nanoseconds) -> None
             total = float(totals[draw, r])
             part = np.rint(shares.high[k] * total) - np.rint(shares.low[k] * total)
             busy[segment, r] += np.int64(part)
+
+
+_SEED = 7_919
+"""Of the draws of forecasts, beside those of the runs."""
+
+_DRAWS, _MOST_VALUES = 2000, 10_000_000
+
+
+def held_back(tpg: TemporalPlanGraph, model: ExecutionModel) -> TemporalPlanGraph:
+    """Return a graph in which what opens windows waits as the execution model says; see ``with_holds``.
+
+    Only where robots wait for each other by the plan: a planned clock, turns and slots hold back themselves.
+    The forecast of when a later step will be ready is the longest path that is left to it, with durations that
+    are drawn as in runs, in the plan without limits of acceleration and messages: each node takes its nominal
+    time but for what varies.
+
+    Args:
+        tpg: the plan.
+        model: how it is executed, and what varies.
+    """
+    timed = any(window.most is not None for window in tpg.windows)
+    if not timed or model.hold <= 0.0 or model.policy != "asynchronous":
+        return tpg
+    free = replace(tpg, chains=tuple(replace(c, drive=None) for c in tpg.chains))
+    nodes = sum(len(chain) for chain in tpg.chains)
+    draws = np.arange(max(50, min(_DRAWS, _MOST_VALUES // nodes)))
+    sampler = NodeTimeSampler(free, model.durations, model.disturbances)
+    times = sampler.sample_segments(uncontracted(free), seed=_SEED, replications=draws)
+    busy = np.ascontiguousarray(times.busy_ns, dtype=np.int64)
+    return with_holds(tpg, busy, model.hold, OTHER)

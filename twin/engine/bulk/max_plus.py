@@ -38,7 +38,7 @@ from scheduling.graph.task_edges import (
     turn_edges,
     with_barriers,
 )
-from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import EVER, NO_EDGES, TemporalPlanGraph
 from scheduling.graph.total_order import flatten, planned_ranks
 from scheduling.graph.windows import followed_order
 from twin.durations.model import Nanoseconds
@@ -92,8 +92,7 @@ def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
     if policy == "sequential":
         return _in_turns(tpg)
     if policy == "open-loop":
-        none = np.empty((0, 4), dtype=np.int64)
-        free = replace(tpg, edges=none, cause=np.empty(0, dtype=np.uint8))
+        free = replace(tpg, edges=NO_EDGES[0], cause=NO_EDGES[1])
         starts = earliest_times(tpg, nominal_ns(tpg)).start
         return precedence_arrays(free, np.concatenate(starts))
     return precedence_arrays(tpg)

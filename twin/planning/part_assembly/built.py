@@ -25,8 +25,14 @@ from planning.parts.assembly import (
     Work,
 )
 from planning.statics.standing import Joint, StandingRules
-from planning.tasks.task import ARRIVE, LEAVE, PRESENT, Task, is_done_to_a_product
-from planning.tasks.time_window import TimeLag
+from planning.tasks.task import (
+    ARRIVE,
+    LEAVE,
+    PRESENT,
+    Task,
+    TimeLag,
+    is_done_to_a_product,
+)
 from planning.transforms import Transform, readonly
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.repeat import Pattern, numbered, repeat_graph

@@ -7,20 +7,16 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import product as product_of
 from typing import TypeVar
 
-from planning.tasks.task import LAG
-from planning.tasks.time_window import TimeLag
+from planning.tasks.task import LAG, TimeLag
 from planning.tasks.work import Leaving, Lying, Refill, Supply
 from planning.transforms import Transform, readonly, translation
 from scheduling.repeat import numbered
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import AnyDuration, SkillOverride
-from twin.planning.part_assembly.alike import (
-    AlikeParts,
-    alike_parts,
-    with_named_parts,
-)
+from twin.planning.part_assembly.alike import AlikeParts, alike_parts, with_named_parts
 from twin.scenario.sections.between import FitSection, JoinedSection
 from twin.scenario.sections.line import (
     ConveyorSection,
@@ -251,22 +247,12 @@ class _Writer:
             for product in range(1, self.period + 1)
             for step in self.section.steps
         )
-        joined = tuple(
-            joint
-            for product in range(1, self.period + 1)
-            for joint in self._joined(product)
-        )
-        fits = tuple(
-            fit
-            for product in range(1, self.period + 1)
-            for fit in self._of_product(self.section.fits, product)
-        )
         section = self.section.model_copy(
             update={
                 "parts": tuple(parts),
                 "steps": steps,
-                "joined": joined,
-                "fits": fits,
+                "joined": tuple(self._joined()),
+                "fits": tuple(fit for fit, _ in self._of_products(self.section.fits)),
             }
         )
         jobs = machine_jobs(section, self.period)
@@ -355,20 +341,20 @@ class _Writer:
         assert goal is not None
         return readonly(build_transform(goal))
 
-    def _joined(self, product: int) -> Iterator[JoinedSection]:
-        """Yield the joints of a product, with its names; those of no product once."""
-        for joint in self._of_product(self.section.joined, product):
+    def _joined(self) -> Iterator[JoinedSection]:
+        """Yield the joints of all products, with their names."""
+        for joint, product in self._of_products(self.section.joined):
             by = joint.by
             if by is not None and self.section.products is not None:
                 by = numbered(by, product)
             yield joint.model_copy(update={"by": by})
 
-    def _of_product(self, pairs: Sequence[Pair], product: int) -> Iterator[Pair]:
-        """Yield what is said of pairs with the names of a product; what is of none once."""
-        for item in pairs:
+    def _of_products(self, pairs: Sequence[Pair]) -> Iterator[tuple[Pair, int]]:
+        """Yield what is said of pairs with the names of each product, and its number; what is of none once."""
+        for product, item in product_of(range(1, self.period + 1), pairs):
             parts = tuple(self._name(name, product) for name in item.parts)
             if parts != item.parts or product == 1:
-                yield item.model_copy(update={"parts": parts})
+                yield item.model_copy(update={"parts": parts}), product
 
     def _step(self, step: StepSection, product: int) -> StepSection:
         """Return a step for a product, with names of that."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import networkx as nx
 
@@ -52,28 +52,37 @@ def _check_steps(section: PartsSection) -> Found:
     # Two different things are joined, by a step that there is.
     for k, item in enumerate(section.joined):
         at = ("assembly", "joined", k)
-        first, second = item.parts
-        if first == second:
-            yield at, f"{first} cannot be joined to itself"
-        elif not {first, second} & set(section.placed):
-            yield at, f"neither {first} nor {second} is placed by a step"
+        yield from unlike_ends(
+            at, item.parts, section.placed, "joined to", " by a step"
+        )
         yield from unless_known((*at, "by"), "step", item.by, names)
-    yield from _check_fits(section)
-
-
-def _check_fits(section: PartsSection) -> Found:
-    """Two different things fit each other, one of which is placed, and how is said once."""
+    # Two different things fit each other, and how is said once.
     listed: dict[frozenset[str], int] = {}
-    for k, item in enumerate(section.fits):
-        at: KeyPath = ("assembly", "fits", k)
-        first, second = item.parts
-        earlier = listed.setdefault(frozenset(item.parts), k)
-        if first == second:
-            yield at, f"{first} cannot be pressed into itself"
-        elif not {first, second} & set(section.placed):
-            yield at, f"neither {first} nor {second} is placed by a step"
-        elif earlier != k:
+    for k, fit in enumerate(section.fits):
+        at = ("assembly", "fits", k)
+        first, second = fit.parts
+        earlier = listed.setdefault(frozenset(fit.parts), k)
+        own = [
+            *unlike_ends(at, fit.parts, section.placed, "pressed into", " by a step")
+        ]
+        yield from own
+        if not own and earlier != k:
             yield at, f"how {first} and {second} fit is already said by fits.{earlier}"
+
+
+def unlike_ends(
+    at: KeyPath,
+    ends: tuple[str, str],
+    placed: Iterable[str],
+    done: str,
+    by: str = "",
+) -> Found:
+    """Yield that what is said of two things is said of one, or that neither of them is placed."""
+    first, second = ends
+    if first == second:
+        yield at, f"{first} cannot be {done} itself"
+    elif {first, second}.isdisjoint(placed):
+        yield at, f"neither {first} nor {second} is placed{by}"
 
 
 def _check_until(section: PartsSection, names: dict[str, int]) -> Found:

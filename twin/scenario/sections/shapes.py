@@ -24,13 +24,7 @@ from planning.lego.bricks.drawing import (
     read_elevation,
     read_layer,
 )
-from planning.transforms import (
-    Transform,
-    from_quat_wxyz,
-    from_rpy,
-    quat_wxyz,
-    readonly,
-)
+from planning.transforms import Transform, from_quat_wxyz, from_rpy, quat_wxyz, readonly
 from twin.scenario.document.section import Name, Section, Several, Three, Two
 from twin.scenario.document.validation import unknown_name
 from twin.scenario.document.yaml_text import KeyPath

@@ -10,16 +10,15 @@ from planning.tasks.task import FAILED, GONE
 from planning.worlds.onward import Situation
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.engine.bulk.holding import held_back
+from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.host.progress import StageWatch
-from twin.operate.dependents import hopeless
-from twin.operate.luck import Luck
+from twin.operate.going import Luck
+from twin.operate.judging import hopeless
 from twin.operate.operation import Operation
 from twin.planning.kind import PlannedMotions
-from twin.planning.onward import plan_from
-from twin.planning.pipeline import planned_shortcuts
+from twin.planning.pipeline import plan_from, planned_shortcuts
 from twin.scenario.sections.scenario import Scenario
 
 _ALWAYS_AGAIN = 1000
@@ -75,7 +74,7 @@ class Hindsight:
             if motions.work is not None:
                 motions = replace(motions, work=hopeless(motions.work, now, cell)[0])
             try:
-                tpg = plan_from(
+                _, tpg = plan_from(
                     motions,
                     self.scenario,
                     cell,
@@ -83,7 +82,7 @@ class Hindsight:
                     (),
                     StageWatch(),
                     candidates=planned_shortcuts(self.scenario),
-                ).tpg
+                )
             except (InfeasibleStepError, TransitError):
                 return None
         own = self.model.disturbances

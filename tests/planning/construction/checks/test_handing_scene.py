@@ -16,11 +16,7 @@ from planning.construction.step_scenes import HandingScene, StepScenes
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
 from planning.transforms import Array
-from scheduling.verification.reference import (
-    ReferenceBody,
-    ReferenceRobot,
-    measure,
-)
+from scheduling.verification.reference import ReferenceBody, ReferenceRobot, measure
 from tests.planning.construction.toy_sites import toy_part, toy_problem
 
 BEAM = toy_part("beam", (0.7, 0.2, 0.1), (0.0, 0.0, 0.05))

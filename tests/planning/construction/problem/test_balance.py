@@ -17,13 +17,7 @@ from planning.cell.workcell import Workcell
 from planning.construction.motion_plan_export import motion_plan
 from planning.construction.planner import plan_construction
 from planning.construction.problem.balance import SiteBalance
-from planning.construction.problem.models import (
-    ModelPart,
-    pavilion,
-    tower,
-    wall,
-    well,
-)
+from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.site import (
     Spiral,

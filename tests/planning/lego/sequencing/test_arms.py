@@ -8,27 +8,15 @@ from hypothesis import strategies as st
 
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError, ScenarioError
-from planning.importers.brick_models.cell import (
-    Finished,
-    Station,
-    model_cell,
-    stations,
-)
+from planning.importers.brick_models.cell import Finished, Station, model_cell, stations
 from planning.importers.brick_models.model import read_brick_list
-from planning.lego.bricks.assembly import (
-    BRICKS,
-    Cell,
-    GridSpan,
-    LegoStep,
-    PlacedBrick,
-)
+from planning.lego.bricks.assembly import BRICKS, Cell, GridSpan, LegoStep, PlacedBrick
 from planning.lego.bricks.grid import presses, top_pose
 from planning.lego.insertion.rules import ArmLimits, SequencingRules
 from planning.lego.sequencing.arms import GripReach
 from planning.lego.sequencing.sequencing import sequence_structure
 from planning.lego.skills.targets import BrickGrip, place_targets
 from planning.steps.skill import SkillPath, skill_postures
-from tests.planning.lego.houses import hollow_house
 from tests.planning.lego.structures import brick
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_workcell
@@ -36,6 +24,36 @@ from twin.planning.lego import build_lego, buildable_sequence
 from twin.scenario.document.yaml_text import scenario_text
 from twin.scenario.manifest import scenario_of
 from twin.scenario.sections.scenario import LegoSection
+
+
+def hollow_house(
+    wide: int, deep: int, high: int, at: tuple[int, int] = (0, 0)
+) -> list[PlacedBrick]:
+    """Return four walls, one brick 2x4 thick, that bind at their corners and in between.
+
+    Args:
+        wide, deep: studs along x and y, multiples of 4 and at least 8.
+        high: layers.
+        at: the least stud.
+    """
+    if wide % 4 or deep % 4 or min(wide, deep) < 8:
+        raise ValueError(f"no house of {wide} x {deep} studs")
+    bricks = []
+
+    def lay(x: int, y: int, z: int, turned: bool) -> None:
+        # A brick 2x4 has four studs along y, and along x where it is turned.
+        cell = Cell(at[0] + x, at[1] + y, z, turned)
+        bricks.append(PlacedBrick(f"b{len(bricks)}", BRICKS["2x4"], cell))
+
+    for z in range(1, high + 1):
+        inset = 2 if z % 2 else 0
+        for y in (0, deep - 2):
+            for x in range(inset, wide - inset, 4):
+                lay(x, y, z, True)
+        for x in (0, wide - 2):
+            for y in range(2 - inset, deep - 2 + inset, 4):
+                lay(x, y, z, False)
+    return bricks
 
 
 def _cell_of(folder: Path, bricks: list[PlacedBrick]) -> tuple[Workcell, LegoSection]:
