@@ -152,8 +152,12 @@ class RollingExecution(SuppliedExecution):
     def _fail(self, chain: int, node: int) -> Steps:
         """Tell the planner that a skill has failed, and wait for what it makes of that."""
         self.failed.remove(chain)
-        self.end[chain][node] = self.now_ns
+        failed_ns = self.now_ns
         missing = self._missing(chain, node) is not None
+        if self.messages.report_ns:
+            # Until the message is there the robot is at work, for all that anybody knows.
+            yield self.env.timeout(self.messages.report_ns)
+        self.end[chain][node] = failed_ns
         lost = not missing and chain in self.times.lost
         self._failures.append(Failure(chain, node, lost, missing))
         self._limit[chain] = node

@@ -58,6 +58,27 @@ def test_nobody_begins_before_a_release_has_come_that_still_counts(
     require_kept(done, round((report_s + release_s) * NANOSECONDS))
 
 
+def test_a_failure_is_told_by_a_message_as_all_else(plan: PlanResult) -> None:
+    at_once = {"recovery.planning_s": 0.0}
+    _, events = operated(plan, 6, report_latency_s=7.0, **lost(0.3), **at_once)
+    failed = next(event.t_ns for event in events if event.kind == "failed")
+    planned_anew = next(event.t_ns for event in events if event.kind == "replanned")
+    assert planned_anew == failed + 7 * NANOSECONDS
+
+
+@pytest.mark.nightly
+@settings(max_examples=3, deadline=None)
+@given(seed=st.integers(0, 10_000), planning_s=st.sampled_from([0.0, 3.0]))
+@example(seed=5473, planning_s=0.0)  # a failure was known before what came before it
+def test_messages_of_three_robots_are_kept(seed: int, planning_s: float) -> None:
+    plan = plan_to_operate(load("taskboard"))
+    late: dict[str, Any] = {"report_latency_s": 10.0, "queue_depth": 7}
+    done, _ = operated(
+        plan, seed, **late, **lost(0.3), **{"recovery.planning_s": planning_s}
+    )
+    require_kept(done, 10 * NANOSECONDS)
+
+
 def begun_between(events: list[Event], first: int, last: int) -> list[Event]:
     """Return what robots have begun from one time to another."""
     return [e for e in events if e.kind == "started" and first < e.t_ns < last]
