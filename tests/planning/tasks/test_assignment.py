@@ -165,9 +165,22 @@ GIVEN_UP = plain(
 """A program that HiGHS 1.15.1 gives up on while it presolves."""
 
 
+def in_turns_for(cost: float) -> AssignmentProblem:
+    """Return a problem of two steps that either robot does, the other one the second for a cost."""
+    return plain(
+        PrimaryCandidate(1, "ada", "o0", 0, 1.0),
+        PrimaryCandidate(2, "ada", "o1", 0, 1.0),
+        PrimaryCandidate(2, "bob", "o1", 0, 1.0 + cost),
+        balance=1.0,
+    )
+
+
 @settings(max_examples=150, deadline=None)
 @given(problems())
 @example(GIVEN_UP)
+# What turns may cost is told by the whole spread of what robots do, not by who does most.
+@example(in_turns_for(0.7))
+@example(in_turns_for(1.4))
 def test_solver_finds_what_trying_everything_finds(problem: AssignmentProblem) -> None:
     plans = list(every_plan(problem))
     if not plans:

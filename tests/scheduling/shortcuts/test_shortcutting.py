@@ -13,7 +13,7 @@ from pathlib import Path
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
@@ -252,6 +252,8 @@ def chains_and_cut(
 
 @given(chains_and_cut())
 @settings(max_examples=300, deadline=None)
+# An order hangs on one node that is replaced.
+@example(([3, 4, 3], [(0, 0, 1, 1), (1, 1, 2, 1)], (1, 1, 3)))
 def test_replacing_nodes_loses_no_order_among_the_others(
     case: tuple[list[int], list[tuple[int, int, int, int]], tuple[int, int, int]],
 ) -> None:

@@ -25,7 +25,7 @@ from planning.motion.sequential import MotionSettings
 from scheduling.graph.plan_files import load_plan
 from tests.planted import rows
 from tests.twin.written import loaded, written
-from twin.audit import resting
+from twin.audit import supports
 from twin.audit.audit import audit_run
 from twin.audit.motion.executed import read_recording
 from twin.cli import app
@@ -145,7 +145,7 @@ def test_a_run_in_which_a_part_is_kept_hold_of_stands_because_of_that(
     assert result.exit_code == 0, result.output
     wanted = kind.wanted(scenario.cell)
     assert audit_run(folder, wanted=wanted).violations == ()
-    monkeypatch.setattr(resting, "held_in_place", lambda _case: {})
+    monkeypatch.setattr(supports, "_held_in_place", lambda _case: {})
     (fall,) = audit_run(folder, wanted=wanted).violations
     assert (fall.kind, fall.first) == ("balance", "beam")
     case = read_recording(folder, load_plan(folder).cell).objects

@@ -23,8 +23,8 @@ from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.planning.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
-from twin.study.products import window_times, windows_summary
-from twin.study.replications.block_results import write_block
+from twin.study.products import windows_summary
+from twin.study.replications.block_results import cell_part, write_block
 from twin.study.replications.statistics import Block
 from twin.study.replications.workload import Engines, Workload, timing_graph
 from twin.trial.planning import plan_scenario
@@ -126,7 +126,7 @@ def test_a_study_counts_what_single_runs_break(
     block = Block(0, 0, 12)
     result = Engines(load).compute(block)
     write_block(tmp_path, result)
-    times = window_times(tmp_path, 0)
+    times = cell_part(tmp_path, 0, "windows")
     assert times is not None
     found = windows_summary(tpg, 0.95, times, result.rows.makespans_s(), 0.95)
     assert found is not None
