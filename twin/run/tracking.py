@@ -43,8 +43,7 @@ def nearest_on_path(chain: NodeChain, q: Array, node: Nanoseconds) -> Array:
     for n in np.unique(node).tolist():
         low, high = max(n - 1, 0), min(max(n, 0) + 2, len(chain))
         rows, own = node == n, chain.waypoints[chain.first[low] : chain.first[high]]
-        before = chain.waypoints[chain.first[low] - 1] if low else chain.start
-        found[rows] = near_path(np.vstack([before, own]), q[rows]).q
+        found[rows] = near_path(np.vstack([chain.stands_at(low), own]), q[rows]).q
     return found
 
 

@@ -352,7 +352,7 @@ def standing_recording(tpg: TemporalPlanGraph, state: StandingState) -> Recordin
         else:
             count = counts[chains[placed.name]]
             chain = tpg.chains[chains[placed.name]]
-            q = chain.start if count == 0 else chain.waypoints[chain.first[count] - 1]
+            q = chain.stands_at(count)
             nodes = [max(count - 1, 0), min(count, len(chain) - 1)]
         rows = RobotRows(np.array([0.0, 1.0]), np.stack([q, q]), np.array(nodes))
         robots[placed.name] = rows
