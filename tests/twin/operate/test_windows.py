@@ -88,7 +88,7 @@ def test_without_failures_it_is_the_run(plan: PlanResult, hold: float) -> None:
     require_windows(done)
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     hold=st.sampled_from([0.0, 0.8]),
