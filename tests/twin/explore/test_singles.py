@@ -1,5 +1,6 @@
 """Single changes of a cell that works: what gains is known, and nothing is tried twice."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from tests.twin.explore.sliders import slider_file
 from tests.twin.program import invoke
 from twin.explore.exploration import Exploration
 from twin.explore.finals import Finals
+from twin.explore.journal import JOURNAL
 from twin.explore.rungs import Setting
 from twin.explore.singles import (
     candidates,
@@ -60,6 +62,23 @@ def test_changes_gain_what_is_known_and_are_ranked_by_effort(tmp_path: Path) -> 
     try_changes(again, bench, changes)
     assert len(bench.evaluated) == tried
     assert len(again.journal.rows) == len(exploration.journal.rows) == tried
+
+
+def test_changes_that_were_finished_out_of_turn_keep_their_numbers(
+    tmp_path: Path,
+) -> None:
+    """What was killed had finished the first and the third of three."""
+    setting, out = setting_of(slider_file(tmp_path, MORE)), tmp_path / "out"
+    changes, bench = candidates(setting.scenario, setting.folder), Bench(setting)
+    try_changes(exploration_of(setting, out), bench, changes[:3])
+    log = out / JOURNAL
+    lines = log.read_text().splitlines(keepends=True)
+    single = [line for line in lines if json.loads(line)["purpose"] == "single"]
+    log.write_text("".join(line for line in lines if line != single[1]))
+    again = exploration_of(setting, out)
+    try_changes(again, bench, changes[:3])
+    numbers = [row.design for row in again.journal.rows if row.purpose == "single"]
+    assert sorted(numbers) == [0, 2, 3]
 
 
 def test_a_cell_that_does_not_work_has_no_changes(tmp_path: Path) -> None:
