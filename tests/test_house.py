@@ -94,6 +94,14 @@ def test_the_design_names_every_room(code: dict[str, ast.Module]) -> None:
             print(f"{room}: {count:,} lines, {told[room]:,} in docs/design.md")  # noqa: T201
 
 
+def test_files_that_the_design_names_are_there() -> None:
+    text = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+    rooms = [*FLOORS, "benchmarks", "docs", "tests"]
+    places = [str(path) for room in rooms for path in (ROOT / room).rglob("*.py")]
+    for name in re.findall(r"`([\w/]+\.py)`", text):
+        assert any(place.endswith(f"/{name}") for place in places), name
+
+
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: str(f.relative_to(ROOT)))
 def test_a_room_is_small_and_says_what_it_is(folder: Path) -> None:
     assert len(files(folder)) <= MOST_FILES
