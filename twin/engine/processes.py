@@ -375,16 +375,12 @@ class Execution:
             self.report_arrived = self.env.event()
             yield self.report_arrived
             for chain, node in self.reports:
-                self._take_note(chain, node)
+                self.dispatcher.complete(chain, node)
+                self.outstanding[chain] -= 1
             self.reports.clear()
             for source, target in self.lifts:
                 self.dispatcher.lift(source, target)
             self.lifts.clear()
-
-    def _take_note(self, chain: int, node: int) -> None:
-        """Take note of a report that a node is complete."""
-        self.dispatcher.complete(chain, node)
-        self.outstanding[chain] -= 1
 
     def _release_safe(self) -> None:
         """Release what has become safe and fits into the queues."""

@@ -183,11 +183,6 @@ class RollingExecution(SuppliedExecution):
         else:
             super()._enqueue(chain, node)
 
-    def _take_note(self, chain: int, node: int) -> None:
-        # That an attempt has failed may be known before what came before it is reported.
-        if node >= self.dispatcher.completed(chain):
-            super()._take_note(chain, node)
-
     def _next_is_safe(self, chain: int) -> bool:
         more = self.released[chain] < self._limit[chain] and self._needs_more(chain)
         return more and super()._next_is_safe(chain)
