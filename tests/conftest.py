@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 FEW_EXAMPLES = 6
 """Property tests that try no more than these try them all by day, others half of what they say."""
 
+SETTINGS = "_hypothesis_internal_use_settings"
+"""Attribute in which hypothesis keeps the settings of a property test."""
+
 if TYPE_CHECKING:
     from tests.planned_once import PlannedOnce
     from tests.shipped_runs import ShippedRuns
@@ -27,7 +31,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--nightly",
         action="store_true",
-        help="ten times the examples that each property test says, and tests marked nightly",
+        help="tests marked nightly, too, and more examples of each property test",
+    )
+    parser.addoption(
+        "--nightly-only",
+        action="store_true",
+        help="like --nightly, without the tests that try no more than by day",
+    )
+    parser.addoption(
+        "--examples",
+        type=int,
+        default=3,
+        metavar="FACTOR",
+        help="with --nightly: examples of a property test, as a multiple of what it states (3)",
     )
 
 
@@ -54,18 +70,39 @@ def pytest_collection_modifyitems(
 
     known = ranks()
     items.sort(key=lambda item: known.get(item.nodeid.split("::")[0], len(known)))
-    nightly = config.getoption("--nightly")
-    if not nightly:
-        late = {item for item in items if item.get_closest_marker("nightly")}
-        config.hook.pytest_deselected(items=sorted(late, key=str))
-        items[:] = [item for item in items if item not in late]
+    nightly_only = config.getoption("--nightly-only")
+    nightly = nightly_only or config.getoption("--nightly")
+    if nightly_only:
+        _deselect(config, items, lambda item: not _tries_more_at_night(item))
+    elif not nightly:
+        _deselect(config, items, lambda item: bool(item.get_closest_marker("nightly")))
+    factor = config.getoption("--examples")
     for test in {getattr(item, "function", None) for item in items}:
-        own = getattr(test, "_hypothesis_internal_use_settings", None)
+        own = getattr(test, SETTINGS, None)
         if own is not None:
             many = own.max_examples
-            tried = 10 * many if nightly else max(min(many, FEW_EXAMPLES), many // 2)
-            changed = hypothesis.settings(own, max_examples=tried)
-            test._hypothesis_internal_use_settings = changed
+            by_day = max(min(many, FEW_EXAMPLES), many // 2)
+            changed = hypothesis.settings(
+                own, max_examples=factor * many if nightly else by_day
+            )
+            setattr(test, SETTINGS, changed)
+
+
+def _deselect(
+    config: pytest.Config,
+    items: list[pytest.Item],
+    leaves_out: Callable[[pytest.Item], bool],
+) -> None:
+    """Take the tests that a predicate names out of the list, and report them as deselected."""
+    out = {item for item in items if leaves_out(item)}
+    config.hook.pytest_deselected(items=sorted(out, key=str))
+    items[:] = [item for item in items if item not in out]
+
+
+def _tries_more_at_night(item: pytest.Item) -> bool:
+    """Return whether a test is marked nightly, or is a property test, whose examples increase."""
+    function = getattr(item, "function", None)
+    return bool(item.get_closest_marker("nightly")) or hasattr(function, SETTINGS)
 
 
 def pytest_collection_finish() -> None:
