@@ -275,12 +275,6 @@ class ResolvedSkill:
     gone: frozenset[str]
     touched: Mapping[str, bool]
 
-    def renamed(self, names: Mapping[str, str]) -> ResolvedSkill:
-        """Return the same skill where some things have other names."""
-        gone = frozenset(names.get(name, name) for name in self.gone)
-        touched = {names.get(name, name): leans for name, leans in self.touched.items()}
-        return ResolvedSkill(self.path, gone, touched)
-
 
 def resolve_skill(
     robot: PlacedRobot,

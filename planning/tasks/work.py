@@ -23,10 +23,6 @@ _MOST_WAYS = 12
 """How many ways are tried for one step."""
 
 
-def _none(_: object) -> None:
-    """Return that there is nothing; unlike a lambda it can be sent to another process."""
-
-
 def _no_items(_: object) -> tuple[()]:
     return ()
 
@@ -47,9 +43,6 @@ class AssemblyWork:
         windows: yields the windows of time between them, given the same.
         assembly: what is built, such as a ``LegoAssembly``, with its steps in their order; None
             where nobody asks.
-        order: of the steps, by the numbers that they had at first; empty for that order itself.
-        exchanged: returns the work with a step (from 1) and the next one exchanged, None where
-            that cannot be, or nothing is known of it.
         needs: pairs of steps (from 1): without the first, something would fall after the second, as a
             part does that is joined across a gap; what touches need not be among them.
         passing: the steps about each object that lies where others come after it, in a source or where it is
@@ -64,8 +57,6 @@ class AssemblyWork:
     expand: Callable[[TaskPlan, int, int], StepTasks]
     waits: Callable[[Sequence[StepTasks]], Iterable[tuple[Task, Task]]] = _no_items
     assembly: Any = None
-    order: tuple[int, ...] = ()
-    exchanged: Callable[[int], AssemblyWork | None] = _none
     needs: frozenset[tuple[int, int]] = frozenset()
     passing: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     windows: Callable[[Sequence[StepTasks]], Iterable[TimeWindow]] = _no_items
@@ -75,17 +66,13 @@ class AssemblyWork:
     def of_first(self, count: int) -> AssemblyWork:
         """Return the work of the first so many steps, as if no others came after them, in this order."""
         return replace(
-            self.in_this_order(),
+            self,
             problem=self.problem.of_first(count),
             needs=frozenset(pair for pair in self.needs if max(pair) <= count),
             passing={k: own for k, own in self.passing.items() if max(own) <= count},
             spare=partial(_spare_of_first, self, count),
             moved=self.moved and partial(_moved_of_first, self, count),
         )
-
-    def in_this_order(self) -> AssemblyWork:
-        """Return the same work without any other order of its steps."""
-        return replace(self, exchanged=_none)
 
     def link(self, steps: Sequence[StepTasks]) -> Indices:
         """Return all dependencies between tasks, those within the steps included.

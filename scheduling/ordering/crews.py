@@ -19,7 +19,7 @@ from planning.progress import Progress, no_progress
 from planning.tasks.assignment import AssignmentProblem
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import AssemblyWork
-from scheduling.ordering.improvement import PlanRater, RatedPlan
+from scheduling.ordering.plan_rating import PlanRater, RatedPlan
 
 _SMALLEST = 2
 """Robots of the smallest crew that is tried."""

@@ -33,7 +33,6 @@ def run_scenario(
     policy: str | None = None,
     stalls: int | None = None,
     shortcuts: int | None = None,
-    improve: float | None = None,
     robots: int | None = None,
     settings: Sequence[str] = (),
     view: View,
@@ -48,8 +47,6 @@ def run_scenario(
         policy: asynchronous, sequential, synchronous or open-loop, in place of the scenario's.
         stalls: random standstills of each robot, in place of the scenario's.
         shortcuts: most shortcuts tried on each plan, in place of the scenario's.
-        improve: seconds to search for better robots, objects, grips and supports, in place of the
-            scenario's; what is found depends on the machine.
         robots: of the team, in place of the scenario's; without a team, the first M.
         settings: value of any key, such as cell.robots.left.base.xyz_m.0=0.7, or of one of the
             execution section, such as stalls.rate_per_h=60; may be given several times. Values
@@ -65,7 +62,6 @@ def run_scenario(
         "robots": robots,
         "seed": seed,
         "planning.shortcut_candidates": shortcuts,
-        "planning.improve_s": improve,
         "policy": policy,
         "stalls.count_per_robot": stalls,
     }
@@ -135,7 +131,6 @@ run = command(
     show_run,
     passes_to="twin.api.runs:run",
     stalls={"min": 0},
-    improve={"min": 0},
 )
 
 
@@ -203,10 +198,10 @@ def export_files(
 
     Args:
         run: folder of a run; for ldraw also a scenario file, without a run.
-        formats: csv, parquet, perfetto, joint-trajectory, joint-csv, mcap, graphml, dot,
+        formats: csv, parquet, perfetto, joint-trajectory, joint-csv, mcap, graphml,
             task-graph, open-plan or ldraw; may be given several times.
         out: file to write, or folder for several; default: RUN/exports.
-        nodes: every node of the temporal plan graph, not one entry a task (graphml, dot,
+        nodes: every node of the temporal plan graph, not one entry a task (graphml,
             perfetto).
         rate_hz: points a second of motions within limits, 125 to 1000; default: 250
             (joint-trajectory, joint-csv). Messages a second, 1 to 1000; default: 50 (mcap).

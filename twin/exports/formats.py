@@ -19,7 +19,6 @@ _WRITERS = {
     "joint-csv": "tables.joint_csv_files",
     "mcap": "ros.mcap_file.mcap_files",
     "graphml": "graphs.graphml_files",
-    "dot": "graphs.dot_files",
     "task-graph": "graphs.task_graph_files",
     "open-plan": "open_plan.open_plan_files",
     "ldraw": "ldraw.ldraw_files",

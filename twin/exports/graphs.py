@@ -1,4 +1,4 @@
-"""The temporal plan graph as GraphML and DOT, the task graph of APEX-MR IV-A as GraphML.
+"""The temporal plan graph and the task graph of APEX-MR IV-A as GraphML.
 
 By default a node of the temporal plan graph is a task, and an edge joins two tasks when any of
 their nodes are joined; as a robot may wait in the middle of a task, two tasks may then wait for
@@ -24,7 +24,7 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from twin.durations.model import NANOSECONDS
-from twin.run.activities import CAUSES, lane_colours
+from twin.run.activities import CAUSES
 from twin.trial.run_result import RunResult
 
 if TYPE_CHECKING:
@@ -37,8 +37,6 @@ SAME_ROBOT = "same robot"
 
 DEPENDENCY, CONFLICT = CAUSES[TASK_DEPENDENCY], CAUSES[MOTION_CONFLICT]
 
-_STYLES = {SAME_ROBOT: "bold", DEPENDENCY: "solid", CONFLICT: "dashed"}
-
 
 def graphml_files(run: RunResult, *, nodes: bool) -> Mapping[str, bytes]:
     """Return ``tpg.graphml``."""
@@ -50,11 +48,6 @@ def graphml(graph: Graph) -> bytes:
     buffer = BytesIO()
     nx.write_graphml(graph, buffer)
     return buffer.getvalue() + b"\n"
-
-
-def dot_files(run: RunResult, *, nodes: bool) -> Mapping[str, bytes]:
-    """Return ``tpg.dot``: a cluster a robot, tasks in the colours of the Gantt chart."""
-    return {"tpg.dot": _dot(_run_graph(run, nodes=nodes), run.name).encode()}
 
 
 def _run_graph(run: RunResult, *, nodes: bool) -> Graph:
@@ -120,49 +113,6 @@ def _task_attributes(tpg: TemporalPlanGraph, index: int) -> dict[str, Any]:
     task = tpg.tasks[index]
     known = {key: getattr(task, key) for key in ("kind", "step", "label")}
     return {"robot": task.robot, "task": index, **known, "object": task.object or ""}
-
-
-def _dot(graph: Graph, name: str) -> str:
-    lines = [
-        f"digraph {_quoted(name)} {{",
-        "  rankdir=LR;",
-        '  node [shape=box, style="rounded,filled", fontname="Helvetica", fontsize=10];',
-        '  edge [fontname="Helvetica", fontsize=8, color="#555555"];',
-    ]
-    robots = dict.fromkeys(data["robot"] for _, data in graph.nodes(data=True))
-    colours = lane_colours(data["kind"] for _, data in graph.nodes(data=True))
-    for k, robot in enumerate(robots):
-        lines.append(f"  subgraph cluster_{k} {{")
-        lines.append(
-            f'    label={_quoted(robot)}; fontname="Helvetica"; labeljust=l; color="#bbbbbb";'
-        )
-        for node, data in graph.nodes(data=True):
-            if data["robot"] == robot:
-                lines.append(
-                    f"    {_quoted(node)} [{_node_style(node, data, colours)}];"
-                )
-        lines.append("  }")
-    for first, second, data in graph.edges(data=True):
-        style = [f"style={_STYLES[data['cause']]}"]
-        if data["type"] == 2:
-            style += [f"tooltip={_quoted(data['cause'])}", "constraint=false"]
-            if data.get("count", 1) > 1:
-                style.append(f"label={_quoted(str(data['count']))}")
-        lines.append(f"  {_quoted(first)} -> {_quoted(second)} [{', '.join(style)}];")
-    return "\n".join([*lines, "}", ""])
-
-
-def _node_style(node: str, data: Mapping[str, Any], colours: Mapping[str, str]) -> str:
-    colour = colours[data["kind"]]
-    text = data["label"] if "node" not in data else f"{data['label']}\n{node}"
-    hint = f"{data['kind']}, step {data['step']}, {data['duration_s']:.2f} s"
-    return f'label={_quoted(text)}, tooltip={_quoted(hint)}, fillcolor="{colour}"'
-
-
-def _quoted(text: str) -> str:
-    """Return a DOT string: only quotes, backslashes and line ends mean anything in it."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-    return f'"{escaped}"'
 
 
 def task_graph_files(run: RunResult) -> Mapping[str, bytes]:

@@ -151,20 +151,16 @@ class LegoKind(AssemblyKind):
         Given steps are checked: the structure must stand, and bear every press. The stages are
         sequence (where there is a structure), assignment and motion.
         """
-        from planning.lego.sequencing.stable_steps import movable_work
         from planning.lego.skills.candidates import find_candidates
         from planning.lego.skills.expansion import lego_work
         from twin.planning.goals import ASSIGNMENT, plan_in_turns
 
-        checked, rules = self.section.rules.check_steps, self._rules(cell)
         if self.section.structure is not None:
             work = self._sequenced(cell, watch)
         else:
             with watch.stage("assignment", ASSIGNMENT):
-                assembly = self._given(cell, rules)
-                candidates = find_candidates(cell, assembly)
-            # Of steps that are not checked, nobody knows in which order they would do.
-            work = movable_work(candidates, rules) if checked else lego_work(candidates)
+                assembly = self._given(cell, self._rules(cell))
+                work = lego_work(find_candidates(cell, assembly))
         motions = plan_in_turns(cell, work.assembly, work, settings, watch)
         return self.finished(motions)
 
@@ -229,11 +225,9 @@ class LegoKind(AssemblyKind):
 
     def _sequenced(self, cell: Workcell, watch: StageWatch) -> AssemblyWork:
         """Find a sequence whose steps the arms can do."""
-        from planning.lego.sequencing.stable_steps import movable_work
+        from planning.lego.skills.expansion import lego_work
 
-        sequenced = buildable_sequence(self.section, cell, watch)
-        names = [item.name for item in sequenced.found.sequence]
-        return movable_work(sequenced.candidates, sequenced.rules, names)
+        return lego_work(buildable_sequence(self.section, cell, watch).candidates)
 
 
 def buildable_sequence(

@@ -45,7 +45,6 @@ class Preparation:
         warnings: what is doubtful about the cell and what was asked for.
         fits: how parts fit where they are put, step by step.
         load_bound_s: makespan that no choice of who does what can beat, where it is known [s].
-        step_order: numbers that the steps had before they were put into another order.
         makespan_asynchronous_s: makespan of the plan in turns, each robot going on as soon as it is safe, where the
             plan is what became of it by a better order of tasks and shortcuts [s].
         operated: whether what fails is planned anew.
@@ -63,7 +62,6 @@ class Preparation:
     warnings: Sequence[str] = ()
     fits: Sequence[Mapping[str, Any]] = ()
     load_bound_s: float | None = None
-    step_order: Sequence[int] = ()
     makespan_asynchronous_s: float | None = None
     operated: bool = False
     answered: bool = False
@@ -135,7 +133,6 @@ def summarise(
         **{key: value for key, value in further.items() if value},
         "makespan_asynchronous_s": about.makespan_asynchronous_s if completed else None,
         "load_bound_s": about.load_bound_s,
-        "step_order": list(about.step_order) or None,
     }
 
 
@@ -201,7 +198,6 @@ _STAGES = {
     "tpg": "what waits for what",
     "shortcut": "shortcuts",
     "products": "all products",
-    "improve": "better choices",
 }
 
 
@@ -386,9 +382,6 @@ def _makespan_rows(
         rows.append(
             ("bound of load, any choice", f"{load:.2f} s", f"gap {above:.1f} %")
         )
-    if order := summary.get("step_order"):
-        moved = sum(a != b for a, b in enumerate(order, start=1))
-        rows.append(("steps in another order", f"{moved}", " ".join(map(str, order))))
     return rows
 
 

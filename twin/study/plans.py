@@ -94,7 +94,7 @@ def plan_for_study(
     """
     needed = {NAMED_POLICIES[policy].plan for policy in policies}
     watch = StageWatch(progress)
-    if scenario.planning.improves or chooses_crew(scenario):
+    if chooses_crew(scenario):
         turns = plan_best(scenario, base, watch).motions
     else:
         turns = plan_motions(scenario, base, watch)

@@ -38,8 +38,6 @@ class PlanResult:
         planning_s: wall-clock seconds of each stage of planning; empty for a plan that was read.
         load_bound_s: a makespan at nominal durations that no choice of who does what can beat
             [s], None where that was not worked out.
-        step_order: numbers that the steps had before they were put into another order; empty
-            where they were not.
         warnings: what the check of the cell found doubtful.
         fits: how parts fit where they are put, step by step, as the check found it.
         made_of: the motions before robots may move at once; None for a plan that was read.
@@ -52,7 +50,6 @@ class PlanResult:
     turns: TemporalPlanGraph | None = None
     planning_s: Mapping[str, float] = field(default_factory=dict)
     load_bound_s: float | None = None
-    step_order: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()
     fits: tuple[Mapping[str, Any], ...] = ()
     made_of: PlannedMotions | None = None

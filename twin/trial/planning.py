@@ -48,9 +48,9 @@ from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
 
 if TYPE_CHECKING:
-    from scheduling.ordering.improvement import RatedPlan
+    from scheduling.ordering.plan_rating import RatedPlan
 
-CREWS, IMPROVEMENT = "who takes part", "better choices"
+CREWS = "who takes part"
 """Names of the stages for progress displays."""
 
 _NEAR = 0.05
@@ -92,9 +92,7 @@ def plan_scenario(
     if first.work is None:
         return plan
     bound = load_bound_s(first.cell, first.work, first.task_plan, first.settings)
-    order = first.work.order
-    moved = order if list(order) != sorted(order) else ()
-    return replace(plan, load_bound_s=bound, step_order=moved)
+    return replace(plan, load_bound_s=bound)
 
 
 def plan_to_operate(
@@ -150,11 +148,10 @@ def plan_best(
     watch: StageWatch,
     motions: PlannedMotions | None = None,
 ) -> PlanResult:
-    """Return the plan of the products that are planned, improved where the scenario says so.
+    """Return the plan of the products that are planned, by the crew whose plan is shortest.
 
     See plan_scenario for the errors, and for motions that are there already.
     """
-    _refuse_improvement(scenario)
     loaded = LoadedScenario(scenario, folder)
     if motions is None:
         motions = plan_motions(scenario, folder, watch)
@@ -162,9 +159,7 @@ def plan_best(
     plan = _coordinated(loaded, first, watch)
     for other in others:
         plan = _shorter(plan, other, watch)
-    improves = scenario.planning.improves
-    found = _improved_motions(scenario, plan.motions, watch) if improves else None
-    return plan if found is None else _shorter(plan, found, watch)
+    return plan
 
 
 def _shorter(
@@ -280,29 +275,6 @@ def _coordinated(
     return PlanResult(loaded, tpg, name, turns, watch.seconds, made_of=first)
 
 
-def _refuse_improvement(scenario: Scenario) -> None:
-    """Refuse to improve what is not chosen step by step, before anything is planned.
-
-    Raises:
-        ScenarioError: says which scenarios can be improved.
-    """
-    section = scenario.planning
-    if not section.improves:
-        return
-    kind = scenario.assembly.kind
-    if kind not in ("lego", "assembly"):
-        raise ScenarioError(
-            "planning.improve_s and improve_tries search for other robots, objects, grips and"
-            f" supports of steps; the kind {kind!r} has none to choose from: leave them out",
-            choices=("lego", "assembly"),
-        )
-    if section.coordination != "sequential":
-        raise ScenarioError(
-            "planning.improve_s and improve_tries judge a plan by its temporal plan graph, not by"
-            " slots: leave them out, or the coordination 'synchronous'"
-        )
-
-
 def chooses_crew(scenario: Scenario) -> bool:
     """Tell whether robots may be left without work where that shortens the plan.
 
@@ -322,7 +294,7 @@ def _motions_of_crews(
     who takes part belongs to the assignment.
     """
     from scheduling.ordering.crews import rate_crews
-    from scheduling.ordering.improvement import PlanRater
+    from scheduling.ordering.plan_rating import PlanRater
 
     if not chooses_crew(scenario) or first.work is None:
         return [first]
@@ -351,33 +323,3 @@ def _with_plan(
         work=plan.work,
     )
     return assembly_kind(scenario.assembly).finished(found)
-
-
-def _improved_motions(
-    scenario: Scenario, first: PlannedMotions, watch: StageWatch
-) -> PlannedMotions | None:
-    """Search for a better task plan; the stage is improve.
-
-    Returns:
-        The motions of the best plan found, None where none is better than the one given.
-    """
-    from scheduling.ordering.improvement import PlanRater, improve_plan
-
-    if first.work is None:
-        return None
-    section = scenario.planning
-    with watch.stage("improve"):
-        watch.report(IMPROVEMENT, 0, 1)
-        shortcuts = planned_shortcuts(scenario) > 0
-        rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
-        work = first.work if section.improve_order else first.work.in_this_order()
-        start = rater.rate_motions(work, first.task_plan, first.motion_plan)
-        best = improve_plan(
-            rater,
-            start,
-            seconds=section.improve_s,
-            tries=section.improve_tries,
-            seed=scenario.seed,
-            progress=watch.reporter(IMPROVEMENT),
-        )
-    return None if best is start else _with_plan(scenario, first, best)

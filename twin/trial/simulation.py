@@ -233,7 +233,6 @@ def prepare(
         plan=plan.name,
         turns_sha256=None if plan.turns is None else plan_sha256(plan.turns),
         load_bound_s=plan.load_bound_s,
-        step_order=plan.step_order,
         # What is left of the plan in turns beside one in slots does not say what waits for what.
         makespan_asynchronous_s=None
         if plan.turns is None or plan.name != SHORTENED

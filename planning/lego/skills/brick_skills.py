@@ -107,29 +107,6 @@ class BrickSkills:
         numbers = self.world.goal_numbers
         return min((numbers[k] for k in skill.gone if k in numbers), default=None)
 
-    def exchanged(self, world: BrickWorld, step: int) -> BrickSkills:
-        """Return the options of a world in which a step and the next one are exchanged.
-
-        What is known, and does not depend on their order, is not worked out again.
-        """
-        other = BrickSkills(world)
-        number = {step: step + 1, step + 1: step}
-        name = {goal_name(a): goal_name(b) for a, b in number.items()}
-        for kind, at in (
-            ("pick", None),
-            ("place", 1),
-            ("support", 1),
-            ("handover", 2),
-            ("least_pick", None),
-            ("least_place", 1),
-            ("near_place", 1),
-        ):
-            for key, found in self.known[kind].items():
-                if at is None or key[at] not in number:
-                    moves = isinstance(found, ResolvedSkill)
-                    other.known[kind][key] = found.renamed(name) if moves else found
-        return other
-
     @_once
     def pick(self, robot: str, stock: str, grasp: int) -> Found:
         """Return the pick of a brick of the stock (name) by a robot (name), with a grip (number)."""

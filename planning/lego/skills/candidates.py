@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import permutations, product
 
 from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import inverse_kinematics
-from planning.lego.bricks.assembly import LegoAssembly, LegoStep
+from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld, press_of
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.steps.handovers import CandidateCollector
@@ -86,25 +86,6 @@ def candidates_up_to(known: LegoCandidates, count: int) -> LegoCandidates:
         else:
             collector.add(number)
     return collector.candidates(count)
-
-
-def exchange_steps(
-    known: LegoCandidates, steps: tuple[LegoStep, ...], at: int
-) -> LegoCandidates:
-    """Return the candidates where a step and the next one are exchanged.
-
-    Those of other steps find the same around them, and are kept. The steps are in their new order;
-    those exchanged, ``at`` (from 1) and the next, may be done in another way.
-    """
-    assembly = replace(known.world.assembly, steps=steps)
-    skills = known.skills.exchanged(BrickWorld(known.world.cell, assembly), at)
-    collector = BrickCollector(skills, known.alternatives)
-    for number in range(1, len(steps) + 1):
-        if number in (at, at + 1):
-            collector.add(number)
-        else:
-            collector.keep(known.problem, number)
-    return collector.candidates(len(steps))
 
 
 class BrickCollector(CandidateCollector):

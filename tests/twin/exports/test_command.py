@@ -26,7 +26,6 @@ FILES = {
     "joint-csv": ["joints_left.csv", "joints_right.csv"],
     "mcap": ["run.mcap"],
     "graphml": ["tpg.graphml"],
-    "dot": ["tpg.dot"],
     "task-graph": ["task_graph.graphml"],
     "open-plan": ["open_plan.json"],
 }
@@ -48,9 +47,9 @@ def test_every_format_of_a_real_run(name: str, run: Path) -> None:
 
 def test_several_formats_go_into_one_folder(run: Path, tmp_path: Path) -> None:
     out = tmp_path / "here"
-    two = ("export", run, "-f", "dot", "-f", "perfetto")
-    invoke(*two, "-f", "dot", "-o", out, code=0)
-    assert {p.name for p in out.iterdir()} == {"tpg.dot", "trace.json"}
+    two = ("export", run, "-f", "graphml", "-f", "perfetto")
+    invoke(*two, "-f", "graphml", "-o", out, code=0)
+    assert {p.name for p in out.iterdir()} == {"tpg.graphml", "trace.json"}
     (tmp_path / "taken").write_text("a file")
     assert "this is a file" in invoke(*two, "-o", tmp_path / "taken", code=2).stderr
 
@@ -95,7 +94,7 @@ def test_what_a_run_lacks_is_named(run: Path, tmp_path: Path) -> None:
     folder.mkdir()
     for name in ("manifest.json", "events.jsonl"):
         (folder / name).write_bytes((run / name).read_bytes())
-    for name, lacks in (("csv", "trajectory.parquet"), ("dot", "plan.json")):
+    for name, lacks in (("csv", "trajectory.parquet"), ("graphml", "plan.json")):
         result = invoke("export", folder, "--format", name, code=2)
         assert f"this run has no {lacks}" in result.stderr
     with (folder / "events.jsonl").open("a") as log:
@@ -111,7 +110,7 @@ def test_a_log_of_another_plan_is_refused(run: Path, tmp_path: Path) -> None:
         (tmp_path / name).write_bytes((run / name).read_bytes())
     log = tmp_path / "events.jsonl"
     log.write_text(log.read_text().replace('"left"', '"middle"'))
-    result = invoke("export", tmp_path, "--format", "dot", code=2)
+    result = invoke("export", tmp_path, "--format", "graphml", code=2)
     assert "robot 'middle', which plan.json does not have" in result.stderr
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import networkx as nx
 import numpy as np
-import pydot
 import pytest
 
 from planning.cell.workcell import Workcell
@@ -95,30 +94,6 @@ def test_graphml_of_tasks_counts_the_edges_between_their_nodes(
     assert total == sum(len(chain) for chain in run.tpg.chains)
     conflicts = sum(data["conflicts"] for _, _, data in graph.edges(data=True))
     assert conflicts == len(run.tpg.edges)  # the toys have no other
-
-
-@pytest.mark.parametrize("nodes", [False, True])
-def test_dot_comes_back_as_the_graph(run: RunResult, nodes: bool) -> None:
-    text = exported(run, "dot", nodes=nodes)["tpg.dot"].decode()
-    (graph,) = pydot.graph_from_dot_data(text)
-    assert graph.get_type() == "digraph"
-    edges = {
-        (e.get_source().strip('"'), e.get_destination().strip('"'))
-        for e in graph.get_edges()
-    }
-    assert edges == (node_edges(run) if nodes else set(task_edges(run)))
-    clusters = {c.get_label().strip('"'): c for c in graph.get_subgraphs()}
-    assert set(clusters) == {chain.robot for chain in run.tpg.chains}
-    for chain in run.tpg.chains:
-        found = {n.get_name().strip('"') for n in clusters[chain.robot].get_nodes()}
-        named = {f"{chain.robot}/{n}" for n in range(len(chain))}
-        assert found == (named if nodes else {f"task {m}" for m in chain.task})
-
-
-def test_names_with_quotes_survive_in_dot(run: RunResult) -> None:
-    text = exported(run, "dot")["tpg.dot"].decode()
-    assert text.startswith('digraph "toy: \\"run\\"" {')
-    assert pydot.graph_from_dot_data(text)[0].get_name() == '"toy: \\"run\\""'
 
 
 ADA, BOB, BRICK = "robot_0", "robot_1", "brick_0"

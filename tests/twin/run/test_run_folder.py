@@ -250,7 +250,7 @@ def test_a_run_names_what_it_wrote(run: Path) -> None:
         (("export", "-f", "csv"), "events.jsonl"),
         (("export", "-f", "csv"), "trajectory.parquet"),
         (("export", "-f", "csv"), "objects.parquet"),
-        (("export", "-f", "dot"), "plan.json"),
+        (("export", "-f", "graphml"), "plan.json"),
         (("verify",), "plan.npz"),
         (("resume",), "events.jsonl"),
         (("follow", "--once"), "plan.json"),

@@ -42,7 +42,6 @@ def test_figures_of_a_small_run() -> None:
         "warnings": [],
         "makespan_asynchronous_s": None,
         "load_bound_s": None,
-        "step_order": None,
     }
     assert json.loads(json.dumps(summary)) == summary
 

@@ -207,7 +207,6 @@ def test_ranks_of_samples() -> None:
     [
         {},
         {"planning.shortcut_candidates": 0},
-        {"planning.improve_tries": 2},
         {"planning.coordination": "synchronous"},
         # Whom the clock stops in a skill brakes along its path.
         {

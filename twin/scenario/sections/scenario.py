@@ -113,11 +113,6 @@ class PlanningSection(Section):
             which robots wait less for each other; where there are any, shortcuts are taken in the
             planned order of tasks, too, and what ends sooner is kept. ``auto`` tries them where
             robots only go to goals, and none where something is built.
-        improve_s: how long to search for a better choice of robots, objects, grips and supports
-            [s]; what is found depends on the machine. 0 for no limit where there are tries.
-        improve_tries: most plans tried in that search; on its own, it makes the same plan
-            everywhere. 0 for no limit where there are seconds.
-        improve_order: whether that search may put the steps into another order.
         deviation: by skill, how far the flange, and with it the tool and what it holds, may be from
             the reference path while the skill is executed: force control. All is planned with it.
     """
@@ -137,20 +132,12 @@ class PlanningSection(Section):
         Annotated[int, Field(ge=0, le=10_000_000)] | Literal["auto"]
     ) = "auto"
     shortcut_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
-    improve_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
-    improve_tries: Annotated[int, Field(ge=0, le=1_000_000)] = 0
-    improve_order: bool = True
     deviation: dict[Skill, PoseErrorSection] = Field(default_factory=dict)
 
     @property
     def l1_rad_s(self) -> float:
         """Speed of the ``l1`` model [rad/s]."""
         return 1.0 if self.speed_rad_s is None else self.speed_rad_s
-
-    @property
-    def improves(self) -> bool:
-        """True if a better plan is searched for."""
-        return self.improve_s > 0 or self.improve_tries > 0
 
 
 class Scenario(Section):

@@ -1,0 +1,117 @@
+"""Rating of task plans by the makespan of their temporal plan graphs.
+
+The integer program adds up distances; it does not see who waits for whom. A plan is rated by its own
+motions, the best order of its tasks that a beam search finds, and transits smoothed past HOME.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from planning.cell.workcell import Workcell
+from planning.errors import PlanInvariantError, TransitError
+from planning.motion.known_motions import KnownMotions, MotionPlan
+from planning.motion.sequential import MotionSettings, plan_sequential
+from planning.tasks.assignment import TaskPlan
+from planning.tasks.work import AssemblyWork, StepExpansions
+from scheduling.build_tpg import build_nodes
+from scheduling.conflicts.derived_tpg import DerivedTpg, StretchConflicts
+from scheduling.ordering.beam_search import TaskOrderSearch, find_blocks, put_in_order
+from scheduling.ordering.relations import TaskRelations, connect_in_order
+from scheduling.shortcuts.scenery import KnownWays
+from scheduling.shortcuts.shortcutting import smooth_runs
+
+_WIDTH = 8
+"""Orders followed at once; the plan that is found is ordered again with care."""
+
+
+@dataclass(frozen=True)
+class RatedPlan:
+    """A task plan with its motions and its makespan.
+
+    Attributes:
+        work: what it is a plan of, with its steps in their order.
+        task_plan: who does what.
+        motion_plan: how everyone moves.
+        by_home_s: makespan of the graph of the best order of its tasks that was found, by way of
+            HOME [s].
+        makespan_s: makespan of that graph with its runs of transits smoothed past HOME [s].
+    """
+
+    work: AssemblyWork
+    task_plan: TaskPlan
+    motion_plan: MotionPlan
+    by_home_s: float
+    makespan_s: float
+
+
+class PlanRater:
+    """Rates plans of one assembly; how two tasks get on is searched once for all plans.
+
+    Args:
+        cell: where it is built.
+        settings: how tasks are turned into motions.
+        shortcuts: whether paths will be taken past HOME.
+    """
+
+    def __init__(
+        self,
+        cell: Workcell,
+        settings: MotionSettings,
+        *,
+        shortcuts: bool = True,
+    ) -> None:
+        self._cell, self._settings = cell, settings
+        self._shortcuts = shortcuts
+        self._conflicts = StretchConflicts(kept=True)
+        self._motions = KnownMotions()
+        self._ways = KnownWays(settings.seed)
+
+    def rate(self, work: AssemblyWork, plan: TaskPlan) -> RatedPlan | None:
+        """Plan the motions of a plan and rate them; None where there are none.
+
+        Args:
+            work: what it is a plan of.
+            plan: the plan.
+        """
+        steps = StepExpansions(work, plan)
+        try:
+            motions = plan_sequential(
+                self._cell,
+                steps.callables(),
+                work.link,
+                self._settings,
+                known=self._motions,
+                windows=work.windows,
+            )
+            return self.rate_motions(work, steps.plan, motions)
+        except (TransitError, PlanInvariantError):
+            return None
+
+    def rate_motions(
+        self, work: AssemblyWork, plan: TaskPlan, motions: MotionPlan
+    ) -> RatedPlan:
+        """Rate motions that are planned already, see ``rate``.
+
+        Raises:
+            PlanInvariantError: the order that was found breaks a guarantee.
+        """
+        nodes = build_nodes(motions)
+        relations = TaskRelations(DerivedTpg(nodes), self._conflicts)
+        blocks = find_blocks(nodes.chains, relations)
+        way = TaskOrderSearch(relations, blocks).best_way(_WIDTH)
+        by_home = max(way.clocks, default=0.0)
+        order = [blocks[b] for b in way.order()]
+        chains = put_in_order(nodes.chains, relations, order)
+        graph = DerivedTpg(connect_in_order(chains, relations, order))
+        if self._shortcuts:
+            graph = smooth_runs(
+                graph.tpg,
+                self._settings.speeds,
+                step=self._settings.step,
+                seed=self._settings.seed,
+                known=self._ways,
+                conflicts=self._conflicts,
+            )
+        makespan = float(graph.rollout.makespan)
+        return RatedPlan(work, plan, motions, by_home, makespan)
