@@ -241,11 +241,16 @@ def _with_motions(load: Workload, factor: float, *, robot: str) -> Workload:
 def _with_longer_motions(
     tpg: TemporalPlanGraph, chain: NodeChain, factor: float
 ) -> NodeChain:
-    """Return a chain whose motions take a factor of their times, within limits those at full speed."""
+    """Return a chain whose motions take a factor of their times: all of t becomes factor * t."""
     factors = np.where(moving_nodes(tpg, chain), factor, 1.0)
     drive = chain.drive
     if drive is not None:
-        drive = replace(drive, cruise=factors * drive.cruise)
+        drive = replace(
+            drive,
+            cruise=factors * drive.cruise,
+            ramp=factors * drive.ramp,
+            lag=factors * drive.lag,
+        )
     return replace(chain, duration=factors * chain.duration, drive=drive)
 
 

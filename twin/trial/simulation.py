@@ -44,6 +44,7 @@ from twin.scenario.manifest import MANIFEST, load_scenario, manifest_base, read_
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
 from twin.uncertainty.skill_durations import SkillDurations
+from twin.uncertainty.speed_override import unreached_speeds
 
 
 def scenario_execution(
@@ -111,6 +112,13 @@ def doubts_about_windows(
     except DeadlockError:
         return ()
     return tuple(window_doubts(tpg, run, held=held is not tpg))
+
+
+def _unreached_speeds(plan: PlanResult) -> tuple[str, ...]:
+    """Return which speed factors the limits of robots do not allow; see ``unreached_speeds``."""
+    case = plan.scenario
+    disturbances = case.sections.execution.disturbances(case.robots, case.folder)
+    return unreached_speeds(plan.tpg, disturbances, case.sections.seed)
 
 
 def followed_execution(
@@ -228,6 +236,7 @@ def prepare(
                 plan.scenario.sections, plan.tpg, plan.scenario.folder
             ),
             *overloads(plan.tpg),
+            *_unreached_speeds(plan),
         ),
         fits=plan.fits,
         plan=plan.name,
