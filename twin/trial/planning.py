@@ -22,6 +22,7 @@ from planning.tasks.task import (
 from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageWatch, report_nothing
+from twin.planning.idle_robots import find_idle
 from twin.planning.kind import PlannedMotions, assembly_kind, timed
 from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import (
@@ -164,7 +165,8 @@ def plan_best(
         plan = _shorter(plan, other, watch)
     improves = scenario.planning.improves
     found = _improved_motions(scenario, plan.motions, watch) if improves else None
-    return plan if found is None else _shorter(plan, found, watch)
+    best = plan if found is None else _shorter(plan, found, watch)
+    return replace(best, idle=find_idle(best.tpg, motions))
 
 
 def _shorter(

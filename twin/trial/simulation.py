@@ -20,6 +20,7 @@ import numpy as np
 from planning.errors import ScenarioError
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.plan_files import plan_sha256
+from scheduling.graph.task_edges import idle_robots
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.pace import overloads
 from scheduling.verification.graph_structure import find_precedence
@@ -34,6 +35,7 @@ from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.host.progress import Report, report_nothing
+from twin.planning.idle_robots import IdleRobot
 from twin.planning.kind import assembly_kind
 from twin.recorders.observers import Recorder
 from twin.run.events import DeadlockError, ExecutionRecord, Policy
@@ -222,6 +224,10 @@ def prepare(
         audit: whether the audit is to check what was executed; an engine says with what.
         operated: whether what fails is planned anew.
     """
+    known = {own.robot: own for own in plan.idle}
+    idle = [known.get(k, IdleRobot(k, "unknown")) for k in idle_robots(plan.tpg)]
+    # Of a plan of first steps, later ones may be for it.
+    windowed = operated and plan.scenario.sections.execution.window is not None
     return Preparation(
         operated=operated,
         recording=recording,
@@ -237,8 +243,10 @@ def prepare(
             ),
             *overloads(plan.tpg),
             *_unreached_speeds(plan),
+            *(own.message for own in idle if not windowed),
         ),
         fits=plan.fits,
+        idle={own.robot: own.content() for own in idle},
         plan=plan.name,
         turns_sha256=None if plan.turns is None else plan_sha256(plan.turns),
         load_bound_s=plan.load_bound_s,
