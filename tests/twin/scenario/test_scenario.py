@@ -100,7 +100,7 @@ two numbers                                  | [1, 1, 0.1]                   | [
 number for text                              | b1, brick: 2x4                | b1, brick: 24                                | 24, at: [0, 0,   | quotes, "24"
 half a stud                                  | [0, 0, 1]}                    | [0, 0.5, 1]}                                 | 0.5, 1]}         | a whole number expected
 name                                         | name: b1                      | name: b/1                                    | b/1, brick: 2x   | is no name
-name taken                                   | name: b2                      | name: b1                                     | name: b1, bric   | 'b1' is already taken
+name taken                                   | name: b2                      | name: b1                                     | name: b1, bric   | 'b1' of a brick in stock is already taken by a brick in stock at
 name of fixture                              | name: b2                      | name: table                                  | name: table, b   | is already taken
 name of robot                                | name: b2                      | name: left                                   | name: left, br   | is that of a robot
 brick type                                   | b1, brick: 2x4                | b1, brick: 2x5                               | 2x5, at: [0, 0   | unknown brick type
