@@ -88,7 +88,7 @@ def _fits(hint: Any, value: Any) -> bool:
         return isinstance(value, wanted) and not isinstance(value, bool)
     if origin is Callable:
         return callable(value)
-    kind = origin or hint
+    kind: Any = origin or hint
     if not isinstance(kind, type) or getattr(kind, "_is_protocol", False):
         return kind is not os.PathLike or isinstance(value, os.PathLike)
     if not isinstance(value, kind):

@@ -15,9 +15,6 @@ from twin.planning.kind import PlannedMotions
 IdleReason = Literal[
     "no reach", "tools", "not allowed", "makespan", "balance", "search", "unknown"
 ]
-"""Why a robot gets no task: it reaches none, has no tool for one, or the scenario names others for all; the plan does
-not end sooner with it; the assignment has others do them at less cost; the search of a construction found a plan
-without it; or it is not known, as of a plan that was read."""
 
 _WORDS: dict[IdleReason, str] = {
     "no reach": "it reaches none of them",
@@ -66,12 +63,10 @@ def find_idle(tpg: TemporalPlanGraph, first: PlannedMotions) -> tuple[IdleRobot,
         tpg: the plan that was chosen.
         first: the motions of all robots, before those of fewer robots were compared with them.
     """
-    found = []
+    if first.work is None:
+        return tuple(IdleRobot(name, "search") for name in idle_robots(tpg))
+    found, problem = [], first.work.problem
     for name in idle_robots(tpg):
-        if first.work is None:
-            found.append(IdleRobot(name, "search"))
-            continue
-        problem = first.work.problem
         steps = {c.step for c in problem.primaries if name in (c.robot, c.partner)}
         steps |= {c.step for c in problem.supports if c.robot == name}
         reason: IdleReason = "balance"
@@ -96,15 +91,15 @@ def _why_none(robot: PlacedRobot, first: PlannedMotions) -> IdleReason:
     models = [robot.model, *(tool.model for tool in robot.tools)]
     tools = {None, robot.tool, *(tool.name for tool in robot.tools)}
     for step in able:
-        work = step.process if isinstance(step, Work) else None
-        frame = assembly.frame if work is None else work.frame
-        own = [m for m in models if frame in {"flange", *m.frames}]
-        if work is not None and own and work.tool in tools:
+        if isinstance(step, Work):
+            frame = step.process.frame
+            fits = step.process.tool in tools
+        else:
+            frame, part = assembly.frame, first.cell.object(step.part)
+            given = part.shape, part.start, part.start
+            grips = assembly.handling(step.part).grips
+            outfits = [replace(robot, model=model) for model in models]
+            fits = any(robot_grips(own, *given, grips) for own in outfits)
+        if fits and any(frame in {"flange", *model.frames} for model in models):
             return "no reach"
-        if isinstance(step, PlacePart):
-            part = first.cell.object(step.part)
-            rules = assembly.handling(step.part).grips
-            given = part.shape, part.start, part.start, rules
-            if any(robot_grips(replace(robot, model=m), *given) for m in own):
-                return "no reach"
     return "tools"

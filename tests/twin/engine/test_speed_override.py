@@ -1,5 +1,7 @@
 """The speed override of controllers: every motion takes its time over the factor, in both engines."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -12,6 +14,7 @@ from tests.twin.engine.test_driven import (
     assert_within_limits,
 )
 from tests.twin.simulated import assert_same_ends, simulate
+from tests.twin.twin_toys import random_tpg
 from twin.durations.bounded import Uniform
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.run.events import ExecutionRecord, Policy
@@ -24,6 +27,7 @@ from twin.uncertainty.disturbances import (
     UniformFactor,
 )
 from twin.uncertainty.skill_durations import SkillDurations
+from twin.uncertainty.speed_override import unreached_speeds
 
 FACTORS = st.floats(0.05, 1.0, exclude_min=True)
 VARYING = SkillDurations({"pick": Uniform(low_s=0.5, high_s=3.0)})
@@ -49,16 +53,18 @@ def stretches(
     return found
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.one_of(DRIVEN_TPGS, BENT_TPGS), FACTORS)
 def test_motions_are_those_of_the_plan_with_scaled_time(
     tpg: TemporalPlanGraph, factor: float
 ) -> None:
     """Sampled at t / f, a motion has the configurations of the plan at t, f times its speeds, f^2 times its accelerations."""
-    plain = simulate(tpg, policy="sequential")
-    slow = simulate(
-        tpg, policy="sequential", disturbances=Disturbances(speed=fixed(factor))
+    # Nobody waits within a stretch then.
+    tpg = replace(
+        tpg, edges=tpg.edges[:0], cause=tpg.cause[:0], dependencies=tpg.dependencies[:0]
     )
+    plain = simulate(tpg)
+    slow = simulate(tpg, disturbances=Disturbances(speed=fixed(factor)))
     pairs = list(zip(stretches(tpg, plain), stretches(tpg, slow), strict=True))
     before, after = robot_trajectories(tpg, plain), robot_trajectories(tpg, slow)
     for (k, begin, end), (_, starts, ends) in pairs:
@@ -76,7 +82,7 @@ def test_motions_are_those_of_the_plan_with_scaled_time(
     assert_within_limits(tpg, slow)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     st.one_of(DRIVEN_TPGS, BENT_TPGS),
     st.sampled_from(["asynchronous", "sequential", "open-loop"]),
@@ -101,7 +107,7 @@ def test_engines_agree(
     assert_same_ends(tpg, model, seed, range(3))
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=16, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.one_of(DRIVEN_TPGS, BENT_TPGS), FACTORS, QUIET, st.integers(0, 10**6))
 def test_robots_stay_within_what_is_released_and_within_limits(
     tpg: TemporalPlanGraph, factor: float, quiet: Disturbances, seed: int
@@ -125,3 +131,31 @@ def test_limits_are_kept_above_1(factor: float) -> None:
     for before, after in zip(plain.end_ns, quick.end_ns, strict=True):
         assert np.array_equal(before, after)
     assert_within_limits(tpg, quick)
+
+
+def test_a_factor_that_limits_do_not_allow_is_reported_with_what_is_reached() -> None:
+    tpg = driven_tpg(3)
+    disturbances = Disturbances(speed=fixed(4.0))
+    found = unreached_speeds(tpg, disturbances, 0)
+    moving = [c for c in tpg.chains if c.drive is not None and c.drive.ramp.any()]
+    assert moving
+    for chain, words in zip(moving, found, strict=True):
+        assert words.startswith(f"speed.factor of {chain.robot}: 4 times")
+        assert "1 times is reached" in words
+        assert any(n in words for n in tpg.cell.robot(chain.robot).model.joint_names)
+    for factor in (0.3, 1.0):
+        assert unreached_speeds(tpg, Disturbances(speed=fixed(factor)), 0) == ()
+
+
+def test_without_limits_of_acceleration_speed_limits_bound_the_factor() -> None:
+    """The factor that is told is that of the simulated durations."""
+    tpg = random_tpg(5, tasks=6)
+    disturbances = Disturbances(speed=fixed(1000.0))
+    run = simulate(tpg, disturbances=disturbances)
+    plain = simulate(tpg)
+    for k, words in enumerate(unreached_speeds(tpg, disturbances, 0)):
+        chain = tpg.chains[k]
+        moves = ~chain.skill
+        reached = plain.duration_ns[k][moves].sum() / run.duration_ns[k][moves].sum()
+        assert f", {reached:.3g} times is reached" in words
+    assert unreached_speeds(tpg, Disturbances(), 0) == ()

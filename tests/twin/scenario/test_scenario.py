@@ -276,3 +276,34 @@ def test_the_manifest_says_what_is_needed_to_repeat_a_run(tmp_path: Path) -> Non
             },
         },
     }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "name: b2",
+            "name: table",
+            "of a brick in stock is already taken by a fixture",
+        ),
+        ("name: b3", "name: b1", "of a brick in stock is already taken by a brick in"),
+        ("name: b2", "name: left", "is that of a robot"),
+    ],
+)
+def test_a_name_that_is_taken_says_by_what_and_where(
+    folder: Path, old: str, new: str, words: str
+) -> None:
+    """Kind, line and column of both; the place of the first one is that of its name in the file."""
+    path = folder / "tiny.yaml"
+    path.write_text(GOOD.replace(old, new))
+    with pytest.raises(InvalidScenarioError) as caught:
+        load_scenario(path)
+    (problem,) = caught.value.problems
+    assert words in problem.message
+    place = re.search(r" at (\d+):(\d+)$", problem.message)
+    assert place is not None
+    line, column = int(place[1]), int(place[2])
+    text = path.read_text().splitlines()
+    assert new in text[problem.mark.line - 1]
+    assert line < problem.mark.line
+    assert text[line - 1][column - 1 :].startswith("name: ")
