@@ -18,7 +18,8 @@ from planning.cell.workcell import PlacedRobot
 from planning.errors import FittingError, RobotModelError
 from planning.files import file_named
 from planning.kinematics.kinematics import joint_poses_of
-from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
+from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.robots.descriptions.urdf_file import GivenLimits
 from planning.robots.overview import LinkRow, Overview, overview
 from planning.robots.registry import ROBOTS, robot_model
 from planning.timing.torque import why_unchecked

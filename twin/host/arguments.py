@@ -6,7 +6,7 @@ import builtins
 import inspect
 import os
 import types
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, wraps
 from numbers import Integral, Real
 from typing import (
@@ -93,14 +93,12 @@ def _fits(hint: Any, value: Any) -> bool:
         return kind is not os.PathLike or isinstance(value, os.PathLike)
     if not isinstance(value, kind):
         return False
-    if issubclass(kind, Mapping) and inner:
-        return all(_fits(inner[0], key) for key in value)
-    if issubclass(kind, Iterable) and kind is not str and inner:
-        if isinstance(value, str | bytes):
-            return False
-        if isinstance(value, Sequence) and kind is not tuple:
-            return all(_fits(inner[0], item) for item in value)
-    return True
+    if not inner or kind is tuple:
+        return True
+    if isinstance(value, str | bytes):
+        return False
+    items: Any = value if isinstance(value, Mapping | Sequence) else ()
+    return all(_fits(inner[0], item) for item in items)
 
 
 def _words(hint: Any) -> str:

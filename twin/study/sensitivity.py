@@ -241,16 +241,11 @@ def _with_motions(load: Workload, factor: float, *, robot: str) -> Workload:
 def _with_longer_motions(
     tpg: TemporalPlanGraph, chain: NodeChain, factor: float
 ) -> NodeChain:
-    """Return a chain whose motions take a factor of their times: all of t becomes factor * t."""
+    """Return a chain whose motions take a factor of their times, within limits those at full speed."""
     factors = np.where(moving_nodes(tpg, chain), factor, 1.0)
     drive = chain.drive
     if drive is not None:
-        drive = replace(
-            drive,
-            cruise=factors * drive.cruise,
-            ramp=factors * drive.ramp,
-            lag=factors * drive.lag,
-        )
+        drive = replace(drive, cruise=factors * drive.cruise)
     return replace(chain, duration=factors * chain.duration, drive=drive)
 
 

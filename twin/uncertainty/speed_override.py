@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 
 import numpy as np
 
@@ -50,12 +50,12 @@ def unreached_speeds(
         if not np.any(bound):
             continue
         whole = chain.duration[fast].sum()
-        names = Counter[str]()
+        bound_s = defaultdict[str, float](float)
         if len(chain.waypoints):  # a graph of times alone has none
             binding = _binding(chain, robot)
             for node in np.flatnonzero(bound).tolist():
-                names[binding[node]] += float(takes[node])
-        most = ", ".join(name for name, _ in names.most_common(3))
+                bound_s[binding[node]] += float(takes[node])
+        most = ", ".join(sorted(bound_s, key=lambda name: -bound_s[name])[:3])
         found.append(
             f"speed.factor of {chain.robot}: {whole / wanted[fast].sum():.3g} times the planned speed is asked"
             f" for, {whole / takes[fast].sum():.3g} times is reached: limits bind in"
