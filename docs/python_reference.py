@@ -27,6 +27,26 @@ RESULTS = (
     *("Comparison", "Explored", "Precision", "RunMoment"),
 )
 
+ERRORS = (
+    *(
+        "TwinError",
+        "ScenarioError",
+        "InvalidScenarioError",
+        "RequestError",
+        "ArgumentError",
+    ),
+    *(
+        "OutputError",
+        "RobotModelError",
+        "FittingError",
+        "ShapeError",
+        "InfeasibleStepError",
+    ),
+    *("ConstructionError", "TransitError", "UndecidedError", "PlanInvariantError"),
+    *("DeadlockError", "IncompleteRunError", "ViewerError", "ClusterError"),
+    "ClusterLostError",
+)
+
 _SECTION = re.compile(r"^(Args|Returns|Raises|Attributes):$")
 _ENTRY = re.compile(r"^    (\w[\w, ]*): (.*)$")
 
@@ -48,7 +68,15 @@ def page() -> str:
     for name in RESULTS:
         parts += [f"### twin.{name}", *_class(getattr(twin, name))]
     parts += ["## Errors", "`twin.TwinError` is the base class of all errors."]
+    parts.append("\n".join(map(_error, ERRORS)))
     return "\n\n".join(parts) + "\n"
+
+
+def _error(name: str) -> str:
+    """Return the line of a list that says what an error is."""
+    error = getattr(twin, name)
+    bases = " and ".join(f"`{base.__name__}`" for base in error.__bases__)
+    return f"- `twin.{name}`, a {bases}: {_first(error)}"
 
 
 def _function(function: Any) -> Iterator[str]:

@@ -76,6 +76,10 @@ class RequestError(TwinError):
     """A request contradicts itself, or the files it refers to."""
 
 
+class ArgumentError(RequestError, TypeError):
+    """An argument of a function is not there, or has a wrong type."""
+
+
 class OutputError(TwinError):
     """A file or folder cannot be written or read."""
 

@@ -14,7 +14,19 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from planning.errors import ArgumentError as ArgumentError
+    from planning.errors import ConstructionError as ConstructionError
+    from planning.errors import FittingError as FittingError
+    from planning.errors import InfeasibleStepError as InfeasibleStepError
+    from planning.errors import OutputError as OutputError
+    from planning.errors import PlanInvariantError as PlanInvariantError
+    from planning.errors import RequestError as RequestError
+    from planning.errors import RobotModelError as RobotModelError
+    from planning.errors import ScenarioError as ScenarioError
+    from planning.errors import ShapeError as ShapeError
+    from planning.errors import TransitError as TransitError
     from planning.errors import TwinError as TwinError
+    from planning.errors import UndecidedError as UndecidedError
     from twin.api.audits import Audit as Audit
     from twin.api.audits import audit as audit
     from twin.api.explorations import Explored as Explored
@@ -31,6 +43,13 @@ if TYPE_CHECKING:
     from twin.api.studies import compare as compare
     from twin.api.studies import resume_study as resume_study
     from twin.api.studies import study as study
+    from twin.cluster.client import ClusterError as ClusterError
+    from twin.cluster.client import ClusterLostError as ClusterLostError
+    from twin.run.events import DeadlockError as DeadlockError
+    from twin.run.viewer import ViewerError as ViewerError
+    from twin.scenario.document.validation import (
+        InvalidScenarioError as InvalidScenarioError,
+    )
     from twin.study.replications.statistics import Precision as Precision
     from twin.trial.loaded_scenario import LoadedScenario as LoadedScenario
     from twin.trial.loaded_scenario import load as load
@@ -39,6 +58,7 @@ if TYPE_CHECKING:
     from twin.trial.plan_result import read_plan as read_plan
     from twin.trial.run_result import RunResult as RunResult
     from twin.trial.run_result import read_run as read_run
+    from twin.trial.trial import IncompleteRunError as IncompleteRunError
 
 
 def _homes() -> dict[str, str]:

@@ -116,20 +116,47 @@ def _tool_links(root: Element, model: RobotModel) -> set[str]:
     }
 
 
+_LEVER = 0.001
+"""A flange farther than this from the axis of its joint is swung by it [m]."""
+
+_PARALLEL = 0.99
+"""Cosine of the angle between axes that count as parallel."""
+
+
 def flange_doubt(model: RobotModel) -> str | None:
     """Return in words what is doubtful about a flange, None where nothing is.
 
-    Where the last joint turns, it turns the flange about its z axis on all but few robots.
+    On all but few robots the last joint is a roll joint: its axis is z of the flange. The axis of a pitch joint,
+    about which the flange swings, is perpendicular to the direction of the tool: there the flange lies in that direction
+    from the joint.
     """
-    if model.chain.prismatic[-1]:
+    chain = model.chain
+    if chain.prismatic[-1]:
         return None
-    along = np.abs(model.flange[:3, :3].T @ model.chain.axis[-1])
-    axis = int(np.argmax(along))
-    if axis == 2 or along[axis] < 0.99:
+    out, at = chain.axis[-1], model.flange[:3, 3]
+    along = float(at @ out)
+    lever = at - along * out
+    length = float(np.linalg.norm(lever))
+    why = "the last joint turns it about that axis"
+    if _is_pitch_joint(model) or length > max(_LEVER, abs(along)):
+        if length <= _LEVER:
+            return None  # the flange is where the joint is: nothing says where a tool points
+        out, why = lever / length, "it lies there from the last joint, which swings it"
+    parts = np.abs(model.flange[:3, :3].T @ out)
+    axis = int(np.argmax(parts))
+    if axis == 2 or parts[axis] < 0.99:
         return None
     return (
-        f"the last joint turns the link {model.flange_link!r} about its {'xyz'[axis]} axis, so that"
-        f" {'xyz'[axis]} points out of the flange and not z, as in ROS-Industrial's links called"
-        " flange; tools and parts would hang beside it: name another link with 'flange' (often"
-        " tool0), or turn the tool with 'mount'"
+        f"{'xyz'[axis]} points out of the flange {model.flange_link!r} and not z, as {why}; so it is in"
+        " ROS-Industrial's links called flange; tools and parts would hang beside it: name another link with"
+        " 'flange' (often tool0), or turn the tool with 'mount'"
     )
+
+
+def _is_pitch_joint(model: RobotModel) -> bool:
+    """Tell whether the last joint turns about an axis parallel to that of the joint before it."""
+    chain = model.chain
+    if model.dof < 2 or chain.prismatic[-2]:
+        return False
+    before = chain.placement[-1][:3, :3].T @ chain.axis[-2]
+    return abs(float(before @ chain.axis[-1])) > _PARALLEL

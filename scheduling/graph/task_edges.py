@@ -184,6 +184,13 @@ def working_machines(tpg: TemporalPlanGraph) -> tuple[int, ...]:
     )
 
 
+def idle_robots(tpg: TemporalPlanGraph) -> tuple[str, ...]:
+    """Return the robots of the cell that have nothing to do in a graph, and are not out of service."""
+    out = () if tpg.cell.begun is None else tpg.cell.begun.out
+    working = {*out, *(chain.robot for chain in tpg.chains if len(chain))}
+    return tuple(r.name for r in tpg.cell.robots if r.name not in working)
+
+
 def sequential_order(tpg: TemporalPlanGraph) -> Iterator[int]:
     """Yield node numbers, chain by chain from 0, in the order of the sequential policy.
 

@@ -17,7 +17,7 @@ def test_the_page_is_that_of_the_docstrings() -> None:
 
 def test_every_name_is_on_it_and_every_table_in_the_guide() -> None:
     made = script("python_reference")
-    assert {*made.FUNCTIONS, *made.RESULTS, "TwinError"} == set(twin.__all__)
+    assert {*made.FUNCTIONS, *made.RESULTS, *made.ERRORS} == set(twin.__all__)
     guide = (DOCS / "guides/python.md").read_text(encoding="utf-8")
     for name in made.RESULTS:
         for member, value in vars(getattr(twin, name)).items():

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import AuditReport
 from twin.audit.worlds.engines import engine_named
+from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import write_motion
 from twin.trial.loaded_scenario import PathOrName
@@ -29,6 +30,11 @@ class Audit:
     """
 
     report: AuditReport
+
+    def __repr__(self) -> str:
+        """Return what it is in a line."""
+        found = len(self.report.violations)
+        return f"<audit: {f'{found} violations' if found else 'clean'}>"
 
     @property
     def clean(self) -> bool:
@@ -76,6 +82,7 @@ class Audit:
         return card(f"Audit: {verdict}", rows)
 
 
+@checks_arguments
 def audit(
     run: RunResult | PathOrName,
     *,

@@ -32,6 +32,7 @@ from twin.explore.singles import (
     try_changes,
 )
 from twin.explore.summary import ExploreSummary, summary_of
+from twin.host.arguments import checks_arguments
 from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder
@@ -58,12 +59,17 @@ class Explored:
     request: ExploreRequest
     found: ExploreSummary
 
+    def __repr__(self) -> str:
+        """Return what it is in a line."""
+        return f"<exploration of {self.request.scenario.name!r} in {self.folder}>"
+
     @property
     def summary(self) -> Mapping[str, Any]:
         """All figures, the content of ``summary.json``."""
         return self.found.content()
 
 
+@checks_arguments
 def explore(
     scenario: AnyScenario | None = None,
     *,

@@ -11,6 +11,7 @@ from planning.errors import RequestError
 from twin.api.runs import AnyPlan, Begun, check
 from twin.audit.worlds.engines import engine_named
 from twin.drivers.drivers_file import read_drivers
+from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
 from twin.live.session import Session
 from twin.operate.operation import require_picked, require_rolling
@@ -28,6 +29,7 @@ from twin.trial.trial import try_plan
 from twin.uncertainty.disturbances import Disturbances
 
 
+@checks_arguments
 def operate(
     scenario: AnyScenario,
     *,

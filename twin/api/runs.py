@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from planning.errors import OutputError, RequestError, ScenarioError
 from twin.audit.worlds.engines import engine_named
 from twin.check.check import CheckReport, check_scenario, require_checked
+from twin.host.arguments import checks_arguments
 from twin.host.guard import replacing
 from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import MemoryRecorder
@@ -19,6 +20,7 @@ from twin.run.events import POLICIES
 from twin.run.folder import RECORDING, run_folder
 from twin.run.policies import NAMED_POLICIES, policy_named
 from twin.run.viewer import open_viewer, render_stills
+from twin.scenario.variations import plain_key
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 from twin.trial.plan_from_run import RunMoment, plan_from_run
 from twin.trial.plan_result import PlanResult, require_plan_of, scenario_of_run
@@ -45,6 +47,12 @@ class Check:
 
     scenario: LoadedScenario
     report: CheckReport
+
+    def __repr__(self) -> str:
+        """Return what it is in a line."""
+        errors, warnings = len(self.report.errors), len(self.report.warnings)
+        counts = f"{errors} errors, {warnings} warnings"
+        return f"<check of {self.scenario.name!r}: {counts}>"
 
     @property
     def ok(self) -> bool:
@@ -101,6 +109,7 @@ class Check:
         return card(f"Check of {self.scenario.name}: {verdict}", rows)
 
 
+@checks_arguments
 def check(scenario: AnyScenario, *, progress: Report = report_nothing) -> Check:
     """Look at a cell before planning: overlaps, reach, HOME, grippers, tool frames and speeds.
 
@@ -129,6 +138,7 @@ AnyPlan = AnyScenario | PlanResult
 """A plan, or the scenario that is to be planned, or the path of its file."""
 
 
+@checks_arguments
 def plan(
     scenario: AnyScenario | None = None,
     *,
@@ -186,6 +196,7 @@ def _planned(source: AnyPlan, progress: Report) -> PlanResult:
     return source if isinstance(source, PlanResult) else plan(source, progress=progress)
 
 
+@checks_arguments
 def simulate(
     plan: AnyPlan,
     values: Mapping[str, Any] | None = None,
@@ -217,6 +228,7 @@ def simulate(
     return RunResult(plan=ready, history=memory.events, record=record)
 
 
+@checks_arguments
 def run(
     plan: AnyPlan,
     *,
@@ -271,7 +283,8 @@ def _with_values(
 ) -> PlanResult:
     """Return a plan whose scenario is executed with other values."""
     given = {"seed": seed, "policy": policy}
-    values = {**values, **{k: v for k, v in given.items() if v is not None}}
+    values = {plain_key(key): value for key, value in values.items()}
+    values |= {key: value for key, value in given.items() if value is not None}
     other = plan.scenario.varied(released(values))
     require_plan_of(plan, other)
     return replace(plan, scenario=other)
@@ -302,6 +315,7 @@ STILLS = "stills"
 """Folder of pictures beside a recording."""
 
 
+@checks_arguments
 def replay(
     run: RunResult | PathOrName,
     *,

@@ -23,6 +23,7 @@ from twin.comparison.comparison import (
     measure_policies,
     shortcut_budget,
 )
+from twin.host.arguments import checks_arguments
 from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
@@ -73,6 +74,12 @@ class Study:
     """
 
     result: StudyResult
+
+    def __repr__(self) -> str:
+        """Return what it is in a line."""
+        own = self.result.summary
+        size = f"{len(own.cells)} policies and variants"
+        return f"<study of {own.scenario!r}: {size}, in {self.folder}>"
 
     @property
     def folder(self) -> Path:
@@ -163,6 +170,7 @@ def _bounds(key: str, found: Interval | None) -> dict[str, float | None]:
     return {key: told.get("estimate"), **sides}
 
 
+@checks_arguments
 def study(
     plan: AnyPlan,
     vary: Vary = (),
@@ -267,6 +275,7 @@ def study(
     return Study(result)
 
 
+@checks_arguments
 def resume_study(
     folder: PathOrName,
     scenario: AnyScenario | None = None,
@@ -317,6 +326,11 @@ class Comparison:
     figures: Mapping[str, Mapping[str, Any]]
     folder: Path
 
+    def __repr__(self) -> str:
+        """Return what it is in a line."""
+        size = f"{len(self.figures)} policies"
+        return f"<comparison of {self.scenario.name!r}: {size}, in {self.folder}>"
+
     @property
     def policies(self) -> pa.Table:
         """A row a policy: mean makespan, wait and planning time, and spreads over the seeds."""
@@ -356,6 +370,7 @@ class Comparison:
         return table(self.heading, head, rows) + shown(self.folder / CHART)
 
 
+@checks_arguments
 def compare(
     scenario: AnyScenario,
     *,

@@ -129,6 +129,38 @@ def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
             ):
                 continue
         yield from found
+    for number, robot in enumerate(cell.robots):
+        if not _serves(robot, legs, parts):
+            count = len(assembly.steps)
+            yield Finding(
+                ("cell", "robots", number),
+                f"{robot.name} will get no task: it neither picks nor places a part in any of the {count} steps, nor"
+                " does it reach a place of work; move it nearer, give it another tool, or leave it out",
+            )
+
+
+def _serves(robot: PlacedRobot, legs: list[_PartLeg], parts: OrderedParts) -> bool:
+    """Tell whether a robot can do something in some step: a part of the way of a part, or a process."""
+    frame = parts.listed.frame
+    for leg in legs:
+        shape, start, end = leg.part.shape, leg.part.start, leg.end
+        ways, held = leg.ways, leg.step.hold
+        if held is not None and not too_far(robot, frame, parts.listed.goals[held]):
+            return True
+        for at, targets in ((start, pick_targets), (end, place_targets)):
+            grips = robot_grips(robot, shape, at, at, ways.grips)
+            own = {robot.name: grips}
+            if leg.step.done_by(robot.name) and _reaching(
+                [robot], frame, at, own, partial(targets, frame, ways=ways)
+            ):
+                return True
+    return any(
+        in_some_posture(robot, process_targets(process, known.place, turn).targets)
+        for _, known, step, robots in parts.works()
+        if robot in robots
+        for process in (step.process,)
+        for turn in process.turns
+    )
 
 
 def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findings:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,11 @@ from matplotlib.figure import Figure
 
 from planning.cell.robot_model import DriveLimits, RobotModel, limits_of
 from planning.cell.workcell import PlacedRobot
-from planning.errors import RobotModelError
+from planning.errors import FittingError, RobotModelError
 from planning.files import file_named
 from planning.kinematics.kinematics import joint_poses_of
 from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.robots.descriptions.urdf_file import GivenLimits
 from planning.robots.overview import LinkRow, Overview, overview
 from planning.robots.registry import ROBOTS, robot_model
 from planning.timing.torque import why_unchecked
@@ -205,6 +207,12 @@ def sheets_of(
     except RobotModelError as error:
         if which in ROBOTS:
             raise
+        if isinstance(error, FittingError) and error.key == "limits":
+            given = GivenLimits(velocity=(1.0,))
+            with suppress(RobotModelError):
+                fitting = Fitting(held=held, flange=flange, limits=given)
+                model = robot_model(which, None, fitting)
+                return (_of_robot(model, str(model.name), error.message),)
         path = file_named(which, Path(), RobotModelError).resolve()
         if not path.is_file() or flange is not None:
             raise
@@ -232,9 +240,16 @@ def _of_scenario(path: Path) -> tuple[RobotSheet, ...]:
     )
 
 
-def _of_robot(model: RobotModel, title: str) -> RobotSheet:
+def _of_robot(model: RobotModel, title: str, no_speeds: str = "") -> RobotSheet:
+    """Return the sheet of a robot; where its description tells no speeds, with the reason."""
     found = overview(model)
     words = [f"{model.dof} joints; HOME {_list(model.home)} rad or m", *found.words]
+    joints, rows = _joints(found)
+    if no_speeds:
+        words.append(f"no scenario can use it as it is: {no_speeds}")
+        at = joints.index("velocity")
+        moved = [(*row[:at], "not told", *row[at + 1 :]) for row in rows[: model.dof]]
+        rows = [*moved, *rows[model.dof :]]
     if model.drives is not None and math.isfinite(model.drives.payload):
         words.append(f"payload {model.drives.payload:g} kg, the tool included")
     if model.name in ROBOTS and (source := ROBOTS[model.name].limits_source):
@@ -244,7 +259,7 @@ def _of_robot(model: RobotModel, title: str) -> RobotSheet:
         words.append("efforts: kept to in plans within limits, by the masses told here")
     else:
         words.append(f"efforts: not kept to, as {reason}")
-    if any("(usual)" in cell for row in _joints(found)[1] for cell in row):
+    if any("(usual)" in cell for row in rows for cell in row):
         words.append("(usual): nobody says it, so plans within limits take this")
     words += _grip_words(model)
     for name, pose in model.frames.items():
@@ -257,7 +272,8 @@ def _of_robot(model: RobotModel, title: str) -> RobotSheet:
         (
             (
                 "joints (limits in rad or m, per s, s^2, s^3; effort in N m or N)",
-                *_joints(found),
+                joints,
+                rows,
             ),
             (
                 "links (places in the frame of the base, joints at HOME)",

@@ -88,13 +88,14 @@ def _show(written: WrittenPlan, view: View) -> None:
                 "makespan_s": round(made.makespan_s, 9),
                 "begins_after": None if begun is None else begun.after,
                 "held": held,
+                "idle": {own.robot: own.content() for own in made.idle},
                 "out": [] if begun is None else list(begun.out),
             }
         )
         return
     if view.quiet:
         return
-    for words in made.warnings:
+    for words in (*made.warnings, *(own.message for own in made.idle)):
         print_error(f"warning: {words}")
     if begun is not None:
         from planning.tasks.task import GOES_ON

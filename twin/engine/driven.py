@@ -45,7 +45,8 @@ class DrivenExecution(Execution):
         self._stopped: dict[tuple[int, int], StoppedPath | None] = {}
 
     def _take_drives(self, tpg: TemporalPlanGraph, times: NodeTimes) -> None:
-        self._drives = list(map(drive_times, tpg.chains, times.motion))
+        overrides = map(times.override, range(len(tpg.chains)))
+        self._drives = list(map(drive_times, tpg.chains, times.motion, overrides))
         self._lengths = [drive.length.tolist() for drive in self._drives]
         self._lasts = [drive.last.tolist() for drive in self._drives]
         self._given: list[dict[int, list[Standstill]]] = []
@@ -89,8 +90,16 @@ class DrivenExecution(Execution):
 
     def commands(self) -> tuple[Array, ...]:
         """Return what each robot was told, see ``ExecutionRecord``."""
-        told = (np.array(passage.commands, float) for passage in self._passages)
-        return tuple(rows.reshape(-1, 5) for rows in told)
+        found = []
+        for k, passage in enumerate(self._passages):
+            rows = np.array(passage.commands, float).reshape(-1, 5)
+            if self.times.speed_override:
+                # Ways and speeds count from full speed as planned; stops of skills have no speed.
+                node = rows[:, 1].astype(np.int64)
+                moved = self._drives[k].length[node] > 0.0
+                rows[moved, 2:] *= self.times.speed_override[k][node[moved]][:, None]
+            found.append(rows)
+        return tuple(found)
 
     def _pass(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         if self._passages[chain].speed > 0.0:

@@ -143,6 +143,7 @@ class Simulator:
             ),
             raised_skills=times.raised,
             commands=execution.commands(),
+            speed_override=times.speed_override,
         )
         if outcome == "failed" and not execution.failed:
             raise DeadlockError(execution.deadlock(), run)

@@ -37,12 +37,18 @@ class DriveTimes(NamedTuple):
     last: Nanoseconds
 
 
-def drive_times(chain: NodeChain, motion: Nanoseconds) -> DriveTimes:
+def drive_times(
+    chain: NodeChain, motion: Nanoseconds, override: Array | float = 1.0
+) -> DriveTimes:
     """Return the drive of a chain in nanoseconds.
+
+    A speed override f replaces time t of the planned motion by t / f: speed, acceleration and jerk are
+    f, f^2 and f^3 times those of the plan.
 
     Args:
         chain: its nodes.
         motion: durations that were drawn of them, at full speed, shape (nodes,) [ns].
+        override: share of planned speed at which they are executed, shape (nodes,).
     """
     drive = chain.drive
     count = len(chain)
@@ -50,9 +56,9 @@ def drive_times(chain: NodeChain, motion: Nanoseconds) -> DriveTimes:
         none = np.zeros(count)
         whole = np.zeros(count, dtype=np.int64)
         return DriveTimes(none, np.ones(count), none, whole, np.arange(count))
-    ramp = drive.ramp * NANOSECONDS
-    length = np.where(ramp > 0.0, drive.cruise * NANOSECONDS, 0.0)
-    lag = np.ceil(drive.lag * NANOSECONDS).astype(np.int64)
+    ramp = drive.ramp * NANOSECONDS / override
+    length = np.where(ramp > 0.0, drive.cruise * NANOSECONDS / override, 0.0)
+    lag = np.ceil(np.ceil(drive.lag * NANOSECONDS) / override).astype(np.int64)
     slower = motion > length + _ROUNDING_NS
     top = np.where(slower, length / np.maximum(motion, 1), 1.0)
     ends = np.flatnonzero(drive.rests)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.errors import OutputError
 from planning.tasks.task import Task
@@ -225,6 +226,7 @@ def _spans(run: RunResult, k: int, bounds: Indices, motion: Trajectory) -> Indic
 
     A node that is entered at speed counts as begun, and the one before it as complete, when the
     robot has certainly passed their border, up to a lag after it has: motions are cut where it does.
+    A speed override makes the lag longer than planned.
     """
     chain = run.tpg.chains[k]
     assert chain.drive is not None
@@ -236,15 +238,27 @@ def _spans(run: RunResult, k: int, bounds: Indices, motion: Trajectory) -> Indic
     begins = (~chain.drive.rests[node - 1]) & (spans[1:, 0] >= 0)
     border, node, lag = border[begins], node[begins], lag[begins]
     low, high = spans[border, 0] - lag, spans[border, 0]
+    if motion.v is not None and len(border):
+        # Where a robot waited at a border, it begins to move after the last row at rest.
+        rest = motion.t_ns[~np.any(motion.v, axis=1)]
+        last = rest[np.searchsorted(rest, high) - 1]
+        low = np.where(last < spans[border - 1, 1], low, last)
     passes = low < spans[border - 1, 1]
     spans[border, 0] = low
-    border, node, low, high = (x[passes] for x in (border, node, low, high))
+    border, node, lag = border[passes], node[passes], lag[passes]
+    low, high = low[passes], high[passes]
     at = chain.waypoints[chain.first[node] - 1]
     ahead = chain.waypoints[chain.first[node + 1] - 1] - at
+
+    def past(t_ns: Indices) -> npt.NDArray[np.bool_]:
+        return np.asarray(np.sum((motion.at(t_ns) - at) * ahead, axis=1) >= 0.0)
+
+    while np.any(early := past(low) & (low > spans[border - 1, 0])):
+        low = np.where(early, low - lag, low)
     while np.any(high - low > 1):
         middle = (low + high) // 2
-        past = np.sum((motion.at(middle) - at) * ahead, axis=1) >= 0.0
-        low, high = np.where(past, low, middle), np.where(past, middle, high)
+        is_past = past(middle)
+        low, high = np.where(is_past, low, middle), np.where(is_past, middle, high)
     spans[border, 0] = spans[border - 1, 1] = high
     return spans
 

@@ -214,6 +214,7 @@ def operate(
         ),
         raised_skills=times.raised,
         commands=used(cell.commands()),
+        speed_override=used(times.speed_override),
         measured=cell.measured(),
     )
     return Operation(

@@ -17,6 +17,7 @@ import numpy as np
 import simpy
 from simpy.events import EventPriority
 
+from planning.transforms import Array
 from scheduling.graph.dispatcher import Dispatcher, Node
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.task_edges import machine_chains
@@ -342,20 +343,24 @@ class RollingExecution(SuppliedExecution):
         old, new = self.times, version.times
         place = {name: k for k, name in enumerate(version.new)}
         motion, stood, stands, failed = [], [], [], []
+        overrides: list[Array] = []
         lost = set[int]()
         for k, (chain, count) in enumerate(
             zip(version.tpg.chains, version.counts, strict=True)
         ):
             motions: list[Nanoseconds] = []
+            scaled: list[Array] = []
             stalls: list[Nanoseconds] = []
             entries: list[Standstill] = []
             fails, loses = -1, False
             if k < len(old.motion):
                 motions.append(old.motion[k][:count])
+                scaled.append(old.override(k)[:count])
                 stalls.append(old.stood[k][:count])
                 entries += [s for s in old.standstills[k] if s.node < count]
             if (own := place.get(chain.robot)) is not None:
                 motions.append(new.motion[own])
+                scaled.append(new.override(own))
                 stalls.append(new.stood[own])
                 later = new.standstills[own]
                 entries += [replace(s, node=s.node + count) for s in later]
@@ -366,6 +371,7 @@ class RollingExecution(SuppliedExecution):
                 # One that is still to fail comes before all that is new.
                 fails, loses = node, k in old.lost
             motion.append(np.concatenate(motions))
+            overrides.append(np.concatenate(scaled))
             stood.append(np.concatenate(stalls))
             stands.append(tuple(entries))
             failed.append(fails)
@@ -379,6 +385,7 @@ class RollingExecution(SuppliedExecution):
             standstills=tuple(stands),
             failed=tuple(failed),
             lost=frozenset(lost),
+            speed_override=tuple(overrides) if old.speed_override else (),
         )
 
     def _tried(self, version: Version) -> list[tuple[int, int]]:

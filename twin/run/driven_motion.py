@@ -156,7 +156,10 @@ def driven_rows(tpg: TemporalPlanGraph, run: ExecutionRecord, k: int) -> Rows:
         nodes = slice(int(begin), int(stop))
         if chain.drive.ramp[begin] > 0.0:
             low, high = np.searchsorted(commands[:, 1], [begin, stop])
-            parts.append(_stretch_rows(chain, nodes, commands[low:high]))
+            override = (
+                float(run.speed_override[k][begin]) if run.speed_override else 1.0
+            )
+            parts.append(_stretch_rows(chain, nodes, commands[low:high], override))
         else:
             parts += _skill_rows(tpg, run, k, int(begin))
     t, q, v, a, node = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -224,19 +227,22 @@ def _skill_rows(
     yield pace.real(own), q, v, a, np.full(len(own), node)
 
 
-def _stretch_rows(chain: NodeChain, nodes: slice, commands: Array) -> Rows:
+def _stretch_rows(
+    chain: NodeChain, nodes: slice, commands: Array, override: float
+) -> Rows:
     """Return the rows of a stretch.
 
     Args:
         chain: its robot's nodes.
         nodes: those of the stretch.
         commands: pieces of it, see ``ExecutionRecord``.
+        override: share of planned speed at which it was executed.
     """
     drive = chain.drive
     assert drive is not None
     length = drive.cruise[nodes] * NANOSECONDS
     border = np.concatenate([[0.0], np.cumsum(length)])
-    lag = float(np.ceil(drive.lag[nodes.start] * NANOSECONDS))
+    lag = float(np.ceil(np.ceil(drive.lag[nodes.start] * NANOSECONDS) / override))
     begin = commands[0, 0]
     # From here on times and ways count from the beginning of the stretch.
     at = np.maximum.accumulate(commands[:, 0] - begin)

@@ -212,6 +212,8 @@ class ExecutionRecord:
             a chain; empty otherwise. Pieces of constant acceleration, each of which lasts until the
             next one begins, shape (pieces, 5): when it begins [ns], in which node, how far into it [ns],
             the speed at that moment as a share of full speed, and its change [1/ns].
+        speed_override: share of planned speed at which nodes of stretches were executed, shape (nodes,)
+            each; empty where it is 1 for all.
         measured: where robots were that others move, by name; those of a simulation are where their nodes
             say.
     """
@@ -231,6 +233,7 @@ class ExecutionRecord:
     failure: str
     raised_skills: int = 0
     commands: tuple[Array, ...] = ()
+    speed_override: tuple[Array, ...] = ()
     measured: Mapping[str, Measured] = field(default_factory=dict)
 
     @property

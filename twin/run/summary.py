@@ -17,6 +17,7 @@ from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.task_edges import (
     actuation_nodes,
     dependency_edges,
+    idle_robots,
     machine_chains,
     working_machines,
 )
@@ -38,12 +39,13 @@ class Preparation:
         recording: whether ``run.rrd`` is wanted.
         audit: whether the audit is to check what was executed; the name of an engine says with what.
         planning_s: wall-clock seconds of the planning stages.
-        makespan_sequential_s: makespan of the plan in turns, one task after another [s].
+        makespan_sequential_s: makespan of the plan in turns, one robot at a time and machines meanwhile [s].
         plan_sha256: hash of the plan.
         plan: which plan it is: a plan of twin.run.policies.
         turns_sha256: hash of the plan in turns, where it is another one.
         warnings: what is doubtful about the cell and what was asked for.
         fits: how parts fit where they are put, step by step.
+        idle: by robot that gets no task: why, and how many steps it can serve.
         load_bound_s: makespan that no choice of who does what can beat, where it is known [s].
         makespan_asynchronous_s: makespan of the plan in turns, each robot going on as soon as it is safe, where the
             plan is what became of it by a better order of tasks and shortcuts [s].
@@ -61,6 +63,7 @@ class Preparation:
     turns_sha256: str | None = None
     warnings: Sequence[str] = ()
     fits: Sequence[Mapping[str, Any]] = ()
+    idle: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     load_bound_s: float | None = None
     makespan_asynchronous_s: float | None = None
     operated: bool = False
@@ -96,11 +99,14 @@ def summarise(
         busy = [run.duration_ns[k].sum() + run.stood_ns[k].sum() for k in robots]
         sequential_s = int(sum(busy)) / NANOSECONDS
 
+    idle = idle_robots(tpg)
+
     def seconds(of: Callable[[int], int]) -> dict[str, float]:
         return {tpg.chains[k].robot: of(k) / NANOSECONDS for k in robots}
 
     further: dict[str, Any] = {
         "fits": list(about.fits),
+        "idle": {name: about.idle.get(name, {"reason": "unknown"}) for name in idle},
         "actuations": _actuations(tpg, run),
         "machines": _machines(tpg, run),
         "slowed": slowed_motions(tpg),
@@ -120,7 +126,7 @@ def summarise(
         "makespan_s": run.makespan_s,
         "makespan_sequential_s": sequential_s,
         "lower_bound_s": lower_bound_s(tpg, run),
-        "wait_s": seconds(run.wait_ns),
+        "wait_s": seconds(run.wait_ns) | dict.fromkeys(idle, run.makespan_s),
         "stall_s": seconds(run.standing_ns),
         "stopped_s": seconds(lambda k: run.stopped_ns(k, run.makespan_ns)),
         "failure": run.failure or None,
@@ -362,7 +368,9 @@ def _makespan_rows(
     summary: Mapping[str, Any], makespan: float
 ) -> list[tuple[str, str, str]]:
     sequential = float(summary["makespan_sequential_s"])
-    rows = [(f"makespan, {SEQUENTIAL}", f"{sequential:.2f} s", "one task at a time")]
+    rows = [
+        (f"makespan, {SEQUENTIAL}", f"{sequential:.2f} s", "one robot works at a time")
+    ]
     plain = {SEQUENTIAL: sequential}
     together = summary.get("makespan_asynchronous_s")
     if together is not None:

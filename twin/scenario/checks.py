@@ -23,7 +23,7 @@ from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.problems import disturbed_machines
 from twin.scenario.document.section import parts_of
 from twin.scenario.document.validation import Found, unknown_name, unless_known
-from twin.scenario.document.yaml_text import KeyPath
+from twin.scenario.document.yaml_text import Elsewhere, KeyPath
 from twin.scenario.sections.cell import CellSection, RobotSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
@@ -143,16 +143,34 @@ def _check_names(scenario: Scenario) -> Found:
         *assembly.names(),
     ]
     for group in (robots, things):
-        seen: set[str] = set()
+        seen: dict[str, KeyPath] = {}
         for path, name in group:
-            if name in seen:
-                yield path, f"the name {name!r} is already taken"
-            seen.add(name)
-    names = {name for _, name in robots}
+            if (other := seen.get(name)) is not None:
+                what = f"the name {name!r} of {_kind_at(path)} is already taken by {_kind_at(other)}"
+                yield path, Elsewhere(what, other)
+            seen.setdefault(name, path)
+    names = {name: path for path, name in robots}
     for path, name in things:
-        owner = "a robot" if name in names else assembly.reserved(name)
-        if owner is not None:
+        if name in names:
+            what = f"the name {name!r} is that of a robot"
+            yield path, Elsewhere(what, names[name])
+        elif (owner := assembly.reserved(name)) is not None:
             yield path, f"the name {name!r} is that of {owner}"
+
+
+_KINDS = {
+    "stock": "a brick in stock",
+    "processes": "an unattended process",
+    "products": "the outfeed of products",
+    "steps": "a wait between steps",
+}
+"""What an entry of some sections is; of the others, their name in the singular says it."""
+
+
+def _kind_at(path: KeyPath) -> str:
+    """Return what has its name at a key."""
+    section = str(path[1])
+    return _KINDS.get(section, f"a {section.removesuffix('s')}")
 
 
 def _place(cell: CellSection, robot: int, key: str) -> KeyPath:

@@ -65,7 +65,7 @@ def parse_variation(text: str) -> Variation:
             be read.
     """
     key, equals, rest = text.partition("=")
-    key = key.strip().removeprefix("execution.")
+    key = plain_key(key.strip())
     if not equals or not key or not rest.strip():
         raise ScenarioError(
             f"cannot vary {text!r}: write key=value,value such as"
@@ -89,7 +89,7 @@ def variation(key: str, values: Iterable[Any]) -> Variation:
         raise ScenarioError(f"cannot vary {key}: no values")
     if len({json.dumps(value) for value in plain}) < len(plain):
         raise ScenarioError(f"cannot vary {key}: a value is there twice")
-    return Variation(key, plain)
+    return Variation(plain_key(key), plain)
 
 
 def _plain(value: Any) -> Any:
@@ -133,6 +133,12 @@ def varied(scenario: Scenario, variant: Variant) -> Scenario:
         raise ScenarioError(f"cannot vary {', '.join(variant)}: {said}") from None
 
 
+def plain_key(key: str) -> str:
+    """Return a key as it is told: one of the execution section without the name of the section."""
+    own = key.removeprefix("execution.")
+    return own if is_of_execution(own) else key
+
+
 def is_of_execution(key: str) -> bool:
     """Tell whether a key is one of the execution section, which no plan depends on."""
     first = key.partition(".")[0]
@@ -150,6 +156,10 @@ def assign_variant(content: dict[str, Any], variant: Variant) -> None:
     Raises:
         ScenarioError: there is no such key; the message names those there are.
     """
+    keys = [plain_key(key) for key in variant]
+    if twice := [key for key in keys if keys.count(key) > 1]:
+        raise ScenarioError(f"{twice[0]} is varied twice")
+    variant = dict(zip(keys, variant.values(), strict=True))
     # Who says which kind of distribution it is clears the place for its numbers.
     for key in sorted(variant, key=lambda key: not key.endswith(".kind")):
         value = _plain(variant[key])

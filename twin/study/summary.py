@@ -46,6 +46,7 @@ from twin.study.replications.statistics import (
 )
 from twin.study.replications.workload import Workload
 from twin.trial.simulation import doubts_about_stalls
+from twin.uncertainty.speed_override import unreached_speeds
 
 QUANTILES = (50, 90, 95, 99)
 """Percentiles of the makespan that are told."""
@@ -242,6 +243,8 @@ def summarise_study(
             found["operated"] = operated[cell]
         cells.append(CellSummary(policy=policy, variant=dict(variant), **found))
         doubts |= dict.fromkeys(doubts_about_stalls(own, load.tpg))
+        disturbances = load.execution.disturbances
+        doubts |= dict.fromkeys(unreached_speeds(load.tpg, disturbances, load.seed))
     return StudySummary(
         scenario=request.scenario.name,
         confidence=confidence,

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from planning.errors import ScenarioError
+from twin.host.arguments import checks_arguments
 from twin.scenario.checks import execution_problems, find_problems
 from twin.scenario.document.validation import parsed
 from twin.scenario.document.yaml_text import YamlDocument
@@ -63,6 +64,7 @@ class LoadedScenario:
 
         return assembly_kind(self.sections.assembly).steps()
 
+    @checks_arguments
     def varied(self, values: Mapping[str, Any]) -> LoadedScenario:
         """Return the scenario with other values at some keys.
 
@@ -118,6 +120,7 @@ AnyScenario = PathOrName | LoadedScenario
 """A scenario, the path of its file, or the name of one that comes with the program."""
 
 
+@checks_arguments
 def load(scenario: AnyScenario) -> LoadedScenario:
     """Read and check a scenario file.
 

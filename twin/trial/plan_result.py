@@ -14,7 +14,9 @@ from planning.files import read_file
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.host.arguments import checks_arguments
 from twin.planning.build_workcell import build_workcell
+from twin.planning.idle_robots import IdleRobot
 from twin.planning.kind import PlannedMotions
 from twin.run.folder import PLAN_FILES, TURNS, require_as_written
 from twin.run.policies import IN_SLOTS, IN_TURNS
@@ -40,6 +42,7 @@ class PlanResult:
             [s], None where that was not worked out.
         warnings: what the check of the cell found doubtful.
         fits: how parts fit where they are put, step by step, as the check found it.
+        idle: robots that get no task, and why; empty for a plan that was read.
         made_of: the motions before robots may move at once; None for a plan that was read.
         folder: of the run that it was read from; None where it was planned.
     """
@@ -52,6 +55,7 @@ class PlanResult:
     load_bound_s: float | None = None
     warnings: tuple[str, ...] = ()
     fits: tuple[Mapping[str, Any], ...] = ()
+    idle: tuple[IdleRobot, ...] = ()
     made_of: PlannedMotions | None = None
     folder: Path | None = None
 
@@ -83,6 +87,7 @@ class PlanResult:
             }
         )
 
+    @checks_arguments
     def save(self, folder: PathOrName) -> Path:
         """Write ``plan.npz`` and ``plan.json`` into a folder, made where it is missing."""
         place = Path(folder)
@@ -120,6 +125,7 @@ def given_plan(scenario: LoadedScenario, tpg: TemporalPlanGraph) -> PlanResult:
     return PlanResult(scenario, tpg, IN_SLOTS if len(tpg.slots) else IN_TURNS)
 
 
+@checks_arguments
 def read_plan(folder: PathOrName, scenario: AnyScenario | None = None) -> PlanResult:
     """Read the plan that a run left in its folder.
 

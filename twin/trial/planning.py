@@ -22,6 +22,7 @@ from planning.tasks.task import (
 from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageWatch, report_nothing
+from twin.planning.idle_robots import find_idle
 from twin.planning.kind import PlannedMotions, assembly_kind, timed
 from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import (
@@ -159,7 +160,7 @@ def plan_best(
     plan = _coordinated(loaded, first, watch)
     for other in others:
         plan = _shorter(plan, other, watch)
-    return plan
+    return replace(plan, idle=find_idle(plan.tpg, motions))
 
 
 def _shorter(

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from planning.errors import OutputError, RequestError
+from planning.errors import OutputError, RequestError, TwinError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.host.arguments import checks_arguments
 from twin.run.events import Event, EventLogError, ExecutionRecord, parse_event, read_log
 from twin.run.folder import (
     EVENTS,
@@ -306,6 +307,15 @@ class RunResult:
         except (OSError, pa.ArrowException) as error:
             raise OutputError(f"{path}: cannot be read: {error}") from error
 
+    def __repr__(self) -> str:
+        """Return what it is in a line, whatever is left of its folder."""
+        where = "in memory" if self.folder is None else f"in {self.folder}"
+        try:
+            told = f"{self.outcome}, {self.policy}, {self.makespan_s:.2f} s, "
+            return f"<run of {self.name!r}: {told}{where}>"
+        except (TwinError, KeyError):
+            return f"<run without a summary, {where}>"
+
     def _repr_html_(self) -> str:
         from twin.drawing.markup import card, drawn, shown
 
@@ -324,6 +334,7 @@ class RunResult:
         return page + drawn(figure)
 
 
+@checks_arguments
 def read_run(folder: PathOrName) -> RunResult:
     """Return the run in a folder; each of its files is read when it is first asked for.
 

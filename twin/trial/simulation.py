@@ -20,6 +20,7 @@ import numpy as np
 from planning.errors import ScenarioError
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.plan_files import plan_sha256
+from scheduling.graph.task_edges import idle_robots
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.pace import overloads
 from scheduling.verification.graph_structure import find_precedence
@@ -34,6 +35,7 @@ from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.host.progress import Report, report_nothing
+from twin.planning.idle_robots import IdleRobot
 from twin.planning.kind import assembly_kind
 from twin.recorders.observers import Recorder
 from twin.run.events import DeadlockError, ExecutionRecord, Policy
@@ -44,6 +46,7 @@ from twin.scenario.manifest import MANIFEST, load_scenario, manifest_base, read_
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
 from twin.uncertainty.skill_durations import SkillDurations
+from twin.uncertainty.speed_override import unreached_speeds
 
 
 def scenario_execution(
@@ -111,6 +114,13 @@ def doubts_about_windows(
     except DeadlockError:
         return ()
     return tuple(window_doubts(tpg, run, held=held is not tpg))
+
+
+def _unreached_speeds(plan: PlanResult) -> tuple[str, ...]:
+    """Return which speed factors the limits of robots do not allow; see ``unreached_speeds``."""
+    case = plan.scenario
+    disturbances = case.sections.execution.disturbances(case.robots, case.folder)
+    return unreached_speeds(plan.tpg, disturbances, case.sections.seed)
 
 
 def followed_execution(
@@ -214,6 +224,10 @@ def prepare(
         audit: whether the audit is to check what was executed; an engine says with what.
         operated: whether what fails is planned anew.
     """
+    known = {own.robot: own for own in plan.idle}
+    idle = [known.get(k, IdleRobot(k, "unknown")) for k in idle_robots(plan.tpg)]
+    # Of a plan of first steps, later ones may be for it.
+    windowed = operated and plan.scenario.sections.execution.window is not None
     return Preparation(
         operated=operated,
         recording=recording,
@@ -228,8 +242,11 @@ def prepare(
                 plan.scenario.sections, plan.tpg, plan.scenario.folder
             ),
             *overloads(plan.tpg),
+            *_unreached_speeds(plan),
+            *(own.message for own in idle if not windowed),
         ),
         fits=plan.fits,
+        idle={own.robot: own.content() for own in idle},
         plan=plan.name,
         turns_sha256=None if plan.turns is None else plan_sha256(plan.turns),
         load_bound_s=plan.load_bound_s,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -133,19 +134,38 @@ class ChainDraws:
             range(count),
         )
 
-    def motion(self, planned: Nanoseconds) -> Nanoseconds:
+    @cached_property
+    def speed_override(self) -> Array | None:
+        """Share of planned speed at which each node is executed, shape (nodes, r); None for 1.
+
+        A stretch of a robot with limits of acceleration is one motion, so it has one factor: that of the
+        task in which it begins. It is planned as fast as limits allow, so its factor is at most 1.
+        """
+        own, drive = self.own, self.own.chain.drive
+        speed = self.disturbances.speed.model_of(own.chain.robot)
+        if speed is None:
+            return None
+        factor = speed.ppf(self.draw(np.arange(len(own.tasks)), "speed"))[own.of_node]
+        if drive is not None:
+            opens = np.append(0, np.flatnonzero(drive.rests[:-1]) + 1)
+            first = np.repeat(opens, np.diff(np.append(opens, len(own.of_node))))
+            stretch = drive.ramp > 0.0
+            factor[stretch] = np.minimum(factor[first[stretch]], 1.0)
+        return np.where(own.moves[:, None], factor, 1.0)
+
+    def motion(self, planned: Nanoseconds, least: Nanoseconds) -> Nanoseconds:
         """Return the durations of nodes with speed factor and jitter, shape (nodes, r) [ns].
 
         Args:
             planned: without, shape (nodes, r) [ns].
+            least: durations that the factor does not shorten any further, shape (nodes,) [ns].
         """
-        own, chain = self.own, self.own.chain
+        own, chain, factor = self.own, self.own.chain, self.speed_override
         out = planned
-        speed = self.disturbances.speed.model_of(chain.robot)
-        if speed is not None:
-            factor = speed.ppf(self.draw(np.arange(len(own.tasks)), "speed"))
-            slowed = to_nanoseconds(chain.duration[:, None] / factor[own.of_node])
-            out = np.where(own.moves[:, None], slowed, out)
+        if factor is not None:
+            scaled = to_nanoseconds(chain.duration[:, None] / factor)
+            out = np.where(own.moves[:, None], scaled, out)
+        out = np.maximum(out, least[:, None])
         if self.disturbances.jitter is not None:
             index = np.arange(len(chain)) - own.first[own.of_node]
             u = self.draw(own.of_node, "jitter", index)

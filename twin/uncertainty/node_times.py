@@ -8,20 +8,21 @@ engine and the engine that computes many replications side by side take the same
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
 
-from planning.transforms import Indices
+from planning.transforms import Array, Indices
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import is_driven
 from twin.durations.model import Nanoseconds
 from twin.uncertainty.chain_draws import Cause, ChainDraws, RobotTaskNodes, Standstills
 from twin.uncertainty.contraction import Contraction
-from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.disturbances import Disturbances, Speed
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.skill_durations import SkillDurations, least_ns, nominal_ns
 from twin.uncertainty.stops import Stops, sample_stops
@@ -60,6 +61,8 @@ class NodeTimes:
         stops: stops at times of the run's clock, None when nobody can ever stop.
         raised: skills that were drawn shorter than their joints' speed limits allow.
         lost: chains of which the task that fails for good loses its object.
+        speed_override: share of planned speed at which nodes of stretches are executed, shape (nodes,)
+            each; empty where it is 1 for all.
     """
 
     motion: tuple[Nanoseconds, ...]
@@ -69,6 +72,13 @@ class NodeTimes:
     stops: tuple[Stops, ...] | None = None
     raised: int = 0
     lost: frozenset[int] = frozenset()
+    speed_override: tuple[Array, ...] = ()
+
+    def override(self, chain: int) -> Array:
+        """Return the share of planned speed at which the nodes of a chain are executed, shape (nodes,)."""
+        if self.speed_override:
+            return self.speed_override[chain]
+        return np.ones(len(self.motion[chain]))
 
     @cached_property
     def busy(self) -> tuple[Nanoseconds, ...]:
@@ -111,11 +121,14 @@ class SegmentTimes:
             shape (r,).
         standstills: the part of ``busy_ns`` for which robots stand; segments are numbered
             through, chain by chain.
+        speed_override: share of planned speed at which nodes are executed, shaped as ``busy_ns``;
+            of shape (0, 0) where it is 1 for all, and for robots without limits of acceleration.
     """
 
     busy_ns: Nanoseconds
     fails: npt.NDArray[np.bool_]
     standstills: tuple[Standstills, ...] = ()
+    speed_override: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     def completing(self) -> SegmentTimes:
         """Keep the replications in which no task fails for good."""
@@ -132,7 +145,12 @@ class SegmentTimes:
                     group.duration_ns[own],
                 )
             )
-        return SegmentTimes(self.busy_ns[:, well], self.fails[well], tuple(kept))
+        override = self.speed_override
+        if len(override):
+            override = override[:, well]
+        return SegmentTimes(
+            self.busy_ns[:, well], self.fails[well], tuple(kept), override
+        )
 
     def stood_ns(self, cause: Cause | None = None) -> Nanoseconds:
         """Return for how long robots stand in each segment, for one cause or all, shaped as ``busy_ns`` [ns]."""
@@ -178,14 +196,16 @@ class NodeTimeSampler:
                 self._chains, least_ns(tpg), nominal_ns(tpg), strict=True
             )
         ]
+        self._scales_drives = is_driven(tpg) and disturbances.speed != Speed()
         nodes = max((len(chain) for chain in tpg.chains), default=1)
         self._most_replications = max(_MOST_VALUES // max(nodes, 1), 1)
 
     def sample(self, *, seed: int, replication: int = 0) -> NodeTimes:
         """Draw one replication."""
         moves, stalls, stands, fails, loses = [], [], [], [], []
+        overrides = []
         drawn = self._draw(seed, np.array([replication]))
-        for motion, found, failed, lost in drawn:
+        for motion, found, failed, lost, override in drawn:
             stood = np.zeros(len(motion), dtype=np.int64)
             entries = []
             for group in found:
@@ -203,6 +223,7 @@ class NodeTimeSampler:
             stands.append(tuple(sorted(entries, key=lambda entry: entry.node)))
             fails.append(int(failed[0]))
             loses.append(bool(lost[0]))
+            overrides.append(override[:, 0])
         stops = sample_stops(
             self._tpg, self._disturbances, seed=seed, replication=replication
         )
@@ -214,6 +235,7 @@ class NodeTimeSampler:
             stops,
             self.skills.raised(seed=seed, replication=replication),
             frozenset(np.flatnonzero(loses).tolist()),
+            tuple(overrides) if self._scales_drives else (),
         )
 
     def sample_segments(
@@ -225,13 +247,16 @@ class NodeTimeSampler:
         busy = np.empty((segments, len(numbers)), dtype=np.int64)
         fails = np.zeros(len(numbers), dtype=np.bool_)
         stands: list[Standstills] = []
+        scaled = np.ones(busy.shape if self._scales_drives else (0, 0))
         for low in range(0, len(numbers), self._most_replications):
             part = slice(low, low + self._most_replications)
             row = 0
             drawn = self._draw(seed, numbers[part])
-            for first, (motion, found, failed, _) in zip(
+            for first, (motion, found, failed, _, override) in zip(
                 contraction.first, drawn, strict=True
             ):
+                if self._scales_drives:  # no segment is longer than a node then
+                    scaled[row : row + len(first) - 1, part] = override
                 rows = busy[row : row + len(first) - 1, part]
                 if len(rows):
                     np.add.reduceat(motion, first[:-1], axis=0, out=rows)
@@ -242,20 +267,23 @@ class NodeTimeSampler:
                     stands.append(own)
                 fails[part] |= failed >= 0
                 row += len(first) - 1
-        return SegmentTimes(busy, fails, tuple(stands))
+        return SegmentTimes(busy, fails, tuple(stands), scaled)
 
     def _draw(
         self, seed: int, numbers: Indices
     ) -> Iterator[
-        tuple[Nanoseconds, list[Standstills], Indices, npt.NDArray[np.bool_]]
+        tuple[Nanoseconds, list[Standstills], Indices, npt.NDArray[np.bool_], Array]
     ]:
-        """Yield motion, standstills, nodes that fail for good and whether they lose the object, of each robot."""
+        """Yield motion, standstills, nodes that fail for good, whether they lose the object, and speed overrides."""
         planned = self.skills.durations(seed=seed, replications=numbers)
         for tasks, own, floor, disturbances in zip(
             self._chains, planned, self._floor, self._by_chain, strict=True
         ):
             draws = ChainDraws(tasks, seed, numbers, disturbances)
-            motion = np.maximum(draws.motion(own), floor[:, None])
+            motion = draws.motion(own, floor)
             found = draws.standstills(motion)
             attempts, failed, lost = draws.failures(motion)
-            yield motion, found + attempts, failed, lost
+            override = draws.speed_override
+            if override is None:
+                override = np.ones((len(floor), 1))
+            yield motion, found + attempts, failed, lost, override

@@ -10,7 +10,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from planning.cell.robot_model import ToolGrip
-from planning.errors import RobotModelError
+from planning.errors import FittingError, RobotModelError
 from planning.robots.descriptions.xml_files import (
     attribute,
     check_meshes,
@@ -321,12 +321,16 @@ def _joint(element: Element, name: str, path: Path) -> UrdfJoint:
         remedy = "the robot 'limits: {velocity: ...}'"
         if kind != "continuous":
             remedy = "it one with lower, upper and velocity"
-        raise RobotModelError(f"{where} has no <limit>: give {remedy}")
+        message = f"{where} has no <limit>: give {remedy}"
+        if kind != "continuous":
+            raise RobotModelError(message)
+        raise FittingError(message, key="limits")
     velocity = number(limit.get("velocity", "0"), f"{where}, velocity limit")
     if velocity <= 0.0:
-        raise RobotModelError(
+        raise FittingError(
             f"{where} needs a velocity limit above zero, has {velocity:g}; give the robot"
-            " 'limits: {velocity: ...}'"
+            " 'limits: {velocity: ...}'",
+            key="limits",
         )
     lower, upper = -_CONTINUOUS_LIMIT, _CONTINUOUS_LIMIT
     if kind != "continuous":

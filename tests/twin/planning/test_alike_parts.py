@@ -60,8 +60,8 @@ counts: [3, 1]                         | counts: [0, 1]                         
 count: 5                               | count: 0                                                | must be at least 1, not 0
 "      starts:\n"                      | "      start: {xyz_m: [0, 0, 0]}\n      starts:\n"      | give start or starts, not both
 "      goals: "                        | "      goal: "                                          | grid
-name: lid                              | name: peg                                               | the name 'peg' is already taken
-name: lid                              | name: peg.3                                             | the name 'peg.3' is already taken
+name: lid                              | name: peg                                               | the name 'peg' of a part is already taken by a part at
+name: lid                              | name: peg.3                                             | the name 'peg.3' of a part is already taken by a part at
 place: peg, name                       | place: pog, name                                        | unknown part 'pog'; did you mean
 place: peg, name                       | place: peg.1, name                                      | unknown part 'peg.1'
 place: peg, name                       | place: peg, at: {pose: {xyz_m: [0, 0, 0]}}, name        | leave at out

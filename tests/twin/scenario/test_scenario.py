@@ -100,7 +100,7 @@ two numbers                                  | [1, 1, 0.1]                   | [
 number for text                              | b1, brick: 2x4                | b1, brick: 24                                | 24, at: [0, 0,   | quotes, "24"
 half a stud                                  | [0, 0, 1]}                    | [0, 0.5, 1]}                                 | 0.5, 1]}         | a whole number expected
 name                                         | name: b1                      | name: b/1                                    | b/1, brick: 2x   | is no name
-name taken                                   | name: b2                      | name: b1                                     | name: b1, bric   | 'b1' is already taken
+name taken                                   | name: b2                      | name: b1                                     | name: b1, bric   | 'b1' of a brick in stock is already taken by a brick in stock at
 name of fixture                              | name: b2                      | name: table                                  | name: table, b   | is already taken
 name of robot                                | name: b2                      | name: left                                   | name: left, br   | is that of a robot
 brick type                                   | b1, brick: 2x4                | b1, brick: 2x5                               | 2x5, at: [0, 0   | unknown brick type
@@ -276,3 +276,34 @@ def test_the_manifest_says_what_is_needed_to_repeat_a_run(tmp_path: Path) -> Non
             },
         },
     }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "name: b2",
+            "name: table",
+            "of a brick in stock is already taken by a fixture",
+        ),
+        ("name: b3", "name: b1", "of a brick in stock is already taken by a brick in"),
+        ("name: b2", "name: left", "is that of a robot"),
+    ],
+)
+def test_a_name_that_is_taken_says_by_what_and_where(
+    folder: Path, old: str, new: str, words: str
+) -> None:
+    """Kind, line and column of both; the place of the first one is that of its name in the file."""
+    path = folder / "tiny.yaml"
+    path.write_text(GOOD.replace(old, new))
+    with pytest.raises(InvalidScenarioError) as caught:
+        load_scenario(path)
+    (problem,) = caught.value.problems
+    assert words in problem.message
+    place = re.search(r" at (\d+):(\d+)$", problem.message)
+    assert place is not None
+    line, column = int(place[1]), int(place[2])
+    text = path.read_text().splitlines()
+    assert new in text[problem.mark.line - 1]
+    assert line < problem.mark.line
+    assert text[line - 1][column - 1 :].startswith("name: ")

@@ -72,7 +72,7 @@ changer      | "      rack: {xyz_m: [-0.2, 0.3, 0.2], rpy_deg: [180, 0, 0], chan
 changer      | "  fixtures:\n"                        | "    - {name: other, model: ur5e, tool: driver, base: {xyz_m: [1, 0, 0]}}\n  fixtures:\n" | driver is changed by arm
 changer      | pick: {kind                            | take-tol: {kind                         | did you mean 'take-tool'
 changer      | screw: {duration                       | take-tool: {duration                    | cannot be called 'take-tool'
-changer      | parts:                                 | "parts:\n    - {name: driver, size_m: [0.1, 0.1, 0.1], start: {xyz_m: [0.5, 0.5, 0.05]}}" | 'driver' is already taken
+changer      | parts:                                 | "parts:\n    - {name: driver, size_m: [0.1, 0.1, 0.1], start: {xyz_m: [0.5, 0.5, 0.05]}}" | 'driver' of a part is already taken by a tool at
 stored       | name: low, brick: 2x4, at: [34, 4, 1]   | name: low, brick: 2x4, at: [34, 14, 1]  | beyond the plate of 48 x 16 studs
 construction | "  supply:"                            | "  model: {name: tower}\n  supply:"     | give 'model' or 'parts', one of them
 construction | model: mobile-manipulator              | model: gp4                              | gp4 cannot park: its first joints do not drive it

@@ -118,20 +118,23 @@ class BulkEngine:
         ends = side_by_side(lambda part: self._driven(*part)[1], parts)
         return makespans(self.graph, np.concatenate(ends).T)
 
-    def _drawn(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds]:
-        """Return how long every node moves and stands, shape (replications, nodes) each [ns]."""
+    def _drawn(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds, Array]:
+        """Return how long every node moves and stands [ns], and its speed override, shape (replications, nodes) each."""
         stood = times.stood_ns()
         return (
             np.ascontiguousarray((times.busy_ns - stood).T),
             np.ascontiguousarray(stood.T),
+            np.ascontiguousarray(times.speed_override.T),
         )
 
     def _driven(
-        self, motion: Nanoseconds, stand: Nanoseconds
+        self, motion: Nanoseconds, stand: Nanoseconds, override: Array
     ) -> tuple[Nanoseconds, Nanoseconds]:
         """Return start and end of every node, of the same shape [ns]."""
         assert self._drive is not None
-        return driven_times(self.graph, self._drive, motion, stand, self._ahead)
+        return driven_times(
+            self.graph, self._drive, motion, stand, override, self._ahead
+        )
 
     def _busy(self, totals: Nanoseconds) -> Nanoseconds:
         """Return the times of segments from those of skills, shape (tasks, r) [ns]."""

@@ -67,6 +67,7 @@ def driven_times(
     drive: DriveTimes,
     motion_ns: Nanoseconds,
     stand_ns: Nanoseconds,
+    override: Array,
     ahead: int,
 ) -> tuple[Nanoseconds, Nanoseconds]:
     """Return start and end of every node, in every replication.
@@ -76,13 +77,16 @@ def driven_times(
         drive: of its chains.
         motion_ns: durations that were drawn, at full speed, shape (replications, nodes) [ns].
         stand_ns: standstills of each node, of the same shape [ns].
+        override: share of planned speed at which each node is executed, of the same shape, see
+            ``drive_times``; of shape (0, 0) for 1.
         ahead: nodes that a robot may have been given and has not completed.
 
     Returns:
         Two arrays of the same shape [ns].
     """
     start, end = np.empty_like(motion_ns), np.empty_like(motion_ns)
-    first, ramp, lag, last_of = graph.first, drive.ramp, drive.lag, drive.last
+    first, last_of = graph.first, drive.last
+    ramp, lag = drive.ramp.copy(), drive.lag.copy()
     patience, edge_first, source = graph.patience, graph.edge_first, graph.source
     top, length = drive.top.copy(), drive.length.copy()
     chains, nodes = len(first) - 1, len(top)
@@ -103,13 +107,20 @@ def driven_times(
         begun[:] = _NEVER
         done[:] = _NEVER
         for n in range(nodes):
+            factor, before = 1.0, 1.0
+            if len(override):
+                factor, before = override[r, n], override[0, n]
+            ramp[n] = drive.ramp[n] / factor
+            lag[n] = np.int64(np.ceil(drive.lag[n] / factor))
+            whole = drive.length[n] / factor
             # What takes less than at full speed is a shorter way.
-            length[n] = drive.length[n]
+            length[n] = whole
             if motion_ns[r, n] < length[n] - 1.0:
                 length[n] = max(1.0, float(motion_ns[r, n]))
             slower = motion_ns[r, n] > length[n] + 1.0
             top[n] = length[n] / motion_ns[r, n] if slower else 1.0
-            usual = length[n] == drive.length[n] and not slower and stand[n] == 0
+            usual = length[n] == whole and not slower and stand[n] == 0
+            usual = usual and factor == before
             disturbed[n + 1] = disturbed[n] + (0 if usual else 1)
         for k in range(chains):
             node[k] = first[k]

@@ -65,6 +65,22 @@ class FileProblem:
     message: str
 
 
+class Elsewhere(str):
+    """A message about another place in the file, which is told after it as line:column.
+
+    Attributes:
+        at: key of that place.
+    """
+
+    at: KeyPath
+
+    def __new__(cls, message: str, at: KeyPath) -> Elsewhere:
+        """Return the message with the place."""
+        made = super().__new__(cls, message)
+        made.at = at
+        return made
+
+
 @dataclass(frozen=True)
 class YamlDocument:
     """A parsed file.
@@ -118,8 +134,14 @@ class YamlDocument:
 
     def problem(self, path: KeyPath, message: str) -> FileProblem:
         """Return what is wrong at ``path``, of names at their key."""
+        if isinstance(message, Elsewhere):
+            other = self._mark_of_named(message.at)
+            message = f"{message} at {other.line}:{other.column}"
+        return FileProblem(self._mark_of_named(path), message)
+
+    def _mark_of_named(self, path: KeyPath) -> Mark:
         key = path[-1:] in (("name",), ("[key]",))
-        return FileProblem(self.mark_of(path, key=key), message)
+        return self.mark_of(path, key=key)
 
 
 def read_yaml(path: Path, text: str) -> YamlDocument:

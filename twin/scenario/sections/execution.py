@@ -103,7 +103,7 @@ class ExecutionSection(Disturbances):
 
     Attributes:
         policy: ``asynchronous`` releases a node as soon as what it waits for is complete;
-            ``sequential`` runs one task at a time; ``synchronous`` runs a plan made in slots
+            ``sequential`` runs one robot at a time, and machines meanwhile; ``synchronous`` runs a plan made in slots
             slot by slot; in ``open-loop`` every robot follows the planned clock and nobody waits.
         queue_depth: nodes that a robot may have been given ahead; default: 1, and as many as are
             safe with speed_model limits, where robots brake before the last one they were given.

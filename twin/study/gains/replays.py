@@ -210,6 +210,7 @@ class Replay:
         start, end = np.empty_like(stood_ns), np.empty_like(stood_ns)
         for column, number in enumerate(self.numbers.tolist()):
             stood = np.split(stood_ns[:, column], cuts)
+            override = times.speed_override[:, column : column + 1].ravel()
             drawn = NodeTimes(
                 tuple(np.split((times.busy_ns - stood_ns)[:, column], cuts)),
                 tuple(stood),
@@ -224,6 +225,7 @@ class Replay:
                 sample_stops(
                     self.tpg, model.disturbances, seed=self._seed, replication=number
                 ),
+                speed_override=tuple(np.split(override, cuts)) if len(override) else (),
             )
             done = self._simulator.execute(drawn, model.messages)
             start[:, column] = np.concatenate(done.start)

@@ -1,0 +1,105 @@
+"""Robots to which a plan gives no task: what they could do, and why they get nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from planning.cell.workcell import PlacedRobot
+from planning.grips.tool_grips import robot_grips
+from planning.parts.assembly import PartAssembly, PlacePart, Work
+from scheduling.graph.task_edges import idle_robots
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.planning.kind import PlannedMotions
+
+IdleReason = Literal[
+    "no reach", "tools", "not allowed", "makespan", "balance", "search", "unknown"
+]
+
+_WORDS: dict[IdleReason, str] = {
+    "no reach": "it reaches none of them",
+    "tools": "it has no tool for any of them",
+    "not allowed": "the scenario gives all of them to others",
+    "makespan": "the plan does not end sooner with it",
+    "balance": "the assignment gives them to others at less cost",
+    "search": "the search found a plan without it",
+    "unknown": "why is not known",
+}
+
+
+@dataclass(frozen=True)
+class IdleRobot:
+    """A robot to which a plan gives no task.
+
+    Attributes:
+        robot: its name.
+        reason: why it gets none.
+        serves: steps in which it could do something; None where nobody looked.
+        steps: how many steps there are.
+    """
+
+    robot: str
+    reason: IdleReason
+    serves: int | None = None
+    steps: int | None = None
+
+    def content(self) -> dict[str, Any]:
+        """Return what the summary of a run has of it."""
+        return {"reason": self.reason, "serves": self.serves, "steps": self.steps}
+
+    @property
+    def message(self) -> str:
+        """What it is, for people."""
+        able = ""
+        if self.serves is not None:
+            able = f" of {self.steps} steps it can serve {self.serves};"
+        return f"{self.robot} gets no task:{able} {_WORDS[self.reason]}"
+
+
+def find_idle(tpg: TemporalPlanGraph, first: PlannedMotions) -> tuple[IdleRobot, ...]:
+    """Return the robots that get no task, and why.
+
+    Args:
+        tpg: the plan that was chosen.
+        first: the motions of all robots, before those of fewer robots were compared with them.
+    """
+    if first.work is None:
+        return tuple(IdleRobot(name, "search") for name in idle_robots(tpg))
+    found, problem = [], first.work.problem
+    for name in idle_robots(tpg):
+        steps = {c.step for c in problem.primaries if name in (c.robot, c.partner)}
+        steps |= {c.step for c in problem.supports if c.robot == name}
+        reason: IdleReason = "balance"
+        if not steps:
+            reason = _why_none(tpg.cell.robot(name), first)
+        elif any(task.robot == name for task in first.motion_plan.tasks):
+            reason = "makespan"
+        found.append(IdleRobot(name, reason, len(steps), len(problem.steps)))
+    return tuple(found)
+
+
+def _why_none(robot: PlacedRobot, first: PlannedMotions) -> IdleReason:
+    """Return why a robot can serve no step."""
+    assembly = first.assembly
+    if not isinstance(assembly, PartAssembly):
+        # Moves are of robots by their names.
+        return "not allowed" if first.work and not first.work.assembly else "no reach"
+    able = [s for s in assembly.steps if isinstance(s, PlacePart | Work)]
+    able = [step for step in able if step.done_by(robot.name)]
+    if not able:
+        return "not allowed"
+    models = [robot.model, *(tool.model for tool in robot.tools)]
+    tools = {None, robot.tool, *(tool.name for tool in robot.tools)}
+    for step in able:
+        if isinstance(step, Work):
+            frame = step.process.frame
+            fits = step.process.tool in tools
+        else:
+            frame, part = assembly.frame, first.cell.object(step.part)
+            given = part.shape, part.start, part.start
+            grips = assembly.handling(step.part).grips
+            outfits = [replace(robot, model=model) for model in models]
+            fits = any(robot_grips(own, *given, grips) for own in outfits)
+        if fits and any(frame in {"flange", *model.frames} for model in models):
+            return "no reach"
+    return "tools"
