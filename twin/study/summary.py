@@ -15,7 +15,13 @@ from planning.transforms import Array
 from twin.audit.worlds.engines import engine_and_version, engine_named
 from twin.durations.model import NANOSECONDS
 from twin.planning.kind import assembly_kind
-from twin.run.policies import OPEN_LOOP, PLAIN_POLICIES
+from twin.run.policies import (
+    ASYNCHRONOUS,
+    ASYNCHRONOUS_SHORTCUTS,
+    NAMED_POLICIES,
+    OPEN_LOOP,
+    PLAIN_POLICIES,
+)
 from twin.scenario.variations import Variant, is_of_execution, layout_of, varied
 from twin.study.folder import Refused, StudyRequest
 from twin.study.operated import OperatedSummary
@@ -45,6 +51,7 @@ from twin.study.replications.statistics import (
     share_interval,
 )
 from twin.study.replications.workload import Workload
+from twin.study.sensitivity import Influence, SobolIndex
 from twin.trial.simulation import doubts_about_stalls
 
 QUANTILES = (50, 90, 95, 99)
@@ -74,6 +81,9 @@ class CellSummary(Figures):
         line: what it achieves where it makes several products.
         windows: how windows of time are kept, where there are any.
         operated: what failures cost, where they are planned anew.
+        tornado: effects of single inputs on the mean makespan, the strongest first.
+        sobol: Sobol indices of the inputs, where they are asked for; of one cell.
+        gains: the greatest gains of one thing each, and of many at once, as in ``gains.json``.
     """
 
     policy: str
@@ -98,6 +108,9 @@ class CellSummary(Figures):
     line: LineSummary | None = None
     windows: WindowsSummary | None = None
     operated: OperatedSummary | None = None
+    tornado: tuple[Influence, ...] = ()
+    sobol: tuple[SobolIndex, ...] = ()
+    gains: tuple[dict[str, Any], ...] = ()
 
     @property
     def label(self) -> str:
@@ -168,9 +181,8 @@ class RankedLayout(Figures):
         if self.behind_s is None:
             return "-"
         words = f"{self.behind_s.estimate:+.2f} s"
-        if not np.isfinite(self.behind_s.low):
-            return words
-        return f"{words} ({self.behind_s.low:+.2f} to {self.behind_s.high:+.2f})"
+        bounds = self.behind_s.bounds("{:+.2f}".format)
+        return f"{words} ({bounds})" if bounds else words
 
 
 class StudySummary(Figures):
@@ -253,6 +265,19 @@ def summarise_study(
         refused=request.refused,
         warnings=tuple(doubts),
     )
+
+
+def shown_policy(policies: Sequence[str]) -> str:
+    """Return the policy that coordinates best."""
+    order = (ASYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS, *NAMED_POLICIES)
+    return next(policy for policy in order if policy in policies)
+
+
+def shown_cell(summary: StudySummary, policies: Sequence[str]) -> int:
+    """Return the cell that is shown first: of the policy that coordinates best, best layout."""
+    policy = shown_policy(policies)
+    ranked = (row.cell for row in summary.ranked(policy))
+    return next(ranked, policies.index(policy))
 
 
 def cell_label(policy: str, variant: Variant) -> str:
