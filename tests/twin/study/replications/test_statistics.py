@@ -315,7 +315,7 @@ def test_stopping_at_a_precision_costs_little_coverage(name: str) -> None:
         count = next(n for n in targets if rule.reached(sample[:n]))
         found = mean_interval(sample[:count])
         hits += found.low <= truth <= found.high
-    assert hits / trials >= 0.93
+    assert hits / trials >= 0.92
 
 
 def test_mirrored_pairs_keep_the_coverage_of_quantiles() -> None:
