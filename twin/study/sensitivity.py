@@ -171,6 +171,8 @@ def sobol_indices(
     """
     inputs = inputs_of(load)
     block, count = Block(0, 0, _SOBOL), len(inputs)
+    if not inputs:
+        return []
     done = 0
 
     def mean_makespans(factors: Array) -> Array:
@@ -199,12 +201,14 @@ def sobol_indices(
     tails = 0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)
     low, high = np.quantile(resampled, tails, axis=0)
     low, high = np.minimum(low, estimates), np.maximum(high, estimates)
-    firsts, totals = np.stack([estimates, low, high], axis=-1).tolist()
+    bounds = np.stack([estimates, low, high], axis=-1).tolist()
+    firsts, totals = (
+        [Interval(value, least, most, points) for value, least, most in row]
+        for row in bounds
+    )
     found = [
-        SobolIndex(
-            name=name, first=Interval(*one, points), total=Interval(*two, points)
-        )
-        for name, one, two in zip(inputs, firsts, totals, strict=True)
+        SobolIndex(name=name, first=first_order, total=total)
+        for name, first_order, total in zip(inputs, firsts, totals, strict=True)
     ]
     return sorted(found, key=lambda one: -one.total.estimate)
 

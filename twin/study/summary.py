@@ -15,13 +15,7 @@ from planning.transforms import Array
 from twin.audit.worlds.engines import engine_and_version, engine_named
 from twin.durations.model import NANOSECONDS
 from twin.planning.kind import assembly_kind
-from twin.run.policies import (
-    ASYNCHRONOUS,
-    ASYNCHRONOUS_SHORTCUTS,
-    NAMED_POLICIES,
-    OPEN_LOOP,
-    PLAIN_POLICIES,
-)
+from twin.run.policies import OPEN_LOOP, PLAIN_POLICIES, shown_policy
 from twin.scenario.variations import Variant, is_of_execution, layout_of, varied
 from twin.study.folder import Refused, StudyRequest
 from twin.study.operated import OperatedSummary
@@ -267,17 +261,11 @@ def summarise_study(
     )
 
 
-def shown_policy(policies: Sequence[str]) -> str:
-    """Return the policy that coordinates best."""
-    order = (ASYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS, *NAMED_POLICIES)
-    return next(policy for policy in order if policy in policies)
-
-
 def shown_cell(summary: StudySummary, policies: Sequence[str]) -> int:
     """Return the cell that is shown first: of the policy that coordinates best, best layout."""
     policy = shown_policy(policies)
-    ranked = (row.cell for row in summary.ranked(policy))
-    return next(ranked, policies.index(policy))
+    ranked = summary.ranked(policy)
+    return ranked[0].cell if ranked else policies.index(policy)
 
 
 def cell_label(policy: str, variant: Variant) -> str:

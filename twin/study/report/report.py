@@ -25,6 +25,7 @@ from twin.host.guard import write_text
 from twin.host.pictures import WIDTH_IN
 from twin.host.progress import Report
 from twin.planning.kind import assembly_kind
+from twin.run.policies import shown_policy
 from twin.scenario.variations import varied
 from twin.study.folder import BLOCKS, REPORT
 from twin.study.gains.gains import LEADING
@@ -61,7 +62,7 @@ from twin.study.report.page_tables import (
     window_rows,
 )
 from twin.study.study import StudyResult
-from twin.study.summary import CellSummary, StudySummary, shown_cell, shown_policy
+from twin.study.summary import CellSummary, StudySummary, shown_cell
 
 DRAWING = "report"
 """Name of the stage for progress displays."""

@@ -10,6 +10,7 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
+from twin.run.policies import shown_policy
 from twin.study.folder import REPORT
 from twin.study.plans import words
 from twin.study.replications.statistics import Interval
@@ -24,7 +25,7 @@ from twin.study.report.page_tables import (
     window_rows,
 )
 from twin.study.study import StudyResult
-from twin.study.summary import CellSummary, StudySummary, shown_cell, shown_policy
+from twin.study.summary import CellSummary, StudySummary, shown_cell
 
 _SHOWN = (50, 90, 99)
 """Percentiles of the makespan in the table."""
