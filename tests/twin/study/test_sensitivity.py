@@ -79,8 +79,9 @@ def test_sobol_indices_of_a_sum_are_shares_of_variance() -> None:
         for index in (one.first, one.total):
             assert index.estimate == pytest.approx(expected, abs=0.1)
             assert index.low < expected < index.high
-    assert found == sobol_indices(load, 64)
-    assert found != sobol_indices(load, 64, seed=1)
+    few = sobol_indices(load, 4)
+    assert few == sobol_indices(load, 4)
+    assert few != sobol_indices(load, 4, seed=1)
 
 
 def test_sobol_indices_are_those_of_scipy() -> None:
