@@ -146,6 +146,23 @@ def test_robots_lists_the_registry() -> None:
     assert "gp4" in invoke("robots").stdout
 
 
+def test_the_list_of_robots_is_plain_in_a_file_and_fits_a_width(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    plain = invoke("robots").stdout
+    assert plain.isascii() or not set("│┃━─") & set(plain)
+    assert any(line.split()[:2] == ["gp4", "6"] for line in plain.splitlines())
+    monkeypatch.setenv("COLUMNS", "80")
+    narrow = invoke("robots").stdout.split("Any other robot")[0]
+    assert max(map(len, narrow.splitlines())) <= 80
+
+
+def test_efforts_have_units_joint_by_joint() -> None:
+    assert " 87 N m" in invoke("robots", "panda").stdout
+    assert "N m or N" not in invoke("robots", "tower-crane").stdout
+
+
 def test_doctor_finds_everything_it_needs() -> None:
     result = invoke("doctor", "--json")
     found = json.loads(result.stdout)

@@ -107,8 +107,8 @@ def check_friction(subject: Subject, parts: OrderedParts) -> Findings:
             yield Finding(
                 subject.robot_at(robot.name, "tool", "model"),
                 f"the pads of {grip.tool} hold {name} ({part.mass:g} kg) at best {millimetres(worst.lever)} beside"
-                f" its centre of mass: {worst.force:.3g} N pull along them and {worst.torque:.3g} Nm turn it about"
-                f" their axis; friction bears {worst.most_force:.3g} N or {worst.most_torque:.3g} Nm (force_n"
+                f" its centre of mass: {worst.force:.3g} N pull along them and {round(worst.torque, 6):.3g} N m turn it about"
+                f" their axis; friction bears {worst.most_force:.3g} N or {round(worst.most_torque, 6):.3g} N m (force_n"
                 f" {grip.force:g}, balance.friction {assembly.friction:g}): hold it nearer to its centre of mass,"
                 " or with more force or larger pads",
             )

@@ -271,7 +271,7 @@ def _of_robot(model: RobotModel, title: str, no_speeds: str = "") -> RobotSheet:
         tuple(words),
         (
             (
-                "joints (limits in rad or m, per s, s^2, s^3; effort in N m or N)",
+                "joints (limits in rad or m, per s, s^2, s^3)",
                 joints,
                 rows,
             ),
@@ -380,8 +380,8 @@ def _joints(found: Overview) -> tuple[tuple[str, ...], Rows]:
     rows = []
     for k, name in enumerate(model.joint_names):
         kind = "slides [m]" if model.chain.prismatic[k] else "turns [rad]"
-        known = [model.lower[k], model.upper[k], model.velocity[k]]
-        row = [name, kind, *(f"{value:.6g}" for value in known)]
+        limits = [model.lower[k], model.upper[k], model.velocity[k]]
+        row = [name, kind, *(f"{value:.6g}" for value in limits)]
         for own, other in (
             (told.acceleration, usual.acceleration),
             (told.jerk, usual.jerk),
@@ -389,8 +389,9 @@ def _joints(found: Overview) -> tuple[tuple[str, ...], Rows]:
             row.append(
                 f"{own[k]:.6g}" if np.isfinite(own[k]) else f"{other[k]:.6g} (usual)"
             )
-        effort = told.effort[k]
-        rows.append((*row, f"{effort:.6g}" if np.isfinite(effort) else "not told"))
+        effort, unit = told.effort[k], "N" if model.chain.prismatic[k] else "N m"
+        known = np.isfinite(effort)
+        rows.append((*row, f"{effort:.6g} {unit}" if known else "not told"))
     held = ((n, f"held at {at:.6g}", *[""] * 6) for n, at in found.held.items())
     return columns, [*rows, *held]
 

@@ -250,9 +250,10 @@ def _cannot_hold(robot: PlacedRobot, part: CellObject) -> str | None:
     if not over.any():
         return None
     k = int(np.argmax(over))
+    unit = "N" if model.chain.prismatic[k] else "N m"
     return (
         f"{robot.name} cannot hold {part.name} ({part.mass:g} kg) at HOME: {model.joint_names[k]} would"
-        f" have to exert {weight[k]:.3g} N m or N, and its effort is {drives.effort[k]:g}"
+        f" have to exert {weight[k]:.3g} {unit}, and its effort is {drives.effort[k]:g} {unit}"
     )
 
 

@@ -24,6 +24,7 @@ def fit_durations(
     end: str | None = None,
     by: Sequence[str] = (),
     skill: str | None = None,
+    unit: str | None = None,
     apply: Path | None = None,
     into: Path | None = None,
     out: Path | None = None,
@@ -43,12 +44,14 @@ def fit_durations(
     Args:
         files: CSV files with a header line, a row a duration; or runs: their folders or
             event logs.
-        column: column of the durations, in seconds; default: duration_s.
+        column: column of the durations; its name may end with their unit, as cycle_time_ms or
+            "cycle time [ms]" do; default: duration_s, or duration with another unit.
         start: column of the time stamps at which durations start, in place of --column:
-            seconds or ISO 8601. Columns start and end are found without.
+            numbers or ISO 8601. Columns start and end are found without.
         end: column of the time stamps at which they end.
         by: fit each value of this column on its own: skill, robot or object. Repeatable.
         skill: what all rows are of; default: the file's name where it is a skill.
+        unit: of numbers in columns whose names have no unit: s, ms, min, h, us or ns; default: s.
         apply: write this scenario anew, with the fitted durations.
         into: the new scenario; default: SCENARIO with -fitted in its name.
         out: folder for the results; default: logs/fit-<name>-<UTC time>.
@@ -57,7 +60,7 @@ def fit_durations(
     """
     from twin.fit.applied import apply_fits, require_skills
     from twin.fit.fitting import Fit, draw_fit, fit_candidates, write_snippet
-    from twin.fit.samples import read_samples
+    from twin.fit.samples import read_samples, unit_notes
     from twin.host.guard import write_json
     from twin.host.progress import StageDisplay, of_stage
     from twin.run.folder import EVENTS, prepare_run_folder
@@ -67,7 +70,11 @@ def fit_durations(
     target = _target(apply, into)
     if apply is not None:
         load_scenario(apply)  # its errors come before the time that fitting takes
-    samples, left_out = read_samples(files, columns=columns, by=by or (), skill=skill)
+    samples, left_out = read_samples(
+        files, columns=columns, by=by or (), skill=skill, unit=unit
+    )
+    for told in unit_notes(files, samples, columns, unit):
+        typer.echo(told, err=True)
     if apply is not None:
         require_skills(samples)
     names = [

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -274,8 +275,10 @@ def _print_table(table: Table) -> None:
     from rich.console import Console
 
     console = Console()
-    if not console.is_terminal:  # a file has room
-        console = Console(width=10_000)
+    if not console.is_terminal:
+        # A file has room, unless a width is asked for, and is read by programs.
+        table.box, width = None, os.environ.get("COLUMNS", "")
+        console = Console(width=int(width) if width.isdecimal() else 10_000)
     console.print(table, markup=False)
 
 

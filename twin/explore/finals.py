@@ -7,7 +7,7 @@ search end, and designs are compared replication by replication.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -24,6 +24,7 @@ from twin.host.guard import replacing
 from twin.host.progress import Report
 from twin.scenario.sections.exploration import REPLICATED
 from twin.scenario.variations import Variant, varied
+from twin.study.gains.gains import PairedQuantiles
 from twin.study.replications.statistics import (
     Block,
     Interval,
@@ -47,6 +48,9 @@ _COMPROMISES = 20
 
 _OF_PLANS = REPLICATED | {"makespan_s"}
 """Results that another plan changes."""
+
+_PERCENTILES = {"p50_s": 0.5, "p90_s": 0.9}
+"""Results that are quantiles of the makespan."""
 
 _RESAMPLES = 2000
 """Bootstrap resamples for the interval of what is no mean."""
@@ -308,13 +312,21 @@ class Finals:
     ) -> Interval | None:
         """Return by how much a goal of a design is greater than that of another, over new replications.
 
-        That of a mean is Student's, of the differences in each replication; that of anything else is a
-        bootstrap in which both see the same replications.
+        That of a mean is of the differences in each replication, that of a quantile as in
+        ``PairedQuantiles``; that of another expression is a bootstrap in which both see the same
+        replications.
         """
         first, second = self._sample(one, count), self._sample(other, count)
         section = self._goals[goal]
-        if section.expression.text.strip() == "mean_s":
+        about = section.expression.text.strip()
+        if about == "mean_s" or about in _PERCENTILES:
+            both = np.isfinite(first) & np.isfinite(second)
             found = paired_interval(first, second, confidence=confidence)
+            if about in _PERCENTILES and found is not None:
+                own: dict[str, Any] = {"confidence": confidence}
+                own |= {"seed": self._setting.scenario.seed}
+                base = PairedQuantiles(first[both], _PERCENTILES[about], **own)
+                found = base.fall(second[both])
             return found if found is None or section.sign > 0 else _turned(found)
         value, against = self._judge(one, goal), self._judge(other, goal)
         estimate = value(first) - against(second)
@@ -397,7 +409,7 @@ class Finals:
 
 
 def _turned(found: Interval) -> Interval:
-    return Interval(-found.estimate, -found.high, -found.low, found.count)
+    return replace(found, estimate=-found.estimate, low=-found.high, high=-found.low)
 
 
 def _greatest_first(item: Worth) -> tuple[bool, bool, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import isfinite
 from pathlib import Path
 from textwrap import shorten
 
@@ -152,11 +151,9 @@ def _gain(item: Worth, text: str, unit: str) -> str:
         if unit
         else f"is worth {gain.estimate:.4g}"
     )
-    if gain.low == gain.high or not isfinite(gain.low):
+    if gain.low == gain.high or not (bounds := gain.bounds(_fixed)):
         return f"{worth} of {text}"
-    return (
-        f"{worth} ({_fixed(gain.low)} to {_fixed(gain.high)}) of {text}{_doubt(gain)}"
-    )
+    return f"{worth} ({bounds}) of {text}{_doubt(gain)}"
 
 
 def _doubt(gain: Interval) -> str:
@@ -176,9 +173,8 @@ def importance_words(found: ExploreSummary) -> Iterator[str]:
 
 def span(found: Interval) -> str:
     """Return an estimate with its interval."""
-    if not isfinite(found.low):
-        return _fixed(found.estimate)
-    return f"{_fixed(found.estimate)} ({_fixed(found.low)} to {_fixed(found.high)})"
+    bounds = found.bounds(_fixed)
+    return f"{_fixed(found.estimate)} ({bounds})" if bounds else _fixed(found.estimate)
 
 
 def _fixed(value: float) -> str:
@@ -188,9 +184,10 @@ def _fixed(value: float) -> str:
 
 def signed(found: Interval) -> str:
     """Return a difference with its interval."""
-    if found.low == found.high or not isfinite(found.low):
+    bounds = found.bounds("{:+.3g}".format)
+    if found.low == found.high or not bounds:
         return f"{found.estimate:+.4g}"
-    return f"{found.estimate:+.3g} ({found.low:+.3g} to {found.high:+.3g})"
+    return f"{found.estimate:+.3g} ({bounds})"
 
 
 _REASONS, _LONGEST = 6, 300

@@ -9,11 +9,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from planning.errors import RequestError, ScenarioError
 from planning.tasks.task import SKILLS, STRAIGHT, TRANSIT
 from planning.transforms import Array, readonly
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.measured import Columns, csv_rows, read_durations
+from twin.durations.measured import (
+    UNITS,
+    Columns,
+    column_unit,
+    csv_rows,
+    named_unit,
+    read_durations,
+)
 from twin.durations.model import NANOSECONDS
 from twin.run.activities import RobotProgress
 from twin.run.events import Event, EventLogError, parse_event, read_log
@@ -159,16 +168,18 @@ def read_samples(
     columns: Columns | None = None,
     by: Sequence[str] = (),
     skill: str | None = None,
+    unit: str | None = None,
 ) -> tuple[tuple[FitSample, ...], dict[str, int]]:
     """Read measured durations, group by group.
 
     Args:
         paths: CSV files with a header line, or event logs of runs: all of one kind.
-        columns: of the durations [s] in CSV files, or of the stamps at which they start and end;
-            by default ``duration_s``, or two that are named so.
+        columns: of the durations in CSV files, or of the stamps at which they start and end;
+            by default ``duration_s`` or with another unit, or two that are named so.
         by: columns whose values make the groups, names from LABELS; in logs always by skill.
         skill: what all rows are of where no column says it; by default the name of the file
             where it is that of a skill.
+        unit: of the numbers in CSV files whose columns' names have none.
 
     Returns:
         The samples in the order in which the groups first occur; and of logs, which hold what
@@ -187,6 +198,8 @@ def read_samples(
     logs = [is_log(path) for path in paths]
     if any(logs) and not all(logs):
         raise ScenarioError("give CSV files or event logs, not both at once")
+    if any(logs) and unit is not None:
+        raise ScenarioError("event logs have one unit: --unit is for CSV files")
     keys = tuple(dict.fromkeys(("skill", *by) if any(logs) else by))
     if not any(logs):
         skill = skill or _skill_of_names(paths)
@@ -198,7 +211,9 @@ def read_samples(
     groups: dict[tuple[str, ...], list[float]] = {}
     for path in paths:
         for labels, value in (
-            _logged(path, keys, skill) if any(logs) else _rows(path, columns, keys)
+            _logged(path, keys, skill)
+            if any(logs)
+            else read_durations(path, columns or _columns_of(path), keys, unit)
         ):
             groups.setdefault(labels, []).append(value)
     left_out = {}
@@ -227,12 +242,48 @@ def _skill_of_names(paths: Sequence[Path]) -> str | None:
     return names.pop() if len(names) == 1 and names <= set(SKILLS) else None
 
 
-def _rows(path: Path, columns: Columns | None, keys: Sequence[str]) -> _Rows:
-    if columns is None:
-        names = csv_rows(path).fieldnames or ()
-        found = [pair for pair in _STAMPS if set(pair) <= set(names)]
-        columns = DURATION if DURATION in names or not found else found[0]
-    yield from read_durations(path, columns, keys)
+def _columns_of(path: Path) -> Columns:
+    """Return the columns that are read where none are named."""
+    names = csv_rows(path).fieldnames or ()
+    durations = [name for name in names if named_unit(name)[0] == "duration"]
+    stamps = [pair for pair in _STAMPS if set(pair) <= set(names)]
+    if DURATION in names or not (durations or stamps):
+        return DURATION
+    return durations[0] if durations else stamps[0]
+
+
+_PLAUSIBLE_S = (1e-3, 3600.0)
+"""Medians of durations of skills outside of these are doubtful [s]."""
+
+
+def unit_notes(
+    paths: Sequence[Path],
+    samples: Sequence[FitSample],
+    columns: Columns | None,
+    unit: str | None,
+) -> Iterator[str]:
+    """Yield which unit the durations of CSV files were read in, and which are implausible.
+
+    Args:
+        paths: of the files; nothing is said of the units of logs.
+        samples: read from them.
+        columns, unit: as for read_samples.
+    """
+    choices = f"--unit says which ({', '.join(UNITS)})"
+    for path in (path for path in paths if not is_log(path)):
+        wanted, reader = columns or _columns_of(path), csv_rows(path)
+        known = column_unit(path, wanted, reader.fieldnames or (), unit)
+        first = wanted if isinstance(wanted, str) else wanted[0]
+        if known is None and ":" not in (next(reader)[first] or ""):
+            yield f"{path}: {first!r} has no unit in its name and is read in s: {choices}"
+        elif known not in (None, "s"):
+            yield f"{path}: {first!r} is read in {known}"
+    low, high = _PLAUSIBLE_S
+    for sample in samples:
+        median_s = float(np.median(sample.values_s))
+        if not low <= median_s <= high:
+            words = f"a median of {median_s:.4g} s is implausible for a skill"
+            yield f"warning: {sample.name}: {words}: is the unit right? {choices}"
 
 
 def _logged(path: Path, keys: Sequence[str], skill: str | None) -> _Rows:

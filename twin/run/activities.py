@@ -128,12 +128,19 @@ class Activity:
 
 
 def part_names(tpg: TemporalPlanGraph) -> list[str]:
-    """Return what each task is about: its part, else that of its step, else the step's number."""
+    """Return what each task is about: its part, else that of its step, else the step's number.
+
+    A part whose name is a bare number is named with its type.
+    """
     of_step: dict[int, str] = {}
     for task in tpg.tasks:
         if task.object is not None:
             of_step.setdefault(task.step, task.object)
-    return [t.object or of_step.get(t.step, str(t.step)) for t in tpg.tasks]
+    numbers = {o.name: o.kind for o in tpg.cell.objects if o.name.isdecimal()}
+    for name, kind in numbers.items():
+        numbers[name] = f"{'part' if kind in ('', name) else kind} {name}"
+    names = (t.object or of_step.get(t.step, f"step {t.step}") for t in tpg.tasks)
+    return [numbers.get(name, name) for name in names]
 
 
 def robot_activities(

@@ -261,7 +261,7 @@ def _label(tpg: TemporalPlanGraph, names: Sequence[str], span: Activity) -> str:
     if span.state not in (tpg.tasks[span.task].kind, HOLDING):
         return ""
     product = tpg.products[span.task] if len(tpg.products) else 0
-    return str(product) if product else names[span.task]
+    return f"product {product}" if product else names[span.task]
 
 
 def _binding_edges(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from planning.errors import RequestError
@@ -95,3 +96,9 @@ def policy_name(plan: str, release: str) -> str:
 def plan_folder(plan: str) -> str:
     """Return the name of the folder of a plan."""
     return plan.replace(", ", "-").replace(" ", "-")
+
+
+def shown_policy(policies: Sequence[str]) -> str:
+    """Return the policy that coordinates best."""
+    order = (ASYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS, *NAMED_POLICIES)
+    return next(policy for policy in order if policy in policies)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.stats import qmc
 
 from planning.parallel import side_by_side
 from planning.transforms import Array
@@ -16,7 +16,13 @@ from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.host.progress import Report, report_nothing
 from twin.study.gains.replays import replay_cost
-from twin.study.replications.statistics import Block
+from twin.study.replications.statistics import (
+    Block,
+    Figures,
+    Interval,
+    Told,
+    paired_interval,
+)
 from twin.study.replications.workload import Engines, Workload
 from twin.uncertainty.chain_draws import moving_nodes
 
@@ -29,38 +35,40 @@ _TORNADO, _TORNADO_BY_EVENTS = 200, 30
 _LEAST, _MOST_LOOKED_AT = 20, 4_000_000
 """Fewest replications of a long plan; beyond that, nodes and edges of all of them together."""
 
+_RESAMPLES = 1000
+"""Resamples of the bootstrap of Sobol indices."""
+
 _SOBOL = 50
 """Replications of each combination of inputs; all of them see the same draws."""
 
+INFLUENCES = "effects of inputs"
 SENSITIVITY = "Sobol indices"
-"""Name of the stage for progress displays."""
+"""Names of the stages for progress displays."""
 
 Scaled = Callable[[Workload, float], Workload]
 """Returns the work with an input multiplied by a factor."""
 
 
-@dataclass(frozen=True)
-class Influence:
+class Influence(Figures):
     """Effect of an input on the mean makespan.
 
     Attributes:
         name: of the input, in words.
-        less_s: change of the mean makespan when the input is smaller [s].
+        less_s: change of the mean makespan when the input is smaller, with the same draws [s].
         more_s: the same when it is larger [s].
     """
 
     name: str
-    less_s: float
-    more_s: float
+    less_s: Told
+    more_s: Told
 
     @property
     def span_s(self) -> float:
         """Length of the bar in the chart [s]."""
-        return abs(self.more_s - self.less_s)
+        return abs(self.more_s.estimate - self.less_s.estimate)
 
 
-@dataclass(frozen=True)
-class SobolIndex:
+class SobolIndex(Figures):
     """The share of an input in the variance of the mean makespan.
 
     Attributes:
@@ -70,8 +78,8 @@ class SobolIndex:
     """
 
     name: str
-    first: float
-    total: float
+    first: Told
+    total: Told
 
 
 def inputs_of(load: Workload) -> Mapping[str, Scaled]:
@@ -100,21 +108,32 @@ def inputs_of(load: Workload) -> Mapping[str, Scaled]:
     return found
 
 
-def influences(load: Workload) -> list[Influence]:
+def influences(
+    load: Workload, *, confidence: float = 0.95, antithetic: bool = False
+) -> list[Influence]:
     """Return the effects of the inputs on the mean makespan, the strongest first.
 
     One input at a time is smaller and larger by SHARE.
+
+    Args:
+        load: the work of one cell.
+        confidence: of the intervals.
+        antithetic: whether replications are mirrored pairs, see ``mean_interval``.
     """
     affordable = max(_LEAST, _MOST_LOOKED_AT // max(replay_cost(load), 1))
     most = _TORNADO_BY_EVENTS if load.reasons else _TORNADO
     block = Block(0, 0, min(most, affordable))
     base = makespans_s(load, block)
 
-    def change(trial: tuple[Scaled, float]) -> float:
+    def change(trial: tuple[Scaled, float]) -> Interval:
         scaled, factor = trial
-        difference = makespans_s(scaled(load, factor), block) - base
-        known = difference[np.isfinite(difference)]
-        return float(np.mean(known)) if len(known) else 0.0
+        found = paired_interval(
+            makespans_s(scaled(load, factor), block),
+            base,
+            confidence=confidence,
+            antithetic=antithetic,
+        )
+        return Interval(0.0, -np.inf, np.inf, 0) if found is None else found
 
     inputs = inputs_of(load)
     trials = [(s, 1.0 + sign * SHARE) for s in inputs.values() for sign in (-1, 1)]
@@ -123,7 +142,8 @@ def influences(load: Workload) -> list[Influence]:
         list(map(change, trials)) if load.reasons else side_by_side(change, trials)
     )
     found = [
-        Influence(name, *changes[2 * k : 2 * k + 2]) for k, name in enumerate(inputs)
+        Influence(name=name, less_s=less, more_s=more)
+        for name, less, more in zip(inputs, changes[::2], changes[1::2], strict=True)
     ]
     return sorted(found, key=lambda one: -one.span_s)
 
@@ -133,46 +153,82 @@ def sobol_indices(
     points: int,
     *,
     seed: int = 0,
+    confidence: float = 0.95,
     progress: Report = report_nothing,
 ) -> list[SobolIndex]:
     """Return the Sobol indices of all inputs, the greatest total first.
 
     Every input is multiplied by a factor between 1 - SHARE and 1 + SHARE, evenly spread (Saltelli
-    et al. 2010, as scipy has it).
+    et al. 2010). Intervals are percentile bootstraps over the points of the sample: approximate.
 
     Args:
         load: the work of one cell.
         points: of the quasi-random sample, a power of 2; the plan is replicated with
             points x (inputs + 2) combinations.
-        seed: of the scrambling of the sample.
+        seed: of the scrambling of the sample, and of the bootstrap.
+        confidence: of the intervals.
         progress: told of combinations done and in all.
     """
     inputs = inputs_of(load)
-    block = Block(0, 0, _SOBOL)
+    block, count = Block(0, 0, _SOBOL), len(inputs)
+    if not inputs:
+        return []
     done = 0
 
     def mean_makespans(factors: Array) -> Array:
         nonlocal done
-        found = np.empty(factors.shape[1])
-        for column, point in enumerate(factors.T.tolist()):
+        found = np.empty(points)
+        for row, point in enumerate(factors.tolist()):
             changed = load
             for scaled, factor in zip(inputs.values(), point, strict=True):
                 changed = scaled(changed, factor)
-            found[column] = np.nanmean(makespans_s(changed, block))
+            found[row] = np.nanmean(makespans_s(changed, block))
             done += 1
-            progress(SENSITIVITY, done, points * (len(inputs) + 2))
+            progress(SENSITIVITY, done, points * (count + 2))
         return found
 
-    spread: Any = stats.uniform(loc=1 - SHARE, scale=2 * SHARE)
-    indices = stats.sobol_indices(
-        func=mean_makespans, n=points, dists=[spread] * len(inputs), rng=seed
+    sampler = qmc.Sobol(2 * count, rng=seed, bits=64)
+    spread = 1.0 - SHARE + 2.0 * SHARE * sampler.random(points)
+    first, second = spread[:, :count], spread[:, count:]
+    a, b = mean_makespans(first), mean_makespans(second)
+    own = np.eye(count, dtype=bool)
+    mixed = np.stack([mean_makespans(np.where(k, second, first)) for k in own])
+    centre = 0.5 * (a.mean() + b.mean())
+    a, b, mixed = a - centre, b - centre, mixed - centre
+    estimates = saltelli(a, b, mixed)
+    drawn = np.random.default_rng(seed).integers(points, size=(_RESAMPLES, points))
+    resampled = [saltelli(a[i], b[i], mixed[:, i]) for i in drawn]
+    tails = 0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)
+    low, high = np.quantile(resampled, tails, axis=0)
+    low, high = np.minimum(low, estimates), np.maximum(high, estimates)
+    bounds = np.stack([estimates, low, high], axis=-1).tolist()
+    firsts, totals = (
+        [Interval(value, least, most, points) for value, least, most in row]
+        for row in bounds
     )
-    shares = zip(indices.first_order, indices.total_order, strict=True)
     found = [
-        SobolIndex(name, float(first), float(total))
-        for name, (first, total) in zip(inputs, shares, strict=True)
+        SobolIndex(name=name, first=first_order, total=total)
+        for name, first_order, total in zip(inputs, firsts, totals, strict=True)
     ]
-    return sorted(found, key=lambda one: -one.total)
+    return sorted(found, key=lambda one: -one.total.estimate)
+
+
+def saltelli(a: Array, b: Array, mixed: Array) -> Array:
+    """Return first-order and total Sobol indices, shape (2, d) (Saltelli et al. 2010, table 2).
+
+    Args:
+        a, b: results of two independent samples of inputs, less their mean, shape (n,).
+        mixed: results of the first one with one input of the second, shape (d, n).
+
+    Returns:
+        Indices; 0 where results do not vary.
+    """
+    variance = float(np.var([a, b]))
+    if variance == 0.0:
+        return np.zeros((2, len(mixed)))
+    first = np.mean(b * (mixed - a), axis=-1)
+    total = 0.5 * np.mean((a - mixed) ** 2, axis=-1)
+    return np.stack([first, total]) / variance
 
 
 def makespans_s(load: Workload, block: Block) -> Array:

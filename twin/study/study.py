@@ -73,7 +73,8 @@ from twin.study.replications.block_results import cell_tally
 from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import Workload
-from twin.study.summary import StudySummary, summarise_study
+from twin.study.sensitivity import INFLUENCES, influences, sobol_indices
+from twin.study.summary import StudySummary, shown_cell, summarise_study
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.planning import plan_to_operate
 from twin.trial.simulation import skill_durations
@@ -203,15 +204,52 @@ def _run(
     _write_products(request, folder)
     operated = _operated(experiment, folder, loads, prevented)
     summary = summarise_study(request, blocks, loads, audits, operated)
-    write_json(folder / SUMMARY, summary.content())
     counts = [cell.replications for cell in summary.cells]
     gains = study_gains(experiment, loads, counts, progress)
     write_gains(folder, experiment, gains)
+    counted = [tally.count > 0 for tally in tallies]
+    summary = _with_causes(request, summary, loads, counted, gains, progress)
+    write_json(folder / SUMMARY, summary.content())
     raised_skills = max(
         load.execution.durations.bind(load.tpg).raised(seed=load.seed, replication=0)
         for load in loads
     )
     return StudyResult(folder, request, summary, loads, gains, raised_skills)
+
+
+def _with_causes(
+    request: StudyRequest,
+    summary: StudySummary,
+    loads: Sequence[Workload],
+    counted: Sequence[bool],
+    gains: Sequence[CellGains],
+    progress: Report,
+) -> StudySummary:
+    """Return the summary with gains, tornado and Sobol indices of each cell.
+
+    Cells of which no replication was executed as planned (``counted``) have gains only.
+    """
+    experiment, confidence = request.experiment, summary.confidence
+    first, cells = shown_cell(summary, experiment.policies), []
+    how: dict[str, Any] = {
+        "confidence": confidence,
+        "antithetic": experiment.antithetic,
+    }
+    for k, (cell, load) in enumerate(zip(summary.cells, loads, strict=True)):
+        found: dict[str, Any] = {"gains": gains[k].leading}
+        progress(INFLUENCES, k, len(loads))
+        if cell.makespan_s is not None and counted[k]:
+            found["tornado"] = tuple(influences(load, **how))
+            if (points := request.sobol_points) and k == first:
+                own: dict[str, Any] = {
+                    "seed": request.scenario.seed,
+                    "confidence": confidence,
+                }
+                indices = sobol_indices(load, points, **own, progress=progress)
+                found["sobol"] = tuple(indices)
+        cells.append(cell.model_copy(update=found))
+    progress(INFLUENCES, len(loads), len(loads))
+    return summary.model_copy(update={"cells": tuple(cells)})
 
 
 def _operated(

@@ -15,7 +15,7 @@ from planning.transforms import Array
 from twin.audit.worlds.engines import engine_and_version, engine_named
 from twin.durations.model import NANOSECONDS
 from twin.planning.kind import assembly_kind
-from twin.run.policies import OPEN_LOOP, PLAIN_POLICIES
+from twin.run.policies import OPEN_LOOP, PLAIN_POLICIES, shown_policy
 from twin.scenario.variations import Variant, is_of_execution, layout_of, varied
 from twin.study.folder import Refused, StudyRequest
 from twin.study.operated import OperatedSummary
@@ -45,6 +45,7 @@ from twin.study.replications.statistics import (
     share_interval,
 )
 from twin.study.replications.workload import Workload
+from twin.study.sensitivity import Influence, SobolIndex
 from twin.trial.simulation import doubts_about_stalls
 from twin.uncertainty.speed_override import unreached_speeds
 
@@ -75,6 +76,9 @@ class CellSummary(Figures):
         line: what it achieves where it makes several products.
         windows: how windows of time are kept, where there are any.
         operated: what failures cost, where they are planned anew.
+        tornado: effects of single inputs on the mean makespan, the strongest first.
+        sobol: Sobol indices of the inputs, where they are asked for; of one cell.
+        gains: the greatest gains of one thing each, and of many at once, as in ``gains.json``.
     """
 
     policy: str
@@ -99,6 +103,9 @@ class CellSummary(Figures):
     line: LineSummary | None = None
     windows: WindowsSummary | None = None
     operated: OperatedSummary | None = None
+    tornado: tuple[Influence, ...] = ()
+    sobol: tuple[SobolIndex, ...] = ()
+    gains: tuple[dict[str, Any], ...] = ()
 
     @property
     def label(self) -> str:
@@ -169,9 +176,8 @@ class RankedLayout(Figures):
         if self.behind_s is None:
             return "-"
         words = f"{self.behind_s.estimate:+.2f} s"
-        if not np.isfinite(self.behind_s.low):
-            return words
-        return f"{words} ({self.behind_s.low:+.2f} to {self.behind_s.high:+.2f})"
+        bounds = self.behind_s.bounds("{:+.2f}".format)
+        return f"{words} ({bounds})" if bounds else words
 
 
 class StudySummary(Figures):
@@ -256,6 +262,13 @@ def summarise_study(
         refused=request.refused,
         warnings=tuple(doubts),
     )
+
+
+def shown_cell(summary: StudySummary, policies: Sequence[str]) -> int:
+    """Return the cell that is shown first: of the policy that coordinates best, best layout."""
+    policy = shown_policy(policies)
+    ranked = summary.ranked(policy)
+    return ranked[0].cell if ranked else policies.index(policy)
 
 
 def cell_label(policy: str, variant: Variant) -> str:

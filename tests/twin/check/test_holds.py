@@ -190,7 +190,7 @@ BEAM = "a, size_m: [0.03, 0.03, 0.03]", "a, size_m: [0.24, 0.03, 0.03]"
     [
         (None, 0.08, None),
         (20, 0.0, None),
-        (20, 0.08, "hold a (0.2 kg) at best 80.0 mm beside its centre of mass: 1.96 N pull along them and 0.157 Nm"),
+        (20, 0.08, "hold a (0.2 kg) at best 80.0 mm beside its centre of mass: 1.96 N pull along them and 0.157 N m"),
         (60, 0.08, None),
         (2, 0.0, "1.96 N pull along them"),
     ],

@@ -187,7 +187,11 @@ BAD = {
         (),
         ":2: start and end are not of one clock",
     ),
-    "no time": ("start,end\n1,soon\n", (), "end is 'soon', neither seconds nor a time"),
+    "no time": (
+        "start,end\n1,soon\n",
+        (),
+        "end is 'soon', neither a number nor a time",
+    ),
     "one column": ("a,b\n1,2\n", ("--start", "a"), "give --start and --end"),
     "thousands": ("x;duration_s\n1;1.234,5\n", (), "duration_s is '1.234,5'"),
     "nowhere": ("duration_s\n1\n", ("-o", "x.yaml"), "--apply SCENARIO"),

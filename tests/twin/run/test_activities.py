@@ -13,7 +13,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
 from tests.twin.run.lane_oracle import Span, robot_lanes
 from tests.twin.simulated import watched
-from tests.twin.twin_toys import two_robot_tpg
+from tests.twin.twin_toys import toy_cell, two_robot_tpg
 from twin.durations.model import NANOSECONDS
 from twin.run.activities import (
     HOLDING,
@@ -110,3 +110,20 @@ def test_who_holds_something_until_others_are_done_does_not_wait(kept: bool) -> 
         assert meanwhile.end_ns == 3 * NANOSECONDS
         assert (meanwhile.state, meanwhile.task) == (state, 1)
     assert part_names(held)[1:] == ["ring", "ring"]
+
+
+def test_bare_numbers_are_named_with_what_they_number() -> None:
+    tpg = two_robot_tpg([(0, 2, 1, 1)])
+    box = toy_cell((2,)).objects[0]
+    box = replace(box, name="7")
+    plain = replace(box, name="8", kind="8")
+    cell = replace(tpg.cell, objects=(box, plain))
+    first, second = tpg.tasks
+    own = (
+        replace(first, object="7", step=0),
+        replace(second, object="8", step=1),
+        replace(second, index=2, object=None, step=0),
+        replace(second, index=3, object=None, step=5),
+    )
+    named = part_names(replace(tpg, cell=cell, tasks=own))
+    assert named == ["2x4 7", "part 8", "2x4 7", "step 5"]

@@ -69,6 +69,36 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.nightly
+def test_the_summary_has_what_the_pictures_show(tmp_path: Path) -> None:
+    arguments = ("study", SCENARIO, "-n", "30", *POLICIES, "--sobol", "4", "-q")
+    for name in ("one", "two"):
+        _twin(*arguments, "--workers", "0", "--out", tmp_path / name, code=0)
+    folder = tmp_path / "one"
+    _assert_same(tmp_path / "two", folder, *TABLES)
+    cells = json.loads((folder / "summary.json").read_text())["cells"]
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    gains = json.loads((folder / "gains.json").read_text())["cells"]
+    assert [cell["policy"] for cell in cells if "sobol" in cell] == ["asynchronous"]
+    for cell, known in zip(cells, gains, strict=True):
+        spans = [
+            abs(one["more_s"]["estimate"] - one["less_s"]["estimate"])
+            for one in cell["tornado"]
+        ]
+        assert spans == sorted(spans, reverse=True)
+        shares = [one[k] for one in cell.get("sobol", ()) for k in ("first", "total")]
+        changes = [one[k] for one in cell["tornado"] for k in ("less_s", "more_s")]
+        for found in (*changes, *shares):
+            assert found["low"] <= found["estimate"] <= found["high"]
+        assert all(one["name"] in page for one in cell["tornado"])
+        for many in (False, True):
+            best = [gain for gain in known["gains"] if gain["many"] == many][:7]
+            assert [gain for gain in cell["gains"] if gain["many"] == many] == best
+        assert cell["makespan_p90_s"]["high"] is None
+        assert cell["makespan_p90_s"]["replications_needed"] == 36
+    assert "36 replications needed for an upper limit" in page
+
+
+@pytest.mark.nightly
 @pytest.mark.usefixtures("no_report")
 def test_a_killed_study_goes_on(study: Path, tmp_path: Path) -> None:
     folder = _copy(study, tmp_path / "killed", *TABLES, "report.html")

@@ -14,8 +14,7 @@ from scheduling.graph.plan_files import plan_sha256
 from tests.planned_once import PlannedOnce
 from tests.twin.program import invoke
 from twin.study.replications.statistics import Experiment, Precision, mean_interval
-from twin.study.report.report import shown_cell
-from twin.study.summary import rank_layouts
+from twin.study.summary import rank_layouts, shown_cell
 
 X = "cell.robots.right.base.xyz_m.0"
 PICK = "skills.pick.scale"
@@ -106,7 +105,10 @@ def test_a_layout_without_a_plan_is_a_row_with_its_reason(study: twin.Study) -> 
 
 def test_the_cell_on_the_first_page_is_the_best_layout(study: twin.Study) -> None:
     summary = study.result.summary
-    cell, best = summary.cells[shown_cell(study.result)], summary.ranking[4]
+    cell, best = (
+        summary.cells[shown_cell(summary, study.result.request.experiment.policies)],
+        summary.ranking[4],
+    )
     assert best.policy == "asynchronous" == cell.policy
     assert best.variant == cell.variant
 

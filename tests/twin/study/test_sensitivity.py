@@ -1,9 +1,12 @@
 """What inputs do to the makespan: bars of a tornado, and Sobol indices of a plan that adds up."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
+from scipy import stats
 
 from planning.errors import RequestError
 from tests.twin.driven_toys import driven_tpg
@@ -41,10 +44,10 @@ def test_a_sum_answers_as_a_sum_does() -> None:
     found = {one.name: one for one in influences(load)}
     assert set(found) == {"duration of pick", "motions of robot_0"}
     picks, motions = found["duration of pick"], found["motions of robot_0"]
-    assert (picks.less_s, picks.more_s) == pytest.approx((-0.2 * skills, 0.2 * skills))
-    assert (motions.less_s, motions.more_s) == pytest.approx(
-        (-0.2 * moves, 0.2 * moves), abs=1e-6
-    )
+    for one, whole in ((picks, skills), (motions, moves)):
+        for change, sign in ((one.less_s, -0.2), (one.more_s, 0.2)):
+            bounds = change.low, change.estimate, change.high
+            assert bounds == pytest.approx((sign * whole,) * 3, abs=1e-6)
 
 
 def test_motions_within_limits_count_as_they_do_in_what_is_worth_fixing() -> None:
@@ -53,9 +56,12 @@ def test_motions_within_limits_count_as_they_do_in_what_is_worth_fixing() -> Non
     (motions,) = (one for one in influences(load) if one.name.startswith("motions"))
     gains = cell_gains(Experiment(("asynchronous",), replications=1), load, 1).gains
     (every,) = (one for one in gains if one.lever.name == "every motion")
-    assert motions.less_s < -0.1
-    assert motions.less_s == pytest.approx(-every.shorter.mean_s.estimate, abs=1e-6)
-    assert motions.more_s == pytest.approx(-motions.less_s, rel=0.2)
+    assert motions.less_s.estimate < -0.1
+    assert motions.less_s.estimate == pytest.approx(
+        -every.shorter.mean_s.estimate, abs=1e-6
+    )
+    more = motions.more_s.estimate
+    assert more == pytest.approx(-motions.less_s.estimate, rel=0.2)
 
 
 def test_sobol_indices_of_a_sum_are_shares_of_variance() -> None:
@@ -70,8 +76,46 @@ def test_sobol_indices_of_a_sum_are_shares_of_variance() -> None:
     shares = {"duration of pick": skills**2, "motions of robot_0": moves**2}
     for one in found:
         expected = shares[one.name] / sum(shares.values())
-        assert one.first == pytest.approx(expected, abs=0.1)
-        assert one.total == pytest.approx(expected, abs=0.1)
+        for index in (one.first, one.total):
+            assert index.estimate == pytest.approx(expected, abs=0.1)
+            assert index.low < expected < index.high
+    few = sobol_indices(load, 4)
+    assert few == sobol_indices(load, 4)
+    assert few != sobol_indices(load, 4, seed=1)
+
+
+def test_sobol_indices_are_those_of_scipy() -> None:
+    load = toy_workload()
+    names = list(inputs_of(load))
+
+    def means(factors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        found = []
+        for point in factors.T.tolist():
+            changed = load
+            for scaled, factor in zip(inputs_of(load).values(), point, strict=True):
+                changed = scaled(changed, factor)
+            found.append(float(np.mean(makespans_s(changed, Block(0, 0, 50)))))
+        return np.array(found)
+
+    spread: Any = stats.uniform(loc=0.8, scale=0.4)
+    oracle = stats.sobol_indices(func=means, n=8, dists=[spread] * len(names), rng=3)
+    found = {one.name: one for one in sobol_indices(load, 8, seed=3)}
+    for k, name in enumerate(names):
+        own = found[name].first.estimate, found[name].total.estimate
+        expected = oracle.first_order[k], oracle.total_order[k]
+        assert own == pytest.approx(expected, abs=1e-6)
+
+
+def test_what_varies_has_an_interval_that_more_replications_narrow() -> None:
+    load = toy_workload()
+    for one in influences(load):
+        for change in (one.less_s, one.more_s):
+            assert change.low <= change.estimate <= change.high
+    widths = [
+        sum(one.more_s.half_width for one in influences(load, confidence=level))
+        for level in (0.5, 0.95)
+    ]
+    assert 0 < widths[0] < widths[1]
 
 
 def test_points_are_a_power_of_two() -> None:

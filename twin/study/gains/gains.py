@@ -30,6 +30,9 @@ from twin.study.replications.statistics import (
     Interval,
     Told,
     mean_interval,
+    order_ranks,
+    quantile_rank,
+    replications_needed,
 )
 from twin.study.replications.workload import Workload
 
@@ -40,8 +43,12 @@ _DRAWS = 1000
 class PairedQuantiles:
     """Differences of a quantile between two samples of the same replications, with intervals.
 
-    Both samples are resampled together (percentile bootstrap), so what they have in common does
-    not widen the interval.
+    An interval is the union of two. One is the percentile bootstrap: both samples are resampled
+    together, so what they have in common does not widen it. Alone it is too narrow where few
+    replications are beyond the quantile. The other holds the differences of the order statistics
+    of equal rank, over the ranks between which ``quantile_interval`` lies; it is exact where
+    the replications of both samples have the same order. Both sides are infinite for samples too
+    small for these ranks.
 
     Args:
         base: one value a replication, shape (n,).
@@ -63,8 +70,11 @@ class PairedQuantiles:
     ) -> None:
         self._base = np.asarray(base, dtype=float)
         n = len(self._base)
-        self._rank = max(1, int(np.ceil(probability * n - 1e-9)))
+        self._rank = quantile_rank(n, probability)
         self._tail = 0.5 * (1.0 - confidence)
+        self._ranks = order_ranks(n, probability, self._tail)
+        self._needed = replications_needed(probability, self._tail)
+        self._ordered = np.sort(self._base)
         rng = np.random.default_rng(seed)
         groups = n // 2 if antithetic and n > 1 and n % 2 == 0 else n
         chosen = rng.integers(groups, size=(_DRAWS, groups))
@@ -80,13 +90,17 @@ class PairedQuantiles:
     def fall(self, changed: npt.ArrayLike) -> Interval:
         """Return by how much the quantile of a changed sample is below that of the base."""
         values = np.asarray(changed, dtype=float)
+        ordered, n = np.sort(values), len(values)
+        estimate = float(self._ordered[self._rank - 1] - ordered[self._rank - 1])
+        first, last = self._ranks
+        if not first or last > n:
+            return Interval(estimate, -np.inf, np.inf, n, self._needed)
         falls = self._resampled - self._resample(values)
+        shifts = (self._ordered - ordered)[first - 1 : last]
         low, high = np.quantile(falls, (self._tail, 1.0 - self._tail))
-        estimate = self._quantile(self._base) - self._quantile(values)
-        return Interval(estimate, float(low), float(high), len(values))
-
-    def _quantile(self, values: Array) -> float:
-        return float(np.partition(values, self._rank - 1)[self._rank - 1])
+        return Interval(
+            estimate, float(min(low, *shifts)), float(max(high, *shifts)), n
+        )
 
     def _resample(self, values: Array) -> Array:
         """Return the quantile of every resample, shape (draws,)."""
@@ -112,6 +126,9 @@ SHORTER, GONE = 0.2, 1.0
 
 QUANTILE = 0.9
 """Quantile of the makespan whose gain is told besides that of the mean."""
+
+LEADING = 7
+"""Most gains of either kind on the first page of the report and in the summary."""
 
 TRYING = "what is worth fixing"
 """Name of the stage for progress displays."""
@@ -178,6 +195,12 @@ class CellGains:
     def best(self, most: int, *, many: bool) -> tuple[Gain, ...]:
         """Return the greatest gains of many things at once, or of one thing each."""
         return tuple(g for g in self.gains if g.lever.many == many)[:most]
+
+    @property
+    def leading(self) -> tuple[dict[str, Any], ...]:
+        """The greatest gains for JSON: of one thing each, then of many at once."""
+        found = (self.best(LEADING, many=many) for many in (False, True))
+        return tuple(gain_content(gain) for gains in found for gain in gains)
 
 
 def study_gains(
@@ -292,7 +315,7 @@ def write_gains(
                 "variant": dict(variant),
                 "replications": cell.replications,
                 "engine": cell.engine,
-                "gains": [_content(gain) for gain in cell.gains],
+                "gains": [gain_content(gain) for gain in cell.gains],
             }
             for (policy, variant), cell in zip(experiment.cells, cells, strict=True)
         ],
@@ -307,7 +330,7 @@ def write_gains(
     for (policy, variant), cell in zip(experiment.cells, cells, strict=True):
         own = [policy, *map(str, variant.values()), cell.replications]
         for rank, gain in enumerate(cell.gains, start=1):
-            told = _content(gain)
+            told = gain_content(gain)
             row = [*own, rank, *(told[key] for key in _LEVER)]
             row[len(own) + 2] = str(gain.lever.many).lower()
             for less, statistic in product(("shorter", "gone"), ("mean_s", "p90_s")):
@@ -317,6 +340,7 @@ def write_gains(
     write_text(folder / CSV, text.getvalue())
 
 
-def _content(gain: Gain) -> dict[str, Any]:
+def gain_content(gain: Gain) -> dict[str, Any]:
+    """Return a gain for JSON."""
     lever = {key: getattr(gain.lever, key) for key in _LEVER}
     return {**lever, "shorter": gain.shorter.content(), "gone": gain.gone.content()}

@@ -28,6 +28,7 @@ from twin.host.pictures import (
 )
 from twin.run.activities import part_names
 from twin.study.replications.block_results import TaskTally, task_groups
+from twin.study.replications.statistics import Interval
 from twin.study.sensitivity import SHARE, Influence, SobolIndex
 
 _LESS, _MORE = "#1f5f9e", "#d97b29"
@@ -101,8 +102,12 @@ def draw_tornado(influences: Sequence[Influence], mean_s: float) -> Figure:
     """
     figure, axes = bar_chart([one.name for one in influences], 0.36)
     for k, one in enumerate(influences):
-        axes.barh(k, one.less_s, color=_LESS, height=0.62)
-        axes.barh(k, one.more_s, color=_MORE, height=0.62)
+        for offset, colour, found in (
+            (-0.1, _LESS, one.less_s),
+            (0.1, _MORE, one.more_s),
+        ):
+            axes.barh(k, found.estimate, color=colour, height=0.62)
+            _draw_interval(axes, k + offset, found)
     for colour, word in ((_LESS, "less"), (_MORE, "more")):
         axes.add_patch(
             Rectangle((0, 0), 0, 0, color=colour, label=f"{100 * SHARE:.0f} % {word}")
@@ -113,6 +118,12 @@ def draw_tornado(influences: Sequence[Influence], mean_s: float) -> Figure:
     return figure
 
 
+def _draw_interval(axes: Axes, place: float, found: Interval) -> None:
+    """Draw an interval as a line on its bar; nothing where it is open."""
+    if np.isfinite(found.half_width):
+        axes.plot([found.low, found.high], [place, place], color=INK, linewidth=0.9)
+
+
 def draw_sobol(indices: Sequence[SobolIndex]) -> Figure:
     """Draw the shares of inputs in the variance of the mean makespan."""
     figure, axes = bar_chart([one.name for one in indices], 0.42)
@@ -121,7 +132,10 @@ def draw_sobol(indices: Sequence[SobolIndex]) -> Figure:
         (-0.18, _LESS, "alone", [one.first for one in indices]),
         (0.18, _MORE, "alone and together with others", [o.total for o in indices]),
     ):
-        axes.barh(places + offset, values, height=0.34, color=colour, label=label)
+        estimates = [found.estimate for found in values]
+        axes.barh(places + offset, estimates, height=0.34, color=colour, label=label)
+        for place, found in zip(places + offset, values, strict=True):
+            _draw_interval(axes, place, found)
     legend_below(axes)
     axes.set_xlabel(
         f"share in the variance of the mean makespan, inputs within"

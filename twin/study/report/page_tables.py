@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from twin.study.replications.block_results import TaskTally
 from twin.study.replications.operating import RUNGS
 from twin.study.replications.statistics import Interval
 from twin.study.replications.workload import Workload
+from twin.study.sensitivity import SHARE
 from twin.study.study import StudyResult
 from twin.study.summary import CellSummary, StudySummary
 
@@ -343,6 +343,27 @@ def makespans_table(
     return table(f"Makespan in seconds, with {share} intervals", head, rows)
 
 
+def tornado_table(cell: CellSummary) -> str:
+    """Return the effect of each input on the mean makespan, with intervals."""
+    share = f"{100 * SHARE:.0f} %"
+    return table(
+        f"{cell.label}: change of the mean makespan [s], the same draws",
+        ["input", f"{share} less", f"{share} more"],
+        [[text(o.name), estimate(o.less_s), estimate(o.more_s)] for o in cell.tornado],
+        "named",
+    )
+
+
+def sobol_table(cell: CellSummary) -> str:
+    """Return the Sobol indices of the inputs, with intervals."""
+    return table(
+        f"{cell.label}: share in the variance of the mean makespan",
+        ["input", "alone", "alone and together with others"],
+        [[text(o.name), estimate(o.first), estimate(o.total)] for o in cell.sobol],
+        "named",
+    )
+
+
 def differences(summary: StudySummary) -> str:
     """Return a list of the policies against the first one."""
     texts = []
@@ -375,10 +396,8 @@ def estimate(found: Interval | None, *, percent: bool = False) -> str:
         return "-"
     factor, unit = (100.0, " %") if percent else (1.0, "")
     value = f"<span>{_digits(factor * found.estimate)}{unit}</span>"
-    if not isfinite(found.half_width):
-        return value
-    low, high = _digits(factor * found.low), _digits(factor * found.high)
-    return f'{value}<br><span class="interval">{low} to {high}</span>'
+    bounds = found.bounds(_digits, factor)
+    return f'{value}<br><span class="interval">{bounds}</span>' if bounds else value
 
 
 def _digits(value: float) -> str:
@@ -390,9 +409,8 @@ def _digits(value: float) -> str:
 def _span(found: Interval, form: str, factor: float = 1.0) -> str:
     """Return an estimate with its interval in one line."""
     words = form.format(factor * found.estimate)
-    if not isfinite(found.low):
-        return words
-    return f"{words} ({factor * found.low:.1f} to {factor * found.high:.1f})"
+    bounds = found.bounds(factor=factor)
+    return f"{words} ({bounds})" if bounds else words
 
 
 def _mean(found: Interval | None, digits: int = 2) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from importlib.resources import files
 from typing import Any
 
@@ -18,7 +18,6 @@ from twin.drawing.markup import (
     page,
     pairs,
     paragraph,
-    table,
     text,
     told_table,
 )
@@ -26,9 +25,10 @@ from twin.host.guard import write_text
 from twin.host.pictures import WIDTH_IN
 from twin.host.progress import Report
 from twin.planning.kind import assembly_kind
-from twin.run.policies import ASYNCHRONOUS, ASYNCHRONOUS_SHORTCUTS, NAMED_POLICIES
+from twin.run.policies import shown_policy
 from twin.scenario.variations import varied
 from twin.study.folder import BLOCKS, REPORT
+from twin.study.gains.gains import LEADING
 from twin.study.products import product_times
 from twin.study.replications.block_results import cell_makespans_s, cell_tally
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
@@ -57,11 +57,12 @@ from twin.study.report.page_tables import (
     operated_tables,
     ranking_table,
     refused_table,
+    sobol_table,
+    tornado_table,
     window_rows,
 )
-from twin.study.sensitivity import SHARE, Influence, influences, sobol_indices
 from twin.study.study import StudyResult
-from twin.study.summary import CellSummary, StudySummary
+from twin.study.summary import CellSummary, StudySummary, shown_cell
 
 DRAWING = "report"
 """Name of the stage for progress displays."""
@@ -72,8 +73,8 @@ _DRAWN = 8
 _AT_ONCE = 8
 """Cells whose makespans are on the first page; of more it has those of the first variant."""
 
-_FIRST, _LATER = 7, 5
-"""Rows of each table of what is worth fixing, on the first page and for further cells."""
+_LATER = 5
+"""Rows of each table of what is worth fixing for further cells than the first."""
 
 _CRITICAL = 10
 """Rows of the table of critical tasks."""
@@ -95,7 +96,7 @@ def write_report(result: StudyResult, progress: Report) -> None:
     pieces = [*_first_page(result), *_whole_study(result)]
     progress(DRAWING, 1, cells + 2)
     for place, cell in enumerate(_in_order(result)):
-        pieces += _cell(result, cell, progress)
+        pieces += _cell(result, cell)
         progress(DRAWING, 2 + place, cells + 2)
     pieces += _made(result)
     title = f"{result.summary.scenario}: study"
@@ -105,22 +106,8 @@ def write_report(result: StudyResult, progress: Report) -> None:
 
 def _in_order(result: StudyResult) -> list[int]:
     """Return the cells, first that of the policy that coordinates best."""
-    first = shown_cell(result)
+    first = shown_cell(result.summary, result.request.experiment.policies)
     return [first, *(k for k in range(len(result.loads)) if k != first)]
-
-
-def shown_policy(policies: Sequence[str]) -> str:
-    """Return the policy that coordinates best."""
-    order = (ASYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS, *NAMED_POLICIES)
-    return next(policy for policy in order if policy in policies)
-
-
-def shown_cell(result: StudyResult) -> int:
-    """Return the cell that is shown first: of the policy that coordinates best, best layout."""
-    policies = result.request.experiment.policies
-    policy = shown_policy(policies)
-    ranked = (row.cell for row in result.summary.ranked(policy))
-    return next(ranked, policies.index(policy))
 
 
 def _file_name(label: str) -> str:
@@ -141,7 +128,7 @@ def _first_page(result: StudyResult) -> Pieces:
     """Yield results, what is worth fixing, the cell, and what all that rests on."""
     request, summary = result.request, result.summary
     yield paragraph(lead(result))
-    cell = shown_cell(result)
+    cell = shown_cell(result.summary, result.request.experiment.policies)
     scenario = varied(request.scenario, summary.cells[cell].variant)
     subject = Subject(scenario, request.base)
     doubts = [*warnings(subject), *summary.warnings]
@@ -167,7 +154,7 @@ def _first_page(result: StudyResult) -> Pieces:
         result.gains[cell],
         summary.cells[cell].label,
         confidence=summary.confidence,
-        most=_FIRST,
+        most=LEADING,
     )
     if len(summary.cells) > 1:
         yield paragraph("The other policies and variants follow one by one.", "note")
@@ -238,7 +225,7 @@ def _whole_study(result: StudyResult) -> Pieces:
     yield drawn_in(result.folder, draw_waits(summary), "waits")
 
 
-def _cell(result: StudyResult, cell: int, progress: Report) -> Pieces:
+def _cell(result: StudyResult, cell: int) -> Pieces:
     """Yield what decides in one cell: tasks, inputs, and what is worth fixing."""
     order = _in_order(result)
     found, load = result.summary.cells[cell], result.loads[cell]
@@ -257,34 +244,20 @@ def _cell(result: StudyResult, cell: int, progress: Report) -> Pieces:
         yield heading("When tasks are done, and which are critical", 3)
         yield drawn_in(result.folder, draw_bands(load.tpg, tally), f"gantt-{name}")
     yield critical_tasks_table(load, tally, label, _CRITICAL)
-    inputs = influences(load)
     yield heading("Which inputs the makespan hangs on", 3)
     if drawn:
-        figure = draw_tornado(inputs, found.makespan_s.estimate)
+        figure = draw_tornado(found.tornado, found.makespan_s.estimate)
         yield drawn_in(result.folder, figure, f"tornado-{name}")
-    else:
-        yield _tornado_table(inputs, label)
-    points = result.request.sobol_points
-    if points and first:
+    yield tornado_table(found)
+    if found.sobol:
         yield heading("Which inputs it hangs on when all vary at once", 3)
-        seed = result.request.scenario.seed
-        indices = sobol_indices(load, points, seed=seed, progress=progress)
-        yield drawn_in(result.folder, draw_sobol(indices), "sobol")
+        yield drawn_in(result.folder, draw_sobol(found.sobol), "sobol")
+        yield sobol_table(found)
     if not first:
         confidence = result.summary.confidence
         gains = result.gains[cell]
         yield heading("What is worth fixing", 3)
         yield gains_tables(gains, label, confidence=confidence, most=_LATER)
-
-
-def _tornado_table(found: Sequence[Influence], label: str) -> str:
-    share = f"{100 * SHARE:.0f} %"
-    return table(
-        f"{label}: change of the mean makespan [s]",
-        ["input", f"{share} less", f"{share} more"],
-        [[text(o.name), f"{o.less_s:+.2f}", f"{o.more_s:+.2f}"] for o in found],
-        "named",
-    )
 
 
 def _made(result: StudyResult) -> Pieces:

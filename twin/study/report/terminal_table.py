@@ -10,6 +10,7 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
+from twin.run.policies import shown_policy
 from twin.study.folder import REPORT
 from twin.study.plans import words
 from twin.study.replications.statistics import Interval
@@ -23,9 +24,11 @@ from twin.study.report.page_tables import (
     prevented_rows,
     window_rows,
 )
-from twin.study.report.report import shown_cell, shown_policy
 from twin.study.study import StudyResult
-from twin.study.summary import CellSummary, StudySummary
+from twin.study.summary import CellSummary, StudySummary, shown_cell
+
+_SHOWN = (50, 90, 99)
+"""Percentiles of the makespan in the table."""
 
 _TOP = ((True, 2), (False, 3))
 """Rows of what is worth fixing: many things at once, and one thing each."""
@@ -56,7 +59,7 @@ def _print_makespans(console: Console, summary: StudySummary) -> None:
     for name in ("policy", *varied):
         table.add_column(name, overflow="fold", min_width=min(len(name), 12))
     broken = any(cell.not_completed.estimate for cell in summary.cells)
-    names = ["n", "mean", "P50", "P90", "P99", "waits"]
+    names = ["n", "mean", *(f"P{p}" for p in _SHOWN), "waits"]
     for name in [*names, "not completed"] if broken else names:
         table.add_column(name, justify="right", no_wrap=name != "not completed")
     if summary.deadline_s is not None:
@@ -69,10 +72,10 @@ def _print_makespans(console: Console, summary: StudySummary) -> None:
             row.append("-" if cell.in_time is None else _percent(cell.in_time))
         table.add_row(*row)
     console.print(table)
+    _print_open(console, summary.cells)
     for entry in summary.differences:
-        low, high = entry.makespan_s.low, entry.makespan_s.high
         where = "".join(f", {key} {value}" for key, value in entry.variant.items())
-        span = f"{low:+.1f} to {high:+.1f}" if isfinite(low) else "no interval"
+        span = entry.makespan_s.bounds("{:+.1f}".format) or "no interval"
         console.print(
             f"{entry.policy} - {entry.reference}{where}:"
             f" {entry.makespan_s.estimate:+.1f} s"
@@ -142,17 +145,18 @@ def _print_ranking(
         doubt = "" if row.rank == 1 or row.told_apart else ", not told apart"
         mean, p90 = (
             _estimate(cell.makespan_s),
-            _estimate(cell.makespan_p90_s, bare=True),
+            _quantile(cell.makespan_p90_s),
         )
         table.add_row(str(row.rank), *values, mean, p90, row.behind + doubt)
     console.print(table)
+    _print_open(console, [summary.cells[row.cell] for row in rows], (90,))
     if len(policies) > 1:
         console.print(f"other policies: {REPORT}", highlight=False)
 
 
 def _print_gains(console: Console, result: StudyResult) -> None:
     """Print what is worth fixing most in the cell that coordinates best."""
-    cell = shown_cell(result)
+    cell = shown_cell(result.summary, result.request.experiment.policies)
     gains = result.gains[cell]
     if not gains.gains:
         return
@@ -174,18 +178,37 @@ def _print_gains(console: Console, result: StudyResult) -> None:
 def _row(cell: CellSummary, varied: list[str]) -> list[str]:
     row = [cell.policy, *(str(cell.variant[key]) for key in varied)]
     row += [str(cell.replications), _estimate(cell.makespan_s)]
-    for found in (cell.makespan_p50_s, cell.makespan_p90_s, cell.makespan_p99_s):
-        row.append(_estimate(found, bare=True))
+    for p in _SHOWN:
+        row.append(_quantile(getattr(cell, f"makespan_p{p}_s")))
     return [*row, f"{sum(cell.wait_s.values()):.1f}" if cell.wait_s else "-"]
 
 
 def _estimate(found: Interval | None, digits: int = 1, *, bare: bool = False) -> str:
-    """Return an estimate, with half the length of its interval unless it is to be bare."""
+    """Return an estimate, with its distance to the farther bound unless it is to be bare."""
     if found is None:
         return "-"
     half = found.half_width
     told = "" if bare or not isfinite(half) else f" ± {half:.{digits}f}"
     return f"{found.estimate:.{digits}f}{told}"
+
+
+def _quantile(found: Interval | None) -> str:
+    """Return the estimate of a quantile, or its lower bound where there is no upper one."""
+    if found is None or isfinite(found.high):
+        return _estimate(found, bare=True)
+    return f"≥ {found.low:.1f}" if isfinite(found.low) else "open"
+
+
+def _print_open(
+    console: Console, cells: Sequence[CellSummary], shown: Sequence[int] = _SHOWN
+) -> None:
+    """Print how many replications are needed where quantiles have no limits."""
+    found = ((p, getattr(cell, f"makespan_p{p}_s")) for p in shown for cell in cells)
+    needed = {p: one.replications_needed for p, one in found if one is not None}
+    told = ", ".join(f"{count} for P{p}" for p, count in needed.items() if count)
+    if told:
+        words = "≥: from so few replications there is no upper limit; needed are"
+        console.print(f"{words} {told}", soft_wrap=True)
 
 
 def _percent(found: Interval) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from tests.twin.study.study_toys import toy_workload
 from twin.study.gains.gains import PairedQuantiles, cell_gains, study_gains, write_gains
@@ -74,9 +75,24 @@ def test_quantiles_are_resampled_in_pairs(antithetic: bool) -> None:
         for own in weights
     ]
     interval = paired.fall(changed)
+    # Ranks of the 0.9 quantile of 60 values, at most 5 % beyond either.
+    shifts = [np.sort(base)[k - 1] - np.sort(changed)[k - 1] for k in range(50, 60)]
+    assert stats.binom.cdf(49, 60, 0.9) <= 0.05 < stats.binom.cdf(50, 60, 0.9)
+    assert stats.binom.sf(58, 60, 0.9) <= 0.05 < stats.binom.sf(57, 60, 0.9)
     low, high = np.quantile(falls, (0.05, 0.95))
+    low, high = min(low, *shifts), max(high, *shifts)
     assert interval.estimate == np.sort(base)[53] - np.sort(changed)[53]
     assert (interval.low, interval.high) == pytest.approx((low, high), abs=1e-12)
+
+
+def test_small_samples_leave_the_difference_of_quantiles_open() -> None:
+    base = np.random.default_rng(4).gamma(4.0, 2.0, 36)
+    for count, needed in ((35, 36), (36, None)):
+        paired = PairedQuantiles(base[:count], 0.9, confidence=0.95, seed=0)
+        found = paired.fall(base[:count] - 1.0)
+        assert found.replications_needed == needed
+        assert np.isfinite(found.half_width) == (needed is None)
+        assert found.estimate == pytest.approx(1.0)
 
 
 def test_intervals_of_quantiles_cover() -> None:

@@ -19,7 +19,7 @@ from twin.study.replications.statistics import Block, Interval
 from twin.study.replications.workload import Engines
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import draw_ecdf, draw_response, draw_waits
-from twin.study.report.page_tables import makespans_table
+from twin.study.report.page_tables import makespans_table, sobol_table, tornado_table
 from twin.study.sensitivity import Influence, SobolIndex
 from twin.study.summary import StudySummary
 
@@ -112,9 +112,24 @@ def test_every_line_of_a_chart_differs_from_every_other() -> None:
 
 def test_tornado_and_sobol_are_legible() -> None:
     names = [f"motions of {LONG}_{k}" for k in range(20)]
-    found = [Influence(name, -20.0 + k, 20.0 - k) for k, name in enumerate(names)]
+    found = [
+        Influence(
+            name=name,
+            less_s=Interval(k - 20.0, k - 22.0, k - 19.0, 200),
+            more_s=Interval(20.0 - k, -np.inf, np.inf, 1),
+        )
+        for k, name in enumerate(names)
+    ]
     assert_legible(draw_tornado(found, 1234.5))
-    assert_legible(draw_sobol([SobolIndex(name, 0.1, 0.2) for name in names]))
+    share = Interval(0.1, -0.05, 0.3, 64)
+    indices = [SobolIndex(name=name, first=share, total=share) for name in names]
+    assert_legible(draw_sobol(indices))
+    cell = toy_cell_summary("asynchronous", {}, share, tornado=found, sobol=indices)
+    table = tornado_table(cell)
+    assert table.count("<tr>") == 21
+    assert "<span>-20.0</span>" in table
+    assert '<span class="interval">-22.0 to -19.0</span>' in table
+    assert '<span class="interval">-0.05 to 0.30</span>' in sobol_table(cell)
 
 
 @pytest.mark.parametrize("tasks", [2, 14, 150])
@@ -145,7 +160,7 @@ def test_a_table_has_the_rows_that_are_asked_for_and_long_names_may_be_broken() 
     assert makespans_table(summary, summary.cells[:2]).count("<tr>") == 1 + 2
     found = makespans_table(_makespans(1))
     assert "<th>stalls.<wbr>rate_<wbr>per_<wbr>h</th>" in found
-    assert "<span>100.0</span></td>" in found  # a mean without an interval
+    assert '<span>100.0</span><br><span class="interval">at least 100.0</span>' in found
     assert '<span>100.0</span><br><span class="interval">100.0 to 101.5</span>' in found
     assert "90 % intervals" in found
     assert "<td>-</td>" in found  # no P90
