@@ -25,6 +25,7 @@ from planning.contacts.surface_depth import (
     deepest_point,
     winding,
 )
+from planning.contacts.surface_gap import surface_gap
 from planning.contacts.touching import Lying, near_to
 from planning.files import KeptAnswers
 from planning.geometry.exact import hull_shape
@@ -194,10 +195,12 @@ def _depth(one: Shape, other: Shape, between: Transform) -> float:
 
 
 def forms_depth(first: Element, second: Element) -> float:
-    """Return how deep two forms are in each other [m]."""
+    """Return how deep two forms are in each other; of two meshes, their triangles tell where they are free [m]."""
     hulls = pieces_depth(first, second)
     if hulls <= ROUNDING:
         return hulls
+    if (gap := surface_gap(first, second)) > 0.0:
+        return -gap
     ways = []
     for convex, mesh in ((first, second), (second, first)):
         if isinstance(mesh.form, Mesh):

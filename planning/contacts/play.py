@@ -17,6 +17,7 @@ from planning.contacts.interference import (
     depth_words,
     forms_depth,
 )
+from planning.contacts.surface_gap import free_way, surface_gap
 from planning.contacts.touching import Lying, bounds
 from planning.transforms import Array, Transform, readonly, translation
 
@@ -64,9 +65,9 @@ class Play:
             return f"pressed in by {depth_words(self.pressed)}"
         if not np.isfinite(self.free).all():
             both = self.free + np.roll(self.free, _DIRECTIONS // 2)
-            return f"{1e3 * both.min():.2f} mm from side to side"
+            return f"{_fine(both.min())} from side to side"
         even = self.free.max() < 1.5 * self.least + 2e-5
-        return f"{'' if even else 'at least '}{1e3 * self.least:.2f} mm on all sides"
+        return f"{'' if even else 'at least '}{_fine(self.least)} on all sides"
 
     def chance(self, repeatability: float) -> float | None:
         """Return the probability that a part meets its place; None where it is pressed in, whatever guides it.
@@ -82,6 +83,11 @@ class Play:
             return 1.0
         spread = repeatability / ISO_9283
         return float(-np.expm1(-0.5 * (self.free / spread) ** 2).mean())
+
+
+def _fine(distance: float) -> str:
+    """Return a play in words, below a tenth of a millimetre to the micrometre."""
+    return f"{1e3 * distance:.{3 if distance < 9.9e-5 else 2}f} mm"
 
 
 def play(part: Lying, others: Mapping[str, Lying], insertion: Array) -> Play | None:
@@ -129,6 +135,8 @@ def _free(shape: Shape, pose: Transform, other: Lying, insertion: Array) -> Arra
         if found is None:
             found = _free_in_bore(b, a, insertion, -1.0)
         if found is None:
+            found = _free_of_surface(a, b, insertion)
+        if found is None:
             found = _free_by_steps(a, b, insertion)
         out = np.minimum(out, found)
     return np.where(out > SNUG, np.inf, out)
@@ -153,6 +161,17 @@ def _free_in_bore(
     # Where a ray from the nominal place leaves the circle in which the axis of the peg may be.
     rest = room * room - float(centre @ centre) + along * along
     return np.asarray(np.maximum(along + np.sqrt(np.maximum(rest, 0.0)), 0.0))
+
+
+def _free_of_surface(one: Element, other: Element, insertion: Array) -> Array | None:
+    """Return how far a mesh can go until its surface meets that of another, shape (d,) [m].
+
+    Returns:
+        None where one of the two is no mesh, or they meet at once.
+    """
+    if surface_gap(one, other) == 0.0:
+        return None
+    return np.array([free_way(one, other, way, SNUG) for way in _across(insertion)])
 
 
 def _free_by_steps(one: Element, other: Element, insertion: Array) -> Array:

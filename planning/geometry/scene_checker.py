@@ -41,6 +41,9 @@ from planning.kinematics.kinematics import frame_pose
 from planning.packed import packed
 from planning.transforms import Array
 
+_TOUCHING = 5e-5
+"""Bodies that are so near to each other, or so little in each other, touch, in words [m]."""
+
 _FINE = 2e-5
 """How true overlaps that are let pass are measured on a motion [m]."""
 
@@ -88,6 +91,8 @@ class Contact:
 
     def __str__(self) -> str:
         """Describe the contact in one phrase."""
+        if abs(self.distance) < _TOUCHING:
+            return f"{self.first} and {self.second} touch"
         how = (
             f"overlap by {-self.distance * 1e3:.1f} mm"
             if self.distance < 0

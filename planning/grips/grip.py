@@ -1,6 +1,4 @@
-"""Grips on a part and the rules for them; those on boxes, which fingers take at their faces.
-
-Grips on parts of any shape: between two fingers, or by suction.
+"""Grips on a part of any shape and the rules for them: between two fingers, or by suction.
 
 A tool frame's z axis points out of the hand; fingers close along y. Boxes are gripped at their
 faces. On what is no box, lines through its convex pieces tell where fingers find opposite faces
@@ -95,11 +93,6 @@ def _in_turn(
             (round(away, 4), Grip(readonly(pose), f"{words} at ({millimetres} mm)"))
         )
     return found
-
-
-def thinnest(shape: Shape) -> float:
-    """Return the least thickness of any of a shape's pieces along the axes of its frame [m]."""
-    return min(float(np.min(2.0 * piece.half)) for piece in shape.pieces)
 
 
 def _varied(grips: list[Grip]) -> list[Grip]:
@@ -231,14 +224,15 @@ class _ToolView:
         middle = self.lines.shape.centre_of_mass @ self.turn
         xs, ys = ([float(middle[k]), *self._places(k)] for k in (0, 1))
         angles = (0.25 * np.pi * np.arange(8)).tolist()
-        cup = self.rules.cup
+        cup = self.rules.cup or USUAL_CUP
+        ring = ((cup * np.cos(a), cup * np.sin(a)) for a in angles)
+        lips = self.rules.lips or ((0.0, 0.0), *ring)
         seen: set[tuple[int, int]] = set()
         for x, y in product(xs, ys):
             if (key := (round(x * 1e4), round(y * 1e4))) in seen:
                 continue
             seen.add(key)
-            around = ((x + cup * np.cos(a), y + cup * np.sin(a)) for a in angles)
-            starts = [self._point(a, b, 0.0) for a, b in ((x, y), *around)]
+            starts = [self._point(x + a, y + b, 0.0) for a, b in lips]
             tops = self.lines.tops(np.array(starts), self.turn[:, 2])
             if np.all(np.isfinite(tops)) and np.ptp(tops) <= _FLAT:
                 yield self._point(x, y, float(tops.min())), "suction"
@@ -312,6 +306,11 @@ def _levels(tops: Array) -> list[float]:
     return levels[:_LEVELS]
 
 
+CupPoints = tuple[tuple[float, float], ...]
+
+USUAL_CUP = 0.01
+"""Radius of a cup where neither the rules nor the tool's shapes tell it [m]."""
+
 DOWN = (0.0, 0.0, -1.0)
 """The direction of a tool that points straight down, in the world."""
 
@@ -341,7 +340,8 @@ class GripRules:
         finger_width: of the fingers, along x [m].
         finger_depth: how much room a finger takes beside a part when it is open, along y [m].
         suction: whether the tool holds by suction, with its frame at the face.
-        cup: radius of the spot that must be flat then [m].
+        cup: radius of the spot that must be flat then; None for the tool's own or ``USUAL_CUP`` [m].
+        lips: points of the tool's cups that must be on it; none for a ring of that radius [m].
     """
 
     frame: str = "tool"
@@ -356,8 +356,9 @@ class GripRules:
     finger_width: float = 0.02
     finger_depth: float = 0.01
     suction: bool = False
-    cup: float = 0.01
+    cup: float | None = None
     least_opening: float = 0.0
+    lips: CupPoints = ()
 
     def spans(self, width: float) -> bool:
         """Tell whether fingers hold what is so wide [m]."""

@@ -14,7 +14,8 @@ from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, PlacedRobot
 from planning.files import KeptAnswers
 from planning.geometry.exact import Solid, distance, place, resting_solid
-from planning.grips.grip import Grip, GripRules, part_grips, thinnest
+from planning.grips.cups import too_wide, with_cup
+from planning.grips.grip import Grip, GripRules, part_grips
 from planning.grips.pads import own_bodies, why_not_held
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.steps.skill import Obstruction
@@ -40,6 +41,11 @@ def tool_rules(rules: GripRules, tool: ToolGrip | None) -> GripRules:
         return replace(rules, suction=True, opening=math.inf, tilts=(0.0,))
     least, most = tool.opening
     return replace(rules, suction=False, least_opening=least, opening=most)
+
+
+def robot_rules(rules: GripRules, robot: PlacedRobot) -> GripRules:
+    """Return the rules for the grips of a robot's tool, its cups as its shapes tell them."""
+    return with_cup(tool_rules(rules, robot.model.grip), robot)
 
 
 def tool_grips(
@@ -74,7 +80,7 @@ def robot_grips(
 ) -> list[Grip]:
     """Return the grips with which one robot's tool can take a part up and put it down."""
     tool = robot.model.grip
-    found = part_grips(shape, start, goal, tool_rules(rules, tool))
+    found = part_grips(shape, start, goal, robot_rules(rules, robot))
     return found if tool is None else [replace(grip, tool=tool) for grip in found]
 
 
@@ -136,15 +142,28 @@ def beyond_part(robot: PlacedRobot, shape: Shape, grip: Grip, frame: str) -> str
     )
 
 
-def why_no_grip(robot: PlacedRobot, shape: Shape, rules: GripRules) -> str:
-    """Return in words why a robot has no grip on a part, tool by its name."""
+def thinnest(shape: Shape) -> float:
+    """Return the least thickness of any of a shape's pieces along the axes of its frame [m]."""
+    return min(float(np.min(2.0 * piece.half)) for piece in shape.pieces)
+
+
+def why_no_grip(
+    robot: PlacedRobot,
+    shape: Shape,
+    rules: GripRules,
+    poses: Sequence[Transform] = (),
+) -> str:
+    """Return in words why a robot has no grip on a part, from its first pose to its last, tool by its name."""
     grip = robot.model.grip
-    own = tool_rules(rules, grip)
+    own = robot_rules(rules, robot)
     name = "the tool" if grip is None else f"its tool {grip.tool}"
     shortest, longest = 1e3 * thinnest(shape), 1e3 * float(max(shape.size))
     most, least = 1e3 * own.opening, 1e3 * own.least_opening
     if own.opening == 0.0:
         return f"{name} holds nothing (opening_m is 0)"
+    wide = too_wide(shape, poses[0], poses[-1], own) if own.suction and poses else None
+    if wide is not None:
+        return f"{name}: {wide}"
     if shortest > most:
         return (
             f"{name} opens to {most:.1f} mm, and the shortest edge is {shortest:.1f} mm"

@@ -139,7 +139,10 @@ _FLAT = 1e-5
 """What stands out by less than this share of the size of its body is flat."""
 
 _AXES = 3
-"""Most directions that are tried."""
+"""Most directions of large triangles that are tried."""
+
+_MANY = 1000
+"""Triangles of a body for which a general search takes long."""
 
 _SHARES = (1 / 64, 1 / 16, 1 / 4, 1.0)
 """Shares of the depth of hollows that are tried, the finest first."""
@@ -178,32 +181,44 @@ def prism_pieces(
         Corners of the pieces, each of shape (c, 3) [m]; None where the body is no such body, or
         there would be too many.
     """
-    for frame in _frames(vertices, faces):
+    for number, frame in enumerate(_frames(vertices, faces)):
+        # By its largest end alone, what takes few fine prisms is cut, or what is long to search.
+        last = number == _AXES and len(faces) < _MANY
+        few = min(most, _FEW // 2 if last else _FEW)
         slabs = _slabs(vertices @ frame.T, faces)
         if slabs is None:
             continue
-        for share in _SHARES:
+        for share in _SHARES[:1] if last else _SHARES:
             pieces = [
                 _raised(flat, slab) @ frame
                 for slab in slabs
                 for flat in _convex_polygons(slab.loops, share * within)
             ]
-            if len(pieces) <= (most if share == 1.0 else min(most, _FEW)):
+            if len(pieces) <= (most if share == 1.0 else few):
                 return pieces
     return None
 
 
 def _frames(vertices: Array, faces: Indices) -> Iterator[Array]:
-    """Yield frames, as rows, whose last axis has faces across it: the largest faces first."""
+    """Yield frames, as rows, whose last axis has faces across it: the largest triangles first."""
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(normal, axis=1)
-    unit = normal / np.maximum(area, 1e-300)[:, None]
+    doubled = np.linalg.norm(normal, axis=1)
+    unit, area = normal / np.maximum(doubled, 1e-300)[:, None], doubled
+    tried: list[Array] = []
     for _ in range(_AXES):
         if area.max() <= 0.0:
-            return
-        axis = unit[np.argmax(area)]
-        area = np.where(np.abs(unit @ axis) > 1.0 - 1e-6, 0.0, area)
+            break
+        tried.append(unit[np.argmax(area)])
+        area = np.where(np.abs(unit @ tried[-1]) > 1.0 - 1e-6, 0.0, area)
+    # The end of a bar with many sides is larger than each of them, but of many small triangles.
+    sign = np.sign(np.take_along_axis(unit, np.abs(unit).argmax(axis=1)[:, None], 1))
+    facing, own = np.unique(np.round(unit * sign, 6), axis=0, return_inverse=True)
+    whole = facing[np.argmax(np.bincount(own.reshape(-1), doubled))]
+    axis = unit[np.argmax(np.abs(unit @ whole))]
+    if tried and all(abs(axis @ other) <= 1.0 - 1e-6 for other in tried):
+        tried.append(axis)
+    for axis in tried:
         side = np.cross(np.eye(3)[np.argmin(np.abs(axis))], axis)
         side /= np.linalg.norm(side)
         yield np.vstack([side, np.cross(axis, side), axis])

@@ -239,7 +239,7 @@ class PartCollector(CandidateCollector):
         own = dict(own_grips(robot, grips))
         if not own:
             rules = self._assembly.handling(part.name).grips
-            self.reject(number, what, why_no_grip(robot, part.shape, rules))
+            self.reject(number, what, why_no_grip(robot, part.shape, rules, poses))
         frame, friction = self._assembly.frame, self._assembly.friction
         return firm_grips(robot, part, own, frame, poses, friction)
 

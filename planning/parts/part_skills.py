@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,8 +18,9 @@ from planning.cell.workcell import (
     Workcell,
     WorldState,
 )
-from planning.geometry.robot_bodies import entity
-from planning.geometry.scene_checker import SceneChecker
+from planning.geometry.exact import resting_solid
+from planning.geometry.robot_bodies import entity, robot_bodies
+from planning.geometry.scene_checker import BodyPair, SceneChecker
 from planning.grips.fingers import in_the_way_of_fingers
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import not_held, tool_misfit
@@ -41,7 +43,7 @@ from planning.steps.skill import (
     touching,
 )
 from planning.steps.skill_trial import find_obstruction, resolve_skill
-from planning.steps.tool_changes import with_tools
+from planning.steps.tool_changes import with_each_tool, with_tools
 from planning.tasks.assignment import Tools
 from planning.tasks.task import HOLD
 from planning.transforms import (
@@ -342,14 +344,19 @@ class PartSkills:
         return replace(known, robot=self.cell.robot(known.robot.name), scene=scene)
 
     def in_door(self, door: str) -> str | None:
-        """Return the first robot that stands in a door when it is at HOME, None for none."""
-        leaf = Attachment(None, self.cell.object(door).start)
-        state = WorldState(self._at_home, {door: leaf})
-        for robot in self.cell.robots:
-            alone = replace(self.cell, robots=(robot,), fixtures=())
-            checker = SceneChecker(alone, robot.name, state, NOTHING, margin=MARGIN)
-            if checker.contact(robot.home) is not None:
-                return robot.name
+        """Return the first robot that stands in a door at HOME, and with which tool; None for none.
+
+        A robot that changes tools is looked at with each of them on its flange.
+        """
+        leaf, limit = self.cell.object(door), self.cell.clearances.robot_object + MARGIN
+        pieces = [resting_solid(door, own, leaf.start) for own in leaf.shape.pieces]
+        for robot in with_each_tool(self.cell.robots):
+            for mine, other in product(robot_bodies(robot).solids, pieces):
+                pair = BodyPair(mine, other, limit, together=False)
+                if operator.lt(*pair.gap_at(robot.home)):
+                    return (
+                        f"{robot.name} with {robot.tool}" if robot.tools else robot.name
+                    )
         return None
 
     def _handling(

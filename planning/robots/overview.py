@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from planning.cell.robot_model import RobotModel
+from planning.robots.descriptions.empty_shapes import EMPTY
 from planning.robots.descriptions.fitting import written_options
 from planning.robots.descriptions.urdf_file import tip_link
 from planning.robots.descriptions.xml_files import joint_link, pose_in_root, read_xml
@@ -100,6 +101,7 @@ def _words(model: RobotModel, links: tuple[LinkRow, ...]) -> list[str]:
     if doubt is not None:
         out[0] = f"flange: link {model.flange_link!r}"
         out.append(f"doubtful: {doubt}")
+    out += [f"left out: {text}" for text in empty_shapes(model)]
     tip = tip_link(tuple(row.name for row in links if row.group == "tool"))
     if tip is not None:
         out.append(f"the link {tip!r} is named as a tool's tip")
@@ -121,6 +123,16 @@ _LEVER = 0.001
 
 _PARALLEL = 0.99
 """Cosine of the angle between axes that count as parallel."""
+
+
+def empty_shapes(model: RobotModel) -> list[str]:
+    """Return in words which collision shapes of a robot were left out, as they have no volume; one a link."""
+    return [
+        f"collision shapes of link {link.get('name')!r} ({kinds.replace(' ', ', ')}) have a size of 0 or no"
+        " triangles: nothing can touch them"
+        for link in read_xml(model.urdf).findall("link")
+        if (kinds := link.get(EMPTY))
+    ]
 
 
 def flange_doubt(model: RobotModel) -> str | None:

@@ -11,6 +11,12 @@ from typing import Any
 
 from twin.check.finding import Finding, Findings, Subject
 from twin.check.fits import KnownFit, known_fits
+from twin.check.gripping import (
+    check_descriptions,
+    check_lifts,
+    check_room,
+    check_turning,
+)
 from twin.check.holds import check_friction, check_grip_times, check_holds, check_pads
 from twin.check.lying import (
     check_balance,
@@ -115,12 +121,16 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_balance,
     check_helpers,
     check_centres,
+    check_descriptions,
     check_grips,
+    check_turning,
     check_flanges,
     check_tool_frames,
     check_openings,
     check_pads,
     check_holds,
+    check_room,
+    check_lifts,
     check_friction,
     check_payloads,
     check_suction,

@@ -310,12 +310,14 @@ def check_machines(subject: Subject, parts: OrderedParts) -> Findings:
         return
     cell, machines, moved = subject.cell, parts.section.machines, set[str]()
     places: dict[str, Transform] = {}
+    machined = {process.machine for process in parts.section.processes.values()}
     for number, step, where, _ in steps_in_order(cell, parts.listed):
         if isinstance(step, PlacePart):
             moved.add(step.part)
-        if not isinstance(step, MachineWork) or step.machine not in machines:
-            continue
-        name, pose, own = step.machine, where[step.part], machines[step.machine]
+        if not isinstance(step, MachineWork) or step.machine not in machined:
+            continue  # nobody does what needs no machine, such as glue that cures
+        name, pose = step.machine, where[step.part]
+        own = machines.get(name, MachineSection())
         at, lying = subject.step_at(number), (cell.object(step.part), pose)
         first = places.setdefault(name, pose)
         spread = float(np.linalg.norm(pose[:3, 3] - first[:3, 3]))

@@ -24,6 +24,7 @@ from planning.errors import OutputError
 from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.parts.assembly import PlacePart
 from planning.parts.part_steps import spot_pose
+from planning.tasks.task import DOOR
 from planning.transforms import Array, Transform
 from twin.check.finding import Subject
 from twin.check.views import (
@@ -93,6 +94,7 @@ PICTURE = "cell.png"
 
 _ROBOTS = ("#2f6db5", "#d9822b", "#3d9a50", "#8e5bb5", "#c23b54", "#2a9d9d")
 _FIXTURE, _FIXTURE_EDGE, _GOAL = "#dfe3e8", "#a7afb9", "#5b6470"
+_DOOR = "#c23b54"
 _FIXTURE_NAME = "#6b7480"
 _MOST_ASIDE = 12
 """Things that are named in a view from the side: more stand behind each other."""
@@ -103,7 +105,7 @@ _SAMPLES = 1500
 _CAPTION = (
     "robots at HOME by their collision hulls; dashed arcs: reach of their tools at any height;"
     " coloured axes: tool frames (x red, y green, z blue, out of the hand);"
-    " dashed outlines: where things are put"
+    " dashed outlines: where things are put; dotted outlines: doors of machines, shut"
 )
 
 _ARROW = 0.1
@@ -153,6 +155,10 @@ def cell_figure(
     goals = [
         DrawnShape(corners, "none", _GOAL, None, 0.6, (0, (3, 2)))
         for _, corners in goal_boxes(subject)
+    ]
+    goals += [
+        DrawnShape(corners, "none", _DOOR, None, 1.2, (0, (1, 1.5)))
+        for _, corners in _doors(subject)
     ]
     reaches = {r.name: reach_radius(r, _frame(r)) for r in subject.cell.robots}
     least, most = _extent(subject)
@@ -215,8 +221,19 @@ def _things(subject: Subject) -> Iterator[tuple[str, Array, bool]]:
     for thing in subject.cell.objects:
         if not thing.later:
             yield thing.name, _box(thing.shape, thing.start), False
+    for name, corners in _doors(subject):
+        yield name, _bounds(corners), False
     for name, pieces in groupby(goal_boxes(subject), key=itemgetter(0)):
         yield name, _bounds(np.vstack([corners for _, corners in pieces])), True
+
+
+def _doors(subject: Subject) -> Iterator[tuple[str, Array]]:
+    """Yield the doors of machines, shut: names, corners of each of their pieces, shape (v, 3) [m]."""
+    doors = [thing for thing in subject.cell.objects if thing.kind == DOOR]
+    # A door that is shut several times is several objects.
+    for thing in {own.start.tobytes(): own for own in reversed(doors)}.values():
+        for piece in thing.shape.pieces:
+            yield thing.name, placed_points(piece.vertices, thing.start)
 
 
 def _box(shape: Shape, pose: Transform) -> Array:

@@ -6,17 +6,26 @@ Checks of units: lengths a thousand times too large, as millimetres are where me
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from planning.cell.cover import ConvexBody, box_body
 from planning.cell.robot_model import RobotModel, ToolGrip
+from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
 from planning.geometry.exact import Solid, distance_at
-from planning.grips.grip import GripRules, thinnest
+from planning.grips.cups import too_wide
+from planning.grips.grip import GripRules, part_grips
 from planning.grips.pads import finger_sides
-from planning.grips.tool_grips import tool_bodies, tool_grips, tool_heights, tool_rules
+from planning.grips.tool_grips import (
+    robot_rules,
+    thinnest,
+    tool_bodies,
+    tool_heights,
+    tool_rules,
+)
 from planning.robots.descriptions.xml_files import read_xml
 from planning.robots.overview import flange_doubt, overview
 from planning.transforms import Array, Transform, readonly, translation
@@ -76,14 +85,32 @@ def check_grips(subject: Subject, parts: OrderedParts) -> Findings:
             ("start", part.start, "where it lies at the start"),
             ("goal", assembly.goals[name], "in its place"),
         ):
-            if not tool_grips(robots, part.shape, at, at, rules):
+            why = [_no_face(robot, part.shape, at, rules) for robot in robots]
+            if None not in why:
+                wide = sorted({words for words in why if words})
+                listed = "; ".join([listing, *wide])
                 yield Finding(
                     subject.thing_at(name, key),
-                    f"no face of {name} can be gripped {where}: {listing}, and the tool leans at most"
+                    f"no face of {name} can be gripped {where}: {listed}; the tool leans at most"
                     f" {np.degrees(rules.steepest):.0f} deg from assembly.grips.directions; turn the"
-                    " part, or allow more of opening_m, directions or steepest_deg",
+                    " part, or allow more of opening_m, directions or steepest_deg"
+                    + (", or take a smaller cup" if wide else ""),
                     error=True,
                 )
+
+
+def _no_face(
+    robot: PlacedRobot, shape: Shape, at: Transform, rules: GripRules
+) -> str | None:
+    """Return why a tool finds no face, empty where its cup, also as it is drawn, is not why; None where it does."""
+    plain, drawn = (
+        robot_rules(own, robot) for own in (rules, replace(rules, cup=None))
+    )
+    for own in (plain, drawn if drawn.lips else plain):
+        if not part_grips(shape, at, at, own):
+            words = too_wide(shape, at, at, own) if own.suction else None
+            return f"{robot.tool or robot.name}: {words}" if words else ""
+    return None
 
 
 def _opens(tool: ToolGrip | None, rules: GripRules) -> str:

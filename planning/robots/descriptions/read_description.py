@@ -18,6 +18,10 @@ import numpy as np
 
 from planning.errors import RobotModelError
 from planning.files import is_file, read_file
+from planning.robots.descriptions.empty_shapes import (
+    empty_shapes,
+    leave_out_empty_shapes,
+)
 from planning.robots.descriptions.mjcf_settings import MjcfSettings, turn_from_z
 from planning.robots.descriptions.xml_files import (
     find_mesh,
@@ -343,6 +347,7 @@ def read_description(path: Path) -> Element:
             choices=("robot", "mujoco"),
         )
     _take_capsules_apart(root, path)
+    leave_out_empty_shapes(root, search_folders(path))
     return root
 
 
@@ -359,6 +364,8 @@ def _take_capsules_apart(root: Element, path: Path) -> None:
             half = 0.5 * number(length, where)
             link.remove(shape)
             for kind, at in (("cylinder", 0.0), ("sphere", -half), ("sphere", half)):
+                if half == 0.0 and at == 0.0 and kind == "cylinder":
+                    continue  # a capsule without a length is a ball
                 part = copy.deepcopy(shape)
                 part.attrib.pop("name", None)
                 geometry = part.find("geometry")
@@ -383,6 +390,7 @@ def is_plain_urdf(path: Path) -> bool:
     return (
         root.tag == "robot"
         and root.find("link/collision/geometry/capsule") is None
+        and not empty_shapes(root, dirs)
         and all(
             find_mesh(mesh.get("filename", ""), dirs) is not None
             for mesh in root.findall("link/collision//mesh")

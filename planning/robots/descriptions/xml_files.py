@@ -112,7 +112,7 @@ def bare_name(name: str) -> str:
 
 # What a link may measure and how far from its joint it may be [m], [rad]: libraries crash,
 # or never end, on bodies of 1e300 m and of no size at all.
-_SIZES = {
+SIZES = {
     "size": (1e-6, 1000.0, 3),
     "radius": (1e-6, 1000.0, 1),
     "length": (1e-6, 1000.0, 1),
@@ -120,8 +120,8 @@ _SIZES = {
 }
 _PLACES = {"xyz": (0.0, 1000.0, 3), "rpy": (0.0, 1e4, 3)}
 
-_SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-_SHAPES |= {"mesh": ("filename",)}
+SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+SHAPES |= {"mesh": ("filename",)}
 
 
 def check_numbers(root: Element, path: Path) -> None:
@@ -138,7 +138,7 @@ def check_numbers(root: Element, path: Path) -> None:
                 _check_values(origin, _PLACES, where)
             for shape in body.findall("geometry/*"):
                 _require_keys(shape, where)
-                _check_values(shape, _SIZES, where)
+                _check_values(shape, SIZES, where)
 
 
 def check_meshes(root: Element, path: Path, dirs: Sequence[Path]) -> None:
@@ -154,12 +154,12 @@ def check_meshes(root: Element, path: Path, dirs: Sequence[Path]) -> None:
 
 
 def _require_keys(shape: Element, where: str) -> None:
-    if shape.tag not in _SHAPES:
+    if shape.tag not in SHAPES:
         raise RobotModelError(
             f"{where}: collision shape <{shape.tag}> is not supported",
-            choices=tuple(_SHAPES),
+            choices=tuple(SHAPES),
         )
-    for key in _SHAPES[shape.tag]:
+    for key in SHAPES[shape.tag]:
         if not shape.get(key):
             raise RobotModelError(f"{where}: a <{shape.tag}> has no {key}")
 
@@ -287,7 +287,7 @@ def attribute(element: Element, key: str, path: Path) -> str:
     return value
 
 
-_MESH_BYTES = 1 << 30
+MESH_BYTES = 1 << 30
 """Bytes of a mesh of a description."""
 
 
@@ -308,7 +308,7 @@ def _sha256(model: RobotModel, stamps: tuple[int, ...]) -> str:
     """Hash what the files hold; ``stamps`` makes an edited file be read anew."""
     digest = hashlib.sha256(read_file(model.urdf))
     for _, path in _meshes(model, "collision"):
-        digest.update(hashlib.sha256(read_file(path, _MESH_BYTES)).digest())
+        digest.update(hashlib.sha256(read_file(path, MESH_BYTES)).digest())
     return digest.hexdigest()
 
 

@@ -32,7 +32,7 @@ cell:
       tcp: {xyz_m: [0, 0, 0.12]}
       opening_m: 0.07
     cup:
-      shapes: [{cylinder: {radius_m: 0.02, length_m: 0.1}, pose: {xyz_m: [0, 0, 0.05]}}]
+      shapes: [{cylinder: {radius_m: 0.012, length_m: 0.1}, pose: {xyz_m: [0, 0, 0.05]}}]
       tcp: {xyz_m: [0, 0, 0.1]}
       suction: true
   robots:

@@ -19,7 +19,7 @@ version: 1
 name: work
 cell:
   tools:
-    cup: {shapes: [{cylinder: {radius_m: 0.02, length_m: 0.1}, pose: {xyz_m: [0, 0, 0.05]}}], tcp: {xyz_m: [0, 0, 0.1]}, frames: {driver: {xyz_m: [0, 0, 0.1]}}, suction: true}
+    cup: {shapes: [{cylinder: {radius_m: 0.012, length_m: 0.1}, pose: {xyz_m: [0, 0, 0.05]}}], tcp: {xyz_m: [0, 0, 0.1]}, frames: {driver: {xyz_m: [0, 0, 0.1]}}, suction: true}
     hand: {description: hand.urdf, joints: {squeeze: 0.03}, opening_m: 0.08}
     bellows: {description: bellows.urdf, suction: true}
   robots:
@@ -64,7 +64,7 @@ execution:
 BELLOWS = """<robot name="bellows">
   <link name="body"><collision><origin xyz="0 0 0.04"/>
     <geometry><cylinder radius="0.02" length="0.08"/></geometry></collision></link>
-  <link name="tip"><collision><geometry><cylinder radius="0.02" length="0.02"/></geometry></collision></link>
+  <link name="tip"><collision><geometry><cylinder radius="0.012" length="0.02"/></geometry></collision></link>
   <link name="tcp"/>
   <joint name="yields" type="prismatic"><parent link="body"/><child link="tip"/>
     <origin xyz="0 0 0.09"/><axis xyz="0 0 1"/><limit lower="-0.01" upper="0"/></joint>

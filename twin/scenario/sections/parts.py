@@ -192,7 +192,8 @@ class GripSection(Section):
         finger_width_m: width of the fingers, across the direction in which they close.
         finger_depth_m: room that an open finger takes beside a part that is no box.
         suction: whether parts are held by suction, with the tool frame at a face.
-        cup_m: radius of the spot that must be flat then.
+        cup_m: radius of the spot that must be flat then; default: that of the cup that the shapes of
+            the tool tell, 0.01 where they do not.
         close_s: time that a tool takes to close on a part, or suction to hold it: a number or a
             distribution; for tools that do not say it; default: 0.4, and 0.2 for suction.
         open_s: time that a tool takes to let go, likewise.
@@ -210,7 +211,7 @@ class GripSection(Section):
     finger_width_m: Distance = 0.02
     finger_depth_m: Distance = 0.01
     suction: bool = False
-    cup_m: Distance = 0.01
+    cup_m: Distance | None = None
     close_s: ActuationTime | None = None
     open_s: ActuationTime | None = None
 

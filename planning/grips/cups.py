@@ -1,0 +1,95 @@
+"""Suction cups: their size by the shapes of a tool, and the widest flat spot that a part has for one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from planning.cell.robot_model import RobotModel
+from planning.cell.shape import Shape
+from planning.cell.workcell import PlacedRobot
+from planning.grips.grip import USUAL_CUP, CupPoints, GripRules, part_grips
+from planning.grips.pads import TO_CUP, finger_sides, own_bodies
+from planning.kinematics.kinematics import frame_in_last_joint
+from planning.transforms import Array, Transform
+
+_ROUND = float(np.cos(np.pi / 24))
+"""Size of a round cup over that of the polygon around it which descriptions have."""
+
+_SHARE = 0.99 * _ROUND
+"""Cups are looked at so far out: one that is just as wide as a face is on it."""
+
+_AROUND = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+
+_TRUE = 5e-4
+"""The widest cup is found to within this [m]."""
+
+
+def with_cup(rules: GripRules, robot: PlacedRobot) -> GripRules:
+    """Return rules with the cups that the shapes of a tool tell, unless they say how wide a cup is."""
+    told = rules.cup is not None or rules.frame not in {"flange", *robot.model.frames}
+    if not rules.suction or robot.model.grip is None or told:
+        return rules
+    # Of fingers that are said to hold as a cup does, nobody knows where the cup is.
+    tip = frame_in_last_joint(robot.model, rules.frame)
+    fingers = finger_sides(robot.model, tip) is not None
+    return rules if fingers else replace(rules, lips=_cup_points(robot.model, tip))
+
+
+def _cup_points(model: RobotModel, tip: Transform) -> CupPoints:
+    """Return the middle and the edge of the front of each body that reaches to a tool frame, in that [m]."""
+    found: list[tuple[float, float]] = []
+    for body in own_bodies(model):
+        corners = (body.vertices - tip[:3, 3]) @ tip[:3, :3]
+        front = float(corners[:, 2].max())
+        if front >= -TO_CUP:
+            face = corners[corners[:, 2] >= front - TO_CUP, :2]
+            middle = 0.5 * (face.min(axis=0) + face.max(axis=0))
+            ways = np.column_stack([np.cos(_AROUND), np.sin(_AROUND)]) @ face.T
+            edge = face[np.unique(ways.argmax(axis=1))]
+            points = np.vstack([middle, middle + _SHARE * (edge - middle)])
+            found += [(x, y) for x, y in points.tolist()]
+    edges = np.array(found).reshape(-1, 2)
+    # Where the frame is beside all of them, nobody knows which are meant.
+    there = found and np.maximum(edges.min(axis=0), -edges.max(axis=0)).max() <= TO_CUP
+    return tuple(found) if there else ()
+
+
+def cup_width(rules: GripRules) -> float:
+    """Return how wide the cups of a tool are together, where they are widest [m]."""
+    if not rules.lips:
+        return 2.0 * (rules.cup or USUAL_CUP)
+    points: Array = np.array(rules.lips)
+    return (
+        float(np.linalg.norm(points[:, None] - points, axis=2).max()) * _ROUND / _SHARE
+    )
+
+
+def too_wide(
+    shape: Shape, start: Transform, goal: Transform, rules: GripRules
+) -> str | None:
+    """Return in words which cup the faces of a part take at most, None where they take none.
+
+    Args:
+        shape: of the part.
+        start, goal: poses of its frame in the world.
+        rules: for grips by suction.
+    """
+    low, high, face = 0.0, 0.5 * float(max(shape.size)), ""
+    while high - low > _TRUE:
+        radius = 0.5 * (low + high)
+        own = replace(rules, cup=radius, lips=())
+        if grips := part_grips(shape, start, goal, own):
+            out = -grips[0].pose[:3, 2]
+            axis = int(np.abs(out).argmax())
+            low, face = radius, f"{'-' if out[axis] < 0 else '+'}{'xyz'[axis]}"
+        else:
+            high = radius
+    by = "by the shapes of the tool" if rules.lips else "grips.cup_m"
+    if not face or 2.0 * low >= cup_width(rules):
+        return None
+    return (
+        f"the cup is {1e3 * cup_width(rules):.1f} mm wide ({by}), and the widest that its largest flat"
+        f" face, {face}, takes is {2e3 * low:.1f} mm"
+    )
