@@ -29,6 +29,7 @@ from planning.construction.world.timeline import (
     RobotTimeline,
     cut_timeline,
     hand_changes,
+    moving,
 )
 from planning.construction.world.tracks import build_tracks, sweep_track
 from planning.errors import PlanInvariantError
@@ -122,7 +123,7 @@ def _transit(
     inside = (line.time > start + SAME) & (line.time < end - SAME)
     time = np.concatenate([[start], line.time[inside], [end]])
     path = np.vstack([_last_at(line, start), line.path[inside], line.at(end)])
-    if not np.any(path[1:] != path[:-1]):
+    if not np.any(moving(path[1:], path[:-1])):
         return
     touching = NOTHING if carried is None else gripped(line.robot, carried)
     if line.robot != work.robot and work.holder == line.robot:
@@ -293,7 +294,7 @@ def _halve(
         start, end = float(pieces.start[k]), float(pieces.end[k])
         label = tasks[int(owners[k, 0])].label if tasks else ""
         words.append(f"robot {names[r]!r} ({label}, from {start:.3f} s to {end:.3f} s)")
-        if pieces.whole[k] or not np.any(pieces.q_a[k] != pieces.q_b[k]):
+        if pieces.whole[k] or not moving(pieces.q_a[k], pieces.q_b[k]):
             continue
         for halvings in range(1, HALVINGS + _FINER + 1):
             size = STEP / (1 << halvings)
@@ -320,7 +321,7 @@ def _tasks_of(
     ends = np.array([tasks[k].end for k in own])
     at = np.searchsorted(ends, pieces.moment + SAME, side="right")
     task = np.array(own)[np.minimum(at, len(own) - 1)]
-    moves = np.any(pieces.q_a != pieces.q_b, axis=1) | pieces.whole
+    moves = moving(pieces.q_a, pieces.q_b) | pieces.whole
     places = np.arange(len(task))
     before = np.maximum.accumulate(np.where(moves, places, -1))
     after = np.minimum.accumulate(np.where(moves, places, len(task))[::-1])[::-1]
