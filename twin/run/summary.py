@@ -43,6 +43,7 @@ class Preparation:
         plan: which plan it is: a plan of twin.run.policies.
         turns_sha256: hash of the plan in turns, where it is another one.
         warnings: what is doubtful about the cell and what was asked for.
+        checks_off: checks that the scenario switches off, with ``key`` and ``check``.
         fits: how parts fit where they are put, step by step.
         load_bound_s: makespan that no choice of who does what can beat, where it is known [s].
         step_order: numbers that the steps had before they were put into another order.
@@ -61,6 +62,7 @@ class Preparation:
     plan: str = IN_TURNS
     turns_sha256: str | None = None
     warnings: Sequence[str] = ()
+    checks_off: Sequence[Mapping[str, str]] = ()
     fits: Sequence[Mapping[str, Any]] = ()
     load_bound_s: float | None = None
     step_order: Sequence[int] = ()
@@ -68,6 +70,9 @@ class Preparation:
     operated: bool = False
     answered: bool = False
     session: Mapping[str, Any] | None = None
+
+
+_NO_AUDIT = {"key": "--no-audit", "check": "Whether what was executed is audited."}
 
 
 def summarise(
@@ -132,6 +137,7 @@ def summarise(
         "planning_s": dict(about.planning_s),
         "audit": None if audit is None else dict(audit),
         "warnings": list(about.warnings),
+        "checks_off": [*about.checks_off, *([] if about.audit else [_NO_AUDIT])],
         **{key: value for key, value in further.items() if value},
         "makespan_asynchronous_s": about.makespan_asynchronous_s if completed else None,
         "load_bound_s": about.load_bound_s,
@@ -239,6 +245,9 @@ def print_summary(
         )
     for fit in summary.get("fits", ()):
         console.print(f"step {fit['step']}: {fit['words']}", soft_wrap=True)
+    for own in summary.get("checks_off", ()):
+        words = f"{own['key']}: {own['check']}"
+        console.print("[yellow]check off[/yellow]:", Text(words), soft_wrap=True)
     for warning in summary.get("warnings", ()):
         console.print("[yellow]warning[/yellow]:", Text(warning), soft_wrap=True)
     if summary.get("failure"):

@@ -229,6 +229,7 @@ def prepare(
             ),
             *overloads(plan.tpg),
         ),
+        checks_off=plan.scenario.sections.checks_off,
         fits=plan.fits,
         plan=plan.name,
         turns_sha256=None if plan.turns is None else plan_sha256(plan.turns),
