@@ -247,21 +247,6 @@ class MotionPieces(NamedTuple):
         return MotionPieces._make(values[k:] for values in self)
 
 
-def moving(q_a: Array, q_b: Array) -> npt.NDArray[np.bool_]:
-    """Return whether a robot moves from one configuration to another, by more than rounding.
-
-    A cell of time begins at a multiple of its length, a motion may end a rounding error later: the stand after
-    it then begins a rounding error off. It is a stand all the same, which belongs to the tasks before and after.
-
-    Args:
-        q_a, q_b: ends of motions, shape (p, n) or (n,).
-
-    Returns:
-        Shape (p,), or a single value.
-    """
-    return np.asarray(np.any(np.abs(q_a - q_b) > SAME, axis=-1))
-
-
 def cut_timeline(
     line: RobotTimeline,
     start: float,
@@ -298,7 +283,7 @@ def cut_timeline(
     for a, b in skills:
         whole |= (t_a >= a - SAME) & (t_b <= b + SAME)
     q_a, q_b = q[:-1], q[1:]
-    moves = moving(q_a, q_b) | whole
+    moves = np.any(q_a != q_b, axis=1) | whole
     # Stands that follow each other are one stand, unless something changes in the hand.
     joined = np.zeros(len(t_a), dtype=np.bool_)
     joined[1:] = ~moves[1:] & ~moves[:-1]
