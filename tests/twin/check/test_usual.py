@@ -185,7 +185,13 @@ def test_there_are_sixty() -> None:
     assert len(PAIRS) >= 60
 
 
-@pytest.mark.parametrize("what", PAIRS)
+@pytest.mark.parametrize(
+    "what",
+    [
+        pytest.param(what, marks=[pytest.mark.nightly] if k % 3 == 2 else [])
+        for k, what in enumerate(PAIRS)
+    ],
+)
 def test_what_is_absurd_is_told_and_its_neighbour_is_not(
     what: str, folder: Path
 ) -> None:
