@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.construction.checks.scene import HALVINGS
 from planning.construction.piece_conflicts import conflicting_pieces
@@ -293,7 +294,7 @@ def _halve(
         start, end = float(pieces.start[k]), float(pieces.end[k])
         label = tasks[int(owners[k, 0])].label if tasks else ""
         words.append(f"robot {names[r]!r} ({label}, from {start:.3f} s to {end:.3f} s)")
-        if pieces.whole[k] or not np.any(pieces.q_a[k] != pieces.q_b[k]):
+        if not _moves(pieces)[k] or pieces.whole[k]:
             continue
         for halvings in range(1, HALVINGS + _FINER + 1):
             size = STEP / (1 << halvings)
@@ -320,7 +321,7 @@ def _tasks_of(
     ends = np.array([tasks[k].end for k in own])
     at = np.searchsorted(ends, pieces.moment + SAME, side="right")
     task = np.array(own)[np.minimum(at, len(own) - 1)]
-    moves = np.any(pieces.q_a != pieces.q_b, axis=1) | pieces.whole
+    moves = _moves(pieces)
     places = np.arange(len(task))
     before = np.maximum.accumulate(np.where(moves, places, -1))
     after = np.minimum.accumulate(np.where(moves, places, len(task))[::-1])[::-1]
@@ -330,6 +331,16 @@ def _tasks_of(
     before = np.where(before < 0, some[0], before)
     after = np.where(after >= len(task), some[-1], after)
     return np.stack([task[before], task[after]], axis=1).astype(np.int64)
+
+
+def _moves(pieces: MotionPieces) -> npt.NDArray[np.bool_]:
+    """Return which pieces are motions, and no stands, shape (p,).
+
+    Cells of time begin at multiples of their length, and a motion may end a rounding error after one: the stand
+    after it then begins as far off. It is a stand all the same, which belongs to the tasks before and after it.
+    """
+    far = np.abs(pieces.q_a - pieces.q_b) > SAME
+    return np.asarray(np.any(far, axis=1) | pieces.whole)
 
 
 def _motions(

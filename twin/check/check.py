@@ -9,6 +9,7 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
 
+from twin.check.bricks import check_brick_tools
 from twin.check.finding import Finding, Findings, Subject
 from twin.check.fits import KnownFit, known_fits
 from twin.check.gripping import (
@@ -48,6 +49,7 @@ from twin.check.tools import (
     check_tool_frames,
     check_units,
 )
+from twin.check.usual import check_physics, check_rates, check_usual
 from twin.scenario.document.validation import FileProblem, InvalidScenarioError
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.parts import PartsSection, StepSection
@@ -126,6 +128,7 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_turning,
     check_flanges,
     check_tool_frames,
+    check_brick_tools,
     check_openings,
     check_pads,
     check_holds,
@@ -142,6 +145,9 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_grip_times,
     check_standing_times,
     check_speeds,
+    check_usual,
+    check_rates,
+    check_physics,
 )
 """Quick checks; reach is looked at only where these found no error, as it takes what they check."""
 

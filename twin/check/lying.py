@@ -19,6 +19,7 @@ from planning.contacts.touching import (
 )
 from planning.grips.tool_grips import tool_bodies
 from planning.kinematics.kinematics import frame_in_last_joint
+from planning.meshes.holes import open_share
 from planning.parts.assembly import MachineWork, PlacePart, Process
 from planning.parts.part_skills import process_targets
 from planning.parts.part_steps import (
@@ -233,19 +234,39 @@ _MISSED = 1e-4
 """So much of a surface may be outside of all pieces before it is worth a word [m]."""
 
 
+_OPEN = 0.005
+"""A mesh of which no more is missing is closed but for cracks, share of its surface."""
+
+
 def check_meshes(subject: Subject) -> Findings:
-    """Yield meshes of which some of the surface is outside of the pieces that stand for them."""
+    """Yield meshes with holes, and those with surface outside of the pieces that stand for them."""
     things = [(f.name, f.shape) for f in subject.cell.fixtures]
     things += [(o.name, o.shape) for o in subject.cell.objects]
-    for name, shape in things:
-        for element in shape.elements:
-            if isinstance(element.form, Mesh) and element.form.missed > _MISSED:
-                yield Finding(
-                    subject.thing_at(name, "shape"),
-                    f"the surface of {name} is up to {millimetres(element.form.missed)} outside"
-                    " of the convex pieces that planning sees: close its holes, or give a smaller"
-                    " within_m",
-                )
+    meshes = [
+        (name, element.form)
+        for name, shape in things
+        for element in shape.elements
+        if isinstance(element.form, Mesh)
+    ]
+    for name, mesh in meshes:
+        at, missing = (
+            subject.thing_at(name, "shape"),
+            open_share(mesh.vertices, mesh.faces),
+        )
+        if mesh.missed > _MISSED:
+            yield Finding(
+                at,
+                f"the surface of {name} is up to {millimetres(mesh.missed)} outside"
+                " of the convex pieces that planning sees: close its holes, or give a smaller"
+                " within_m",
+            )
+        if missing > _OPEN:
+            yield Finding(
+                at,
+                f"the surface of {name} is open: {100 * missing:.2g} % of it is missing in the mesh {mesh.source}, and"
+                f" usual is at most {100 * _OPEN:g} %; planning closes the holes, which may not be what was meant:"
+                " close them in the file",
+            )
 
 
 _BRIDGED = 0.02

@@ -24,7 +24,7 @@ def import_apex_mr_task(
     output: Path,
     prescribed_stock: bool = False,
     tool: str | None = None,
-    press_from: str = "side",
+    press_from: str | None = None,
 ) -> None:
     """Read a task as the authors of APEX-MR publish them.
 
@@ -36,50 +36,76 @@ def import_apex_mr_task(
         tool: tool of both arms: dual-arm or slim; by default the first with which some
             robot can do every step.
         press_from: where the two ways to give a grip contradict each other: side
-            (press_side, press_offset) or cell (press_x, press_ori).
+            (press_side, press_offset) or cell (press_x, press_ori); by default the first with
+            which the structure bears every press.
     """
     from planning.importers.apex_mr.importer import PressFrom, import_apex_mr
     from planning.lego.sequencing.stable_steps import stable_steps
     from planning.robots.registry import with_tool
+    from twin.check.bricks import check_brick_tools
+    from twin.check.finding import Subject
     from twin.commands.sequence import choose_tool
     from twin.host.guard import write_text
     from twin.planning.kind import assembly_kind
     from twin.planning.lego import build_lego
     from twin.scenario.document.yaml_text import scenario_text
-    from twin.scenario.manifest import load_scenario
+    from twin.scenario.manifest import scenario_of
     from twin.scenario.sections.lego import LegoSection
 
-    readings: tuple[PressFrom, ...] = get_args(PressFrom)
-    reading = next((known for known in readings if known == press_from), None)
-    if reading is None:
-        raise RequestError(f"--press-from {press_from}", choices=readings)
+    known: tuple[PressFrom, ...] = get_args(PressFrom)
+    readings = [own for own in known if press_from in (None, own)]
+    if not readings:
+        raise RequestError(f"--press-from {press_from}", choices=known)
     with_tool("gp4", tool)
-    content = import_apex_mr(
-        folder,
-        task,
-        prescribed_stock=prescribed_stock,
-        press_from=reading,
-        note=_note,
-    )
-    note = f"Imported from the published APEX-MR task {task!r}."
-    write_text(output, scenario_text(content, note))
-    scenario = load_scenario(output)
+    about, refusals = f"Imported from the published APEX-MR task {task!r}.", list[str]()
+    found: list[tuple[dict[str, Any], list[str]]] = []
+    for reading in readings:
+        notes: list[str] = []
+        content = import_apex_mr(
+            folder,
+            task,
+            prescribed_stock=prescribed_stock,
+            press_from=reading,
+            note=notes.append,
+        )
+        scenario, _ = scenario_of(output, scenario_text(content, about))
+        section = scenario.assembly
+        assert isinstance(section, LegoSection)
+        found.append((content, notes))
+        try:
+            stable_steps(build_lego(section))
+            break
+        except InfeasibleStepError as error:
+            refusals.append(f"with the grips of --press-from {reading}: {error}")
+    else:
+        # They were built as published: rather doubt what is assumed of bricks and presses.
+        content, notes = found[0]
+        content["assembly"]["rules"] = {"check_steps": False}
+        refusals = [
+            "the steps are not checked when planned (rules.check_steps: false)",
+            *refusals,
+        ]
+        about = "\n".join([about, *refusals])
+    for line in (*notes, *refusals):
+        _note(line)
+    scenario, _ = scenario_of(output, scenario_text(content, about))
     section = scenario.assembly
     assert isinstance(section, LegoSection)
-    assembly = build_lego(section)
-    try:
-        stable_steps(assembly)
-    except InfeasibleStepError as error:
-        # They were built as published: rather doubt what is assumed of bricks and presses.
-        _note(f"the steps are not checked when planned: {error}")
-        content["assembly"]["rules"] = {"check_steps": False}
     if tool is None:
-        choice = choose_tool(scenario, assembly, output.parent)
+        choice = choose_tool(scenario, build_lego(section), output.parent)
         tool = choice.tool
         typer.echo(choice.words)
     for robot in content["cell"]["robots"]:
         robot["tool"] = tool
-    write_text(output, scenario_text(content, note))
+    text = scenario_text(content, about)
+    scenario, _ = scenario_of(output, text)
+    for misfit in check_brick_tools(Subject(scenario, output.parent)):
+        if misfit.error:
+            raise ScenarioError(
+                f"{folder}: the tables of robot_properties: {misfit.message}"
+            )
+        _note(misfit.message)
+    write_text(output, text)
     kind = assembly_kind(section)
     typer.echo(f"{output}: {kind.steps()} steps, {kind.supply()}")
 

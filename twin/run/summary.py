@@ -44,6 +44,7 @@ class Preparation:
         plan: which plan it is: a plan of twin.run.policies.
         turns_sha256: hash of the plan in turns, where it is another one.
         warnings: what is doubtful about the cell and what was asked for.
+        checks_off: checks that the scenario switches off, with ``key`` and ``check``.
         fits: how parts fit where they are put, step by step.
         idle: by robot that gets no task: why, and how many steps it can serve.
         load_bound_s: makespan that no choice of who does what can beat, where it is known [s].
@@ -62,6 +63,7 @@ class Preparation:
     plan: str = IN_TURNS
     turns_sha256: str | None = None
     warnings: Sequence[str] = ()
+    checks_off: Sequence[Mapping[str, str]] = ()
     fits: Sequence[Mapping[str, Any]] = ()
     idle: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     load_bound_s: float | None = None
@@ -69,6 +71,9 @@ class Preparation:
     operated: bool = False
     answered: bool = False
     session: Mapping[str, Any] | None = None
+
+
+_NO_AUDIT = {"key": "--no-audit", "check": "Whether what was executed is audited."}
 
 
 def summarise(
@@ -136,6 +141,7 @@ def summarise(
         "planning_s": dict(about.planning_s),
         "audit": None if audit is None else dict(audit),
         "warnings": list(about.warnings),
+        "checks_off": [*about.checks_off, *([] if about.audit else [_NO_AUDIT])],
         **{key: value for key, value in further.items() if value},
         "makespan_asynchronous_s": about.makespan_asynchronous_s if completed else None,
         "load_bound_s": about.load_bound_s,
@@ -241,6 +247,9 @@ def print_summary(
         )
     for fit in summary.get("fits", ()):
         console.print(f"step {fit['step']}: {fit['words']}", soft_wrap=True)
+    for own in summary.get("checks_off", ()):
+        words = f"{own['key']}: {own['check']}"
+        console.print("[yellow]check off[/yellow]:", Text(words), soft_wrap=True)
     for warning in summary.get("warnings", ()):
         console.print("[yellow]warning[/yellow]:", Text(warning), soft_wrap=True)
     if summary.get("failure"):

@@ -245,6 +245,7 @@ def prepare(
             *_unreached_speeds(plan),
             *(own.message for own in idle if not windowed),
         ),
+        checks_off=plan.scenario.sections.checks_off,
         fits=plan.fits,
         idle={own.robot: own.content() for own in idle},
         plan=plan.name,

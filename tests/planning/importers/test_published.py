@@ -15,12 +15,14 @@ from hypothesis import strategies as st
 from benchmarks.fuzz.task_files import write_files, write_robots
 from planning.cell.workcell import Workcell
 from planning.importers.apex_mr.importer import import_apex_mr
-from planning.lego.bricks.assembly import LegoAssembly, LegoStep
+from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press
 from planning.lego.bricks.brick_world import press_of
+from planning.lego.bricks.grid import press_cell
 from planning.lego.skills.candidates import find_candidates
 from planning.tasks.assignment import StepChoice
 from planning.tasks.highs_solver import assign_steps
 from tests.planning.importers.published_form import published_cell as cell
+from tests.planning.importers.published_form import published_cell as cell_as_published
 from tests.planning.importers.published_form import write_published
 from tests.twin.program import invoke
 from twin.planning.build_workcell import build_workcell
@@ -144,6 +146,97 @@ def test_what_is_asked_of_the_importer_must_be_there(tmp_path: Path) -> None:
     ):
         done = invoke(*task, option, value, code=2)
         assert valid in done.stderr
+
+
+GIVES_WAY, BEARS = Press(2, 0), Press(1, 0)
+"""Grips of step 8 of the cliff."""
+
+
+@pytest.mark.parametrize(
+    ("side", "cell", "options", "taken", "off"),
+    [
+        pytest.param(BEARS, BEARS, (), BEARS, False, marks=pytest.mark.nightly),
+        pytest.param(BEARS, GIVES_WAY, (), BEARS, False, marks=pytest.mark.nightly),
+        (GIVES_WAY, BEARS, (), BEARS, False),
+        pytest.param(
+            GIVES_WAY,
+            BEARS,
+            ("--press-from", "side"),
+            GIVES_WAY,
+            True,
+            marks=pytest.mark.nightly,
+        ),
+        pytest.param(
+            BEARS,
+            GIVES_WAY,
+            ("--press-from", "cell"),
+            GIVES_WAY,
+            True,
+            marks=pytest.mark.nightly,
+        ),
+        (GIVES_WAY, GIVES_WAY, (), GIVES_WAY, True),
+    ],
+)
+def test_the_reading_of_grips_that_bears_every_press_is_taken(
+    tmp_path: Path,
+    side: Press,
+    cell: Press,
+    options: tuple[str, ...],
+    taken: Press,
+    off: bool,
+) -> None:
+    """Where none does, the output, the file and the summaries of its runs say so."""
+    workcell, assembly = shipped("cliff")
+    write_published(tmp_path, "cliff", workcell, assembly)
+    task = tmp_path / "assembly_tasks" / "cliff.json"
+    steps = json.loads(task.read_text())
+    contact = press_cell(assembly.steps[7], cell, up=False)
+    steps["8"] |= {"press_side": side.side, "press_offset": side.offset}
+    own = cell_as_published(
+        contact.x, contact.y, contact.z, int(contact.turned), "press_"
+    )
+    steps["8"] |= own
+    task.write_text(json.dumps(steps))
+    file = tmp_path / "cliff.yaml"
+    tool = ("--tool", "dual-arm")
+    task_of = ("import", "apex-mr", tmp_path, "--task", "cliff", *tool, "-o", file)
+    done = invoke(*task_of, *options, code=0)
+    scenario = load_scenario(file)
+    assert build_lego(scenario.assembly).steps[7].presses == (taken,)
+    said = "it bears 0.0 N"
+    comments = "".join(k for k in file.read_text().splitlines() if k.startswith("#"))
+    assert (said in comments) == off
+    assert (said in done.stderr) == (off or taken != side)
+    keys = [own["key"] for own in scenario.checks_off]
+    assert keys == (["assembly.rules.check_steps"] if off else [])
+
+
+@pytest.mark.parametrize(
+    ("longer_mm", "words"),
+    [
+        pytest.param(-9.0, "shorter", marks=pytest.mark.nightly),
+        (-4.5, "shorter"),
+        pytest.param(-1.0, None, marks=pytest.mark.nightly),
+        (1.0, None),
+        (5.0, "longer"),
+        pytest.param(11.0, "longer", marks=pytest.mark.nightly),
+    ],
+)
+def test_frames_of_another_tool_are_refused(
+    tmp_path: Path, longer_mm: float, words: str | None
+) -> None:
+    write_published(tmp_path, "cliff", *shipped("cliff"))
+    for table in (tmp_path / "robot_properties").glob("*tool*DH.txt"):
+        rows = np.loadtxt(table)
+        rows[-1, 1] -= 1e-3 * longer_mm
+        np.savetxt(table, rows)
+    file = tmp_path / "cliff.yaml"
+    task = ("import", "apex-mr", tmp_path, "--task", "cliff", "--tool", "dual-arm")
+    done = invoke(*task, "-o", file, code=0 if words is None else 2)
+    assert file.exists() == (words is None)
+    if words is not None:
+        assert f"those of a {words} tool" in done.stderr
+        assert str(tmp_path) in done.stderr.replace("\n", "")
 
 
 SIZES = {"2": (2, 4), "5": (1, 4), "7": (1, 4), "9": (1, 2), "10": (1, 1), "20": (2, 6)}

@@ -40,6 +40,9 @@ def test_figures_of_a_small_run() -> None:
         "planning_s": {"motion": 0.5},
         "audit": None,
         "warnings": [],
+        "checks_off": [
+            {"key": "--no-audit", "check": "Whether what was executed is audited."}
+        ],
         "makespan_asynchronous_s": None,
         "load_bound_s": None,
     }

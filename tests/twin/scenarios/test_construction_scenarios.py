@@ -23,6 +23,7 @@ from planning.construction.problem.reach_bounds import reach_bounds
 from planning.errors import RobotModelError, ScenarioError
 from planning.motion.sequential import MotionSettings
 from scheduling.graph.plan_files import load_plan
+from scheduling.verification.verify import verify_plan
 from tests.planted import rows
 from tests.twin.written import loaded, written
 from twin.audit import supports
@@ -36,6 +37,7 @@ from twin.planning.construction import ConstructionKind
 from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import motion_settings
 from twin.scenario.manifest import load_scenario
+from twin.trial.planning import plan_scenario
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "construction"
 
@@ -112,6 +114,17 @@ def test_a_scenario_says_that_the_rrt_finds_all_paths(
     text = OWN[: OWN.index("assembly:")] + goals
     with pytest.raises(ScenarioError, match=r"planning.paths.*kind 'goals'"):
         loaded(tmp_path, text)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("name", "seed"), [("relay", 230), ("relay", 3), ("handover", 7), ("tower", 7)]
+)
+def test_plans_of_other_seeds_pass_their_own_check(name: str, seed: int) -> None:
+    """Stands that begin a rounding error after a cell of time are in these of the relay."""
+    scenario = load_scenario(FOLDER / f"{name}.yaml").changed(seed=seed)
+    tpg = plan_scenario(scenario, FOLDER).tpg
+    assert verify_plan(tpg, limit=1).problems == ()
 
 
 def test_everybody_of_the_mixed_team_is_needed() -> None:

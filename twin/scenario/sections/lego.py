@@ -208,7 +208,7 @@ class RulesSection(Section):
             up to the force at which pressing stops.
         search_limit: how many partial structures the search for a sequence may look at beyond
             one for each brick.
-        check_steps: whether given steps must bear that force too.
+        check_steps: whether given steps must bear that force too, and stand.
     """
 
     support: bool = True

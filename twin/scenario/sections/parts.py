@@ -24,7 +24,7 @@ class BalanceSection(Section):
     """Assumptions under which an assembly must stand after every step.
 
     Attributes:
-        check: whether it is looked at.
+        check: whether everything must stand after every step.
         friction: least coefficient of friction of all contacts.
         tilt_deg: by which gravity may be tilted, so that nothing stands on an edge.
     """

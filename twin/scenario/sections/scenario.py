@@ -18,7 +18,13 @@ from planning.tasks.task import CLOSE, LEAVE_TOOL, OPEN, TAKE_TOOL, ActuationKey
 from twin.durations.lifetimes import AnyDuration, SkillOverride
 from twin.durations.measured import Packaged
 from twin.durations.model import DurationModel, PackagedSkill, Skill
-from twin.scenario.document.section import Name, Section, Several
+from twin.scenario.document.section import (
+    Name,
+    Section,
+    Several,
+    attributes,
+    parts_of,
+)
 from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection
 from twin.scenario.sections.cell import RobotSection as RobotSection
@@ -165,6 +171,20 @@ class Scenario(Section):
     planning: PlanningSection = PlanningSection()
     execution: ExecutionSection = ExecutionSection()
     explore: ExploreSection | None = None
+
+    @property
+    def checks_off(self) -> tuple[dict[str, str], ...]:
+        """The checks that the file switches off: each with its ``key``, and what it would ``check``."""
+        return tuple(
+            {
+                "key": ".".join(map(str, (*path, key))),
+                "check": attributes(type(section))[key],
+            }
+            for path, section in parts_of(self)
+            if isinstance(section, Section)
+            for key in type(section).model_fields
+            if key.split("_")[0] == "check" and getattr(section, key) is False
+        )
 
     @model_validator(mode="after")
     def _with_processes(self) -> Scenario:

@@ -132,6 +132,9 @@ def _first_page(result: StudyResult) -> Pieces:
     scenario = varied(request.scenario, summary.cells[cell].variant)
     subject = Subject(scenario, request.base)
     doubts = [*warnings(subject), *summary.warnings]
+    doubts += [
+        f"check off: {own['key']}: {own['check']}" for own in scenario.checks_off
+    ]
     if doubts:
         yield paragraph(f"Warning: {' Warning: '.join(doubts)}", "warning")
     policies = len(request.experiment.policies)

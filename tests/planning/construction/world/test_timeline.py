@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.workcell import CellObject
+from planning.construction.motion_plan_export import _tasks_of
 from planning.construction.world.fixed_world import FixedWorld, PlannedTask, SweptTracks
 from planning.construction.world.timeline import (
     STEP,
@@ -297,3 +298,32 @@ def test_another_hand_is_another_sweep() -> None:
     assert len(full.carriers) > 1
     parts = len(ROVER.model.parts)
     assert [len(carrier.bodies.entities) for carrier in bare.carriers] == [parts]
+
+
+@given(st.integers(1, 400), st.integers(-3, 3), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_a_stand_that_begins_a_rounding_error_off_the_grid_is_a_stand(
+    cell: int, ulps: int, changes: bool
+) -> None:
+    """It belongs to the tasks before and after it, whose contacts it may make."""
+    arrival = cell * STEP
+    for _ in range(abs(ulps)):
+        arrival = float(np.nextafter(arrival, np.inf if ulps > 0 else -np.inf))
+    end = arrival + 4.0
+    there, home = np.array([[1.1, -0.7]]), np.zeros((1, 2))
+    own = RobotTimeline(
+        "a", np.array([arrival - 0.03, arrival]), np.vstack([home, there])
+    )
+    own = own.then(np.array([arrival, end]), np.vstack([there, there]))
+    own = own.then(np.array([end, end + 1.0]), np.vstack([there, home]))
+    tasks = [
+        PlannedTask("a", TRANSIT, np.array(span), np.vstack([home, there]), k, "on")
+        for k, span in enumerate([(arrival - 0.03, arrival), (end, end + 1.0)], start=1)
+    ]
+    given_times = [arrival - 0.03, arrival, end, end + 1.0]
+    given_times += [arrival + 3.9] * changes
+    pieces = cut_timeline(own, 0.0, np.inf, STEP, sorted(given_times))
+    stand = (pieces.start >= arrival - 1e-6) & (pieces.end <= end + 1e-6)
+    owners = _tasks_of(pieces, tasks, [0, 1])
+    assert stand.sum() >= 1 + changes
+    assert {tuple(own) for own in owners[stand].tolist()} == {(0, 1)}
