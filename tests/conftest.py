@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import os
+import signal
+from collections.abc import Generator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +20,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 FEW_EXAMPLES = 6
 """Property tests that try no more than these try them all by day, others half of what they say."""
+
+NIGHTLY_S = 7200
+"""Longest time of a test that tries more than by day [s]."""
 
 if TYPE_CHECKING:
     from tests.planned_once import PlannedOnce
@@ -66,6 +72,32 @@ def pytest_collection_modifyitems(
             tried = 10 * many if nightly else max(min(many, FEW_EXAMPLES), many // 2)
             changed = hypothesis.settings(own, max_examples=tried)
             test._hypothesis_internal_use_settings = changed
+    for item in items if nightly else ():
+        if item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(NIGHTLY_S))
+
+
+class HangingTestError(BaseException):
+    """A test takes longer than it may.
+
+    No ``Exception``: property tests would try the example again, and wait for ever.
+    """
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_timeout_set_timer(
+    item: pytest.Item, settings: Any
+) -> Generator[None, object, object]:
+    """Let the timer show the stacks of all threads and end the test."""
+    done = yield
+
+    def end(number: int, frame: object) -> None:
+        faulthandler.dump_traceback()
+        raise HangingTestError(f"{item.nodeid} takes more than {settings.timeout:g} s")
+
+    if settings.method == "signal":
+        signal.signal(signal.SIGALRM, end)
+    return done
 
 
 def pytest_collection_finish() -> None:
