@@ -109,6 +109,7 @@ class LiveExecution(ReportedExecution):
             return super().execute()
         finally:
             # Whatever goes wrong on the way, all drivers are told to stand, and nobody waits for them.
+            self._correct_times()
             with ExitStack() as stack:
                 stack.callback(self._log.close)
                 for name, wire in self._wires.items():

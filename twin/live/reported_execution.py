@@ -54,7 +54,7 @@ class ReportedExecution(RollingExecution):
         since_s = history.since_ns / NANOSECONDS if history else 0.0
         self._begin_s, self._pace = clock() - since_s / pace, pace
         self._states: dict[str, DriverState] = {}
-        self._kept_s: dict[str, float] = {}
+        self._missing_s: dict[str, float] = {}
         self._news = {name: self.env.event() for name in links}
         self._rows = {name: MeasuredRows() for name in links}
         self._acts = actuation_nodes(self.tpg)
@@ -85,16 +85,26 @@ class ReportedExecution(RollingExecution):
             self._begin_s = begin_s
         for robot, t_ns, sample in self._log.before():
             self._rows[robot].add(t_ns, sample)
-        for k, chain in enumerate(self.tpg.chains):
+        for k in range(len(self.tpg.chains)):
             begun, done = history.start_ns[k], history.end_ns[k]
-            if (rows := self._rows.get(chain.robot)) is not None:
-                # The log tells when the dispatcher heard of it.
-                rows.begin_ns += begun[len(rows.begin_ns) :]
-                rows.end_ns += done[len(rows.end_ns) :]
-                begun, done = rows.begin_ns[: len(begun)], rows.end_ns[: len(done)]
             self.start[k][: len(begun)], self.end[k][: len(done)] = begun, done
         if self.narrator is not None:
             self.narrator.held_by(history.holders)
+
+    def _correct_times(self) -> None:
+        """Let samples say when nodes of the log began and ended, which has when the dispatcher heard of it.
+
+        Samples that were not on the disk come again after the dispatcher was started anew.
+        """
+        history = self._history or History()
+        for told, logged, times in (
+            (self.start, history.start_ns, "begin_ns"),
+            (self.end, history.end_ns, "end_ns"),
+        ):
+            for k, before in enumerate(logged):
+                if (rows := self._rows.get(self.tpg.chains[k].robot)) is not None:
+                    own = getattr(rows, times)[: len(before)]
+                    told[k][: len(own)] = map(min, told[k], own)
 
     def _robot(self, chain: int, node: int = 0) -> Steps:
         done = len(self._history.end_ns[chain]) if self._history else 0
@@ -130,8 +140,8 @@ class ReportedExecution(RollingExecution):
         now_s = self._wall_s()
         if (samples := self._links[name].samples(report)) is not None:
             self._keep(name, samples)
-            self._kept_s[name] = now_s
-        elif now_s - self._kept_s.setdefault(name, now_s) <= _MISSING_S:
+            self._missing_s.pop(name, None)
+        elif now_s - self._missing_s.setdefault(name, now_s) <= _MISSING_S:
             return
         # Of what no sample tells, as the driver was started anew, only that it has happened is known.
         now = self._passed_ns()
