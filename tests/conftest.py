@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import os
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +23,9 @@ FEW_EXAMPLES = 6
 
 SETTINGS = "_hypothesis_internal_use_settings"
 """Attribute in which hypothesis keeps the settings of a property test."""
+
+NIGHTLY_S = 7200
+"""Longest time of a test that tries more than by day [s]."""
 
 if TYPE_CHECKING:
     from tests.planned_once import PlannedOnce
@@ -86,6 +91,9 @@ def pytest_collection_modifyitems(
                 own, max_examples=factor * many if nightly else by_day
             )
             setattr(test, SETTINGS, changed)
+    for item in items if nightly else ():
+        if item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(NIGHTLY_S))
 
 
 def _deselect(
@@ -103,6 +111,29 @@ def _tries_more_at_night(item: pytest.Item) -> bool:
     """Return whether a test is marked nightly, or is a property test, whose examples increase."""
     function = getattr(item, "function", None)
     return bool(item.get_closest_marker("nightly")) or hasattr(function, SETTINGS)
+
+
+class HangingTestError(BaseException):
+    """A test takes longer than it may.
+
+    No ``Exception``: property tests would try the example again, and wait for ever.
+    """
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_timeout_set_timer(
+    item: pytest.Item, settings: Any
+) -> Generator[None, object, object]:
+    """Let the timer show the stacks of all threads and end the test."""
+    done = yield
+
+    def end(number: int, frame: object) -> None:
+        faulthandler.dump_traceback()
+        raise HangingTestError(f"{item.nodeid} takes more than {settings.timeout:g} s")
+
+    if settings.method == "signal":
+        signal.signal(signal.SIGALRM, end)
+    return done
 
 
 def pytest_collection_finish() -> None:

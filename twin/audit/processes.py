@@ -23,7 +23,7 @@ ALONG = float(np.radians(1.0))
 """Its z axis is opposite to that of the place to within this [rad]."""
 
 _STEP = 0.02
-"""Time between two looks at where a tool is [s]."""
+"""Time between two looks at where a tool that moves is [s]."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,7 @@ def _done(case: AuditCase, process: WantedProcess, index: int) -> _DoneProcess:
     tip = _tip(case, process, robot, span)
     if isinstance(tip, str):
         return otherwise(tip)
-    inside = rows.t[(rows.t > begin) & (rows.t < end)]
-    times = np.unique(np.r_[inside, np.arange(begin, end, _STEP), end])
+    times = rows.moving_samples(begin, end, _STEP)
     tools = case.world.flange_poses(case.numbers[robot], rows.at(times)) @ tip
     missed, words = _missed(tools, [place @ at for at in process.path])
     return _DoneProcess(robot, begin, end, missed, words)

@@ -371,9 +371,8 @@ class Execution:
 
     def _dispatch(self) -> Steps:
         while True:
-            self._release_safe()
+            # Reports that came before the dispatcher began count, too, as those of a run that goes on from its log.
             self.report_arrived = self.env.event()
-            yield self.report_arrived
             for chain, node in self.reports:
                 self.dispatcher.complete(chain, node)
                 self.outstanding[chain] -= 1
@@ -381,6 +380,8 @@ class Execution:
             for source, target in self.lifts:
                 self.dispatcher.lift(source, target)
             self.lifts.clear()
+            self._release_safe()
+            yield self.report_arrived
 
     def _release_safe(self) -> None:
         """Release what has become safe and fits into the queues."""

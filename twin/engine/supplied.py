@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import simpy
 
+from twin.engine.ending import Ending
 from twin.engine.processes import Execution, Steps
 
 
@@ -17,7 +18,12 @@ class SuppliedExecution(Execution):
 
     Each is brought in the one node of a machine, see ``scheduling.rolling.supply``. Nobody waits for that
     node before somebody has come for the object and has not found it; from then on everybody does.
+
+    Attributes:
+        ended: why the execution ended before its plan was complete; None where no such cause is known.
     """
+
+    ended: Ending | None = None
 
     def __init__(self, *rest: Any, **options: Any) -> None:
         """Set the cell up at time 0; see Execution."""

@@ -37,7 +37,7 @@ CONTROLLER_RATES_HZ = (125.0, 1000.0)
 CONTROLLER_RATE_HZ = 250.0
 """How many they get unless somebody asks for others [Hz]."""
 
-_STILL = 1e-9
+STILL = 1e-9
 """What moves by less between two rows at which it stands is moved by rounding [rad or m]."""
 
 Span = tuple[int, int]
@@ -312,6 +312,6 @@ def _stands(motion: Trajectory, begin: int, end: int) -> Iterator[Span]:
     rows = slice(max(low - 1, 0), high + 1)
     t, q = motion.t_ns[rows], motion.q[rows]
     rests = np.all((motion.v[rows] == 0.0) & (motion.a[rows] == 0.0), axis=1)
-    same = np.all(np.abs(np.diff(q, axis=0)) < _STILL, axis=1)
+    same = np.all(np.abs(np.diff(q, axis=0)) < STILL, axis=1)
     for k in np.flatnonzero(rests[:-1] & rests[1:] & same).tolist():
         yield max(int(t[k]), begin), min(int(t[k + 1]), end)

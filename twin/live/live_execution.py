@@ -17,31 +17,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import simpy
 
 from planning.errors import RequestError
-from scheduling.graph.task_edges import actuation_nodes
-from twin.drivers.driver import DriverState, Sample, cleared_node, order_of
+from twin.drivers.driver import DriverState
 from twin.durations.model import NANOSECONDS
-from twin.engine.processes import Steps
+from twin.engine.ending import Ending, EndingCode, PendingNode
 from twin.live.driver_end import Wire
-from twin.live.link import AwaitedAct, Link, see_to_tools
-from twin.live.measured import ANEW, History, MeasuredLog, MeasuredRows, samples_between
+from twin.live.link import Link
+from twin.live.measured import ANEW, History, MeasuredLog
+from twin.live.reported_execution import ReportedExecution
 from twin.live.wire_format import Report
 from twin.operate.committed import Version
-from twin.operate.rolling import RollingExecution
-from twin.run.events import EventKind, Measured, Outcome
-from twin.uncertainty.node_times import NodeTimes
-
-_SAME_CLOCK_S = 60.0
-"""The age of a log tells so well when its run began; further off, the machine's clock began anew [s]."""
+from twin.run.events import EventKind, Outcome
 
 _TICK_S = 0.02
 """How long messages are waited for at most, before links are looked at again [s]."""
 
 
-class LiveExecution(RollingExecution):
+class LiveExecution(ReportedExecution):
     """State of one run that drivers execute.
 
     Args:
@@ -54,9 +48,12 @@ class LiveExecution(RollingExecution):
         pace: how many times as fast as the clock the run's time goes.
         measured: where samples are written; None for nowhere.
         history: what has happened by the log, where the dispatcher was started anew.
+        clock: returns the time, counted from anywhere [s].
+        inbox: reports that have arrived.
     """
 
-    driven = True
+    attended = False
+    """Whether a person may give orders."""
 
     def __init__(
         self,
@@ -69,61 +66,27 @@ class LiveExecution(RollingExecution):
         pace: float = 1.0,
         measured: Path | None = None,
         history: History | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        inbox: queue.SimpleQueue[Report] | None = None,
         **options: Any,
     ) -> None:
-        super().__init__(*rest, **options)
-        self._links, self._wires = links, wires
+        super().__init__(
+            *rest,
+            links=links,
+            pace=pace,
+            log=MeasuredLog(measured),
+            history=history,
+            clock=clock,
+            **options,
+        )
+        self._wires, self._inbox = wires, inbox or queue.SimpleQueue[Report]()
         self._written, self._out_s = written, out_s
         self._tolerance = tolerance
-        self._inbox: queue.SimpleQueue[Report] = queue.SimpleQueue()
-        since_s = history.since_ns / NANOSECONDS if history else 0.0
-        self._begin_s, self._pace = time.monotonic() - since_s / pace, pace
-        self._states: dict[str, DriverState] = {}
         self._told: dict[str, str] = {}
         self._silent = set(links)
-        self._broken, self._settled = "", True
-        self._news = {name: self.env.event() for name in links}
-        self._rows = {name: MeasuredRows() for name in links}
-        self._acts = actuation_nodes(self.tpg)
-        self._log, self._history = MeasuredLog(measured), history
-        if history is not None:
-            self._remember(history)
-
-    def _remember(self, history: History) -> None:
-        """Take up the state that a log tells of."""
-        for k, chain in enumerate(self.tpg.chains):
-            cleared, done = history.cleared_ns[k], history.end_ns[k]
-            self.released[k] = len(cleared)
-            self.outstanding[k] = len(cleared) - len(done)
-            if done:
-                self.dispatcher.observe(k, len(done) - 1)
-            if k in history.finished:
-                self._finished[k] = len(chain)
-            if (link := self._links.get(chain.robot)) is not None:
-                for node in range(len(cleared)):
-                    self._clear(link, k, node, passed=node < len(done))
-                link.go_on(history.starts, len(done))
-                link.hold(chain.robot in history.held)
-                self._rows[chain.robot].cleared_ns = list(cleared)
-        begin_s = self._log.begin_s()
-        if begin_s is not None and abs(begin_s - self._begin_s) < _SAME_CLOCK_S:
-            self._begin_s = begin_s
-        for robot, t_ns, sample in self._log.before():
-            self._rows[robot].add(t_ns, sample)
-        for k, chain in enumerate(self.tpg.chains):
-            begun, done = history.start_ns[k], history.end_ns[k]
-            if (rows := self._rows.get(chain.robot)) is not None:
-                # The log tells when the dispatcher heard of it.
-                rows.begin_ns += begun[len(rows.begin_ns) :]
-                rows.end_ns += done[len(rows.end_ns) :]
-                begun, done = rows.begin_ns[: len(begun)], rows.end_ns[: len(done)]
-            self.start[k][: len(begun)], self.end[k][: len(done)] = begun, done
-        if self.narrator is not None:
-            self.narrator.held_by(history.holders)
-
-    def _robot(self, chain: int, node: int = 0) -> Steps:
-        done = len(self._history.end_ns[chain]) if self._history else 0
-        return super()._robot(chain, max(node, done))
+        self._settled = True
+        self._believed_s: dict[str, float] = {}
+        self._idle_s = self._wall_s()
 
     def execute(self) -> Outcome:
         """Run until everything is done, nothing can go on, or the user interrupts.
@@ -137,12 +100,16 @@ class LiveExecution(RollingExecution):
                 wire.open(self._inbox.put)
             self._gather()
             if self._history is not None:
-                self.env.run(until=self._history.since_ns)
+                self.env.run(until=max(self._history.since_ns, 1))
                 if self.narrator is not None:
                     self.narrator.emit("resumed", detail=ANEW)
+                for k, node in self.impatient:
+                    if (begun := self.start[k][node]) >= 0:
+                        self._count_patience(k, node, begun - self.now_ns)
             return super().execute()
         finally:
             # Whatever goes wrong on the way, all drivers are told to stand, and nobody waits for them.
+            self._correct_times()
             with ExitStack() as stack:
                 stack.callback(self._log.close)
                 for name, wire in self._wires.items():
@@ -151,7 +118,7 @@ class LiveExecution(RollingExecution):
 
     def _let_go(self, name: str) -> None:
         self._links[name].say_leave()
-        last = self._links[name].command(time.monotonic())
+        last = self._links[name].command(self._wall_s())
         if last is not None:
             self._wires[name].send(replace(last, nodes=()))
 
@@ -160,57 +127,46 @@ class LiveExecution(RollingExecution):
 
         Those of a run that was over by its log may have left.
         """
-        begin_s = time.monotonic()
+        begin_s = self._wall_s()
         if self._history and len(self._history.finished) == len(self.tpg.chains):
             self._silent.clear()
             return
         while missing := sorted(self._links.keys() - self._states.keys()):
-            if time.monotonic() - begin_s > self._out_s:
+            if self._wall_s() - begin_s > self._out_s:
                 raise RequestError(
                     f"no driver of {', '.join(missing)} has been heard of for {self._out_s:g} s"
                 )
             for name in self._links:
                 self._send(name)
             with suppress(queue.Empty):
-                report = self._inbox.get(timeout=_TICK_S)
-                if (state := self._heard(report)) is not None:
-                    self._states[report.robot] = state
-                    if self._history is not None:
-                        self._note(report, state)
+                self._meet(self._inbox.get(timeout=_TICK_S))
+            # Sending may take longer than reports take to come.
+            while not self._inbox.empty():
+                self._meet(self._inbox.get())
         self._silent.clear()
+        self._idle_s = self._wall_s()
         if self._history is None:
-            self._begin_s = time.monotonic()
+            self._begin_s = self._idle_s
             self._log.begin(self._begin_s)
+
+    def _meet(self, report: Report) -> None:
+        """Take note of a report that comes before the run's time begins."""
+        if (state := self._heard(report)) is not None:
+            self._states[report.robot] = state
+            if self._history is not None:
+                self._note(report, state)
 
     def _heard(self, report: Report) -> DriverState | None:
         """Return what a report says, None where it is to be left aside."""
         link = self._links.get(report.robot)
-        return None if link is None else link.receive(report, time.monotonic())
-
-    def node_times(self) -> NodeTimes:
-        """Return how long nodes took."""
-        took = []
-        for k, planned in enumerate(self.times.motion):
-            start, end = np.array(self.start[k]), np.array(self.end[k])
-            took.append(np.where(end >= 0, end - start, planned).astype(np.int64))
-        stood = tuple(np.zeros_like(own) for own in took)
-        return replace(self.times, motion=tuple(took), stood=stood)
-
-    def measured(self) -> dict[str, Measured]:
-        """Return where robots were, as their drivers have measured it."""
-        return {n: rows.measured() for n, rows in self._rows.items() if rows.t_ns}
+        return None if link is None else link.receive(report, self._wall_s())
 
     # Time
-
-    def _passed_ns(self) -> int:
-        """Return how late it is in the run [ns]."""
-        passed_s = time.monotonic() - self._begin_s
-        return round(passed_s * self._pace * NANOSECONDS)
 
     def _upcoming(self) -> float:
         """Wait until something happens next, and return when that is [ns]; infinity at the end of the run."""
         while True:
-            if self._broken:
+            if self.ended is not None:
                 return math.inf
             due = super()._upcoming()
             now = self._passed_ns()
@@ -220,7 +176,8 @@ class LiveExecution(RollingExecution):
                 # All that has come while something was planned is heard before anybody counts as silent.
                 self._take(self._inbox.get())
                 continue
-            self._look_at_links(time.monotonic())
+            self._look_at_links(self._wall_s())
+            self._end_if_nothing_comes(due, self._wall_s())
             wait = min((due - now) / NANOSECONDS / self._pace, _TICK_S)
             try:
                 report = self._inbox.get(timeout=max(wait, 0.0))
@@ -233,7 +190,51 @@ class LiveExecution(RollingExecution):
 
     def deadlock(self) -> str:
         """Return why the run ends before all is done."""
-        return self._broken or super().deadlock()
+        return super().deadlock() if self.ended is None else self.ended.words
+
+    def _end(self, code: EndingCode, robot: str, words: str) -> None:
+        """End the session with its first cause."""
+        if self.ended is None:
+            self.ended = Ending(code, robot, words, self._pending())
+
+    def _end_if_nothing_comes(self, due_ns: float, now_s: float) -> None:
+        """End a session in which no event is due and for ``out_s`` no driver and no person was to act."""
+        active = due_ns < math.inf or self._planning
+        if active or any(self._may_act(name, now_s) for name in self._links):
+            self._idle_s = now_s
+        elif now_s - self._idle_s > self._out_s:
+            words = "; ".join(node.words() for node in self._pending())
+            self._end("nothing-to-come", "", f"nothing can go on: {words}")
+
+    def _may_act(self, name: str, now_s: float) -> bool:
+        """Return whether a driver, or a person at its robot, may still bring something about.
+
+        A driver that stands between two nodes has reported all that it was cleared for, or does not go on.
+        """
+        if name in self._silent and name not in self._out:
+            return True  # it is given up once it is silent for too long
+        link, state = self._links[name], self._states.get(name)
+        old = now_s - self._believed_s.get(name, -math.inf) > self._out_s
+        if old or state is None or state.mode == "fault":
+            return False
+        if link.held or state.mode == "held":
+            return self.attended or not link.held
+        return state.mode == "moving" or state.begun > state.done or link.is_acting
+
+    def _pending(self) -> tuple[PendingNode, ...]:
+        """Return the next node of every robot and machine that has nodes left."""
+        found = []
+        for k, chain in enumerate(self.tpg.chains):
+            node = next((n for n, end in enumerate(self.end[k]) if end < 0), None)
+            if node is None:
+                continue
+            waits = self.dispatcher.waits_for(k, node)
+            names = tuple((self.tpg.chains[other].robot, n) for other, n in waits)
+            state, link = self._states.get(chain.robot), self._link(k)
+            mode, held = state.mode if state else None, bool(link and link.held)
+            about = chain.robot, node, self.task[k][node], node < self.released[k]
+            found.append(PendingNode(*about, names, mode, held))
+        return tuple(found)
 
     def _take(self, report: Report) -> None:
         """Take note of a report, as something that happens now in the simulation."""
@@ -242,43 +243,18 @@ class LiveExecution(RollingExecution):
         self._note(report, state)
         self._now(self._observe, report.robot, state)
 
-    def _note(self, report: Report, state: DriverState) -> None:
-        """Keep the samples of a report."""
-        name = report.robot
-        link, rows = self._links[name], self._rows[name]
-        if (samples := link.samples(report)) is None:
-            return
-        for sample in samples:
-            own_s = link.when(sample.at_s) - self._begin_s
-            own_ns = round(own_s * self._pace * NANOSECONDS)
-            for t_ns, own in (*self._unseen(name, own_ns, sample), (own_ns, sample)):
-                if rows.add(t_ns, own):
-                    self._log.write(name, t_ns, own)
-        # Of what no sample tells, as the driver was started anew, only that it has happened is known.
-        now = self._passed_ns()
-        rows.begin_ns += [now] * (state.begun - len(rows.begin_ns))
-        rows.end_ns += [now] * (state.done - len(rows.end_ns))
-
-    def _unseen(self, name: str, t_ns: int, sample: Sample) -> list[tuple[int, Sample]]:
-        """Return what is taken to have been between a sample and the one before it, if that was lost."""
-        link, rows = self._links[name], self._rows[name]
-        if rows.last is None or not rows.is_new(sample):
-            return []
-        path = link.cleared, rows.cleared_ns, link.start
-        return samples_between(rows.last, (t_ns, sample), *path)
-
     def _now(self, act: Callable[..., None], *about: Any) -> None:
         """Let something happen in the simulation at the time that it is."""
         happens = self.env.timeout(max(self._passed_ns() - self.now_ns, 0))
         happens.callbacks.append(lambda _: act(*about))
 
     def _observe(self, name: str, state: DriverState) -> None:
-        self._states[name] = state
-        if state.off > self._tolerance and not self._broken:
+        self._states[name], self._believed_s[name] = state, self._wall_s()
+        if state.off > self._tolerance and self.ended is None:
             # What was planned to be free is not known to be so any more.
             words = f"is {state.off:.4g} rad or m off its path, more than {self._tolerance:g}"
             self._tell_of_driver(name, words)
-            self._broken = f"{name} {words}"
+            self._end("off-path", name, f"{name} {words}")
             for link in self._links.values():
                 link.hold(True)
         self._see_to_tools()
@@ -306,7 +282,7 @@ class LiveExecution(RollingExecution):
         """Return why a driver is not to be relied on any more, empty where it is."""
         link, state = self._links[name], self._states.get(name)
         if state is not None and state.mode == "fault":
-            return state.words
+            return state.words or "is at fault"
         silent = link.silent_s(now_s)
         if silent is not None and silent > self._out_s:
             return f"has not been heard of for {self._out_s:g} s"
@@ -319,17 +295,17 @@ class LiveExecution(RollingExecution):
 
     def _give_up_driver(self, name: str, words: str) -> None:
         """Go on without a robot that stands at a border; where it stands elsewhere, end the run."""
-        if name in self._out or self._broken:
+        if name in self._out or self.ended is not None:
             return
         state, k = self._states.get(name), self.tpg.chain_index.get(name)
         stands = k is None or (state and state.begun == self.released[k] > 0)
         if stands and not self._links[name].is_acting:
             self.outage(name, self.now_ns)
         else:
-            self._broken = f"{name} {words}"
+            self._end("driver-lost", name, f"{name} {words}")
 
     def _send(self, name: str) -> None:
-        command = self._links[name].command(time.monotonic())
+        command = self._links[name].command(self._wall_s())
         if command is not None:
             self._log.flush()  # what a driver is told to have been heard, it forgets
             if command.nodes:
@@ -361,79 +337,16 @@ class LiveExecution(RollingExecution):
         self._dispatch_again()
         return made.result()
 
-    # Robots
-
-    def _link(self, chain: int) -> Link | None:
-        return self._links.get(self.tpg.chains[chain].robot)
-
     def _release(self, chain: int) -> None:
-        node, link = self.released[chain], self._link(chain)
         super()._release(chain)
-        if link is not None:
-            rows = self._rows[link.robot]
-            rows.cleared_ns[node:] = [self._passed_ns()]
-            self._clear(link, chain, node)
-
-    def _clear(
-        self, link: Link, chain: int, node: int, *, passed: bool = False
-    ) -> None:
-        """Let a robot pass a node, once the tool of another one has done what it does there."""
-        about = self.tpg, chain, node, self._acts[chain]
-        if not passed and (other := order_of(*about)) is not None:
-            link.awaited.append(AwaitedAct(node, *other))
-        link.clear([cleared_node(*about)])
-
-    def _see_to_tools(self) -> None:
-        for name, node in see_to_tools(self._links):
-            # The skill goes on while another robot's tool acts, as planned.
-            begun = self._rows[name].begin_ns
-            begun += [self._passed_ns()] * (node + 1 - len(begun))
+        self._idle_s = self._wall_s()
 
     def _next_is_safe(self, chain: int) -> bool:
         link = self._link(chain)
-        alive = link is None or link.alive(time.monotonic())
-        return self._settled and alive and super()._next_is_safe(chain)
-
-    def _pass(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
-        """Follow a node that a driver executes, and return whether its task failed for good."""
-        if self._link(chain) is None:
-            return (yield from super()._pass(chain, node))
-        name = self.tpg.chains[chain].robot
-        while not self._reached(name, node):
-            yield self._news[name]
-        rows = self._rows[name]
-        if self.start[chain][node] < 0:
-            self.start[chain][node] = rows.begin_ns[node]
-            self._count_patience(chain, node)
-            if self.narrator is not None:
-                self.narrator.emit("started", chain, node)
-        while not self._reached(name, node, through=True):
-            yield self._news[name]
-        if self._states[name].failed == node:
-            self.failed.append(chain)
-            if self.narrator is not None:
-                words = self._states[name].words
-                self.narrator.emit("failed", chain, node, detail=words)
+        if not (self._settled and super()._next_is_safe(chain)):
+            return False
+        if link is None or link.alive(self._wall_s()):
             return True
-        if self.narrator is not None:
-            handled = self.narrator.handlings.get((chain, node), ())
-            for _, item, holder in handled:
-                self.narrator.handle(chain, node, item, holder)
-            self.narrator.emit("completed", chain, node)
-        self._complete(chain, node)
-        self.end[chain][node] = rows.end_ns[node]
+        # Its next report has the dispatcher look again, also where reports wait that were not heard yet.
+        self._silent.add(link.robot)
         return False
-
-    def _reached(self, name: str, node: int, *, through: bool = False) -> bool:
-        """Tell whether a robot has begun a node, or is through with it, or has failed there."""
-        rows, state = self._rows[name], self._states.get(name)
-        times = rows.end_ns if through else rows.begin_ns
-        failed = state is not None and state.failed == node
-        return len(times) > node or (failed and len(rows.begin_ns) > node)
-
-    def _swap(self, version: Version) -> None:
-        super()._swap(version)
-        self._acts = actuation_nodes(self.tpg)
-        for name, link in self._links.items():
-            if (k := self.tpg.chain_index.get(name)) is not None:
-                link.swap(len(self.versions) + 1, self.released[k])

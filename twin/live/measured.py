@@ -8,6 +8,7 @@ lead around.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 
 from planning.errors import TwinError
 from planning.transforms import Array
+from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.drivers.driver import ClearedNode, Sample
 from twin.drivers.legs import near_path
@@ -80,6 +82,10 @@ class MeasuredRows:
     def _row(self, t_ns: int, q: Array, node: int) -> None:
         if self.t_ns and t_ns <= self.t_ns[-1] and np.any(q != self.q[-1]):
             return  # its clock is known better by now, and this would be a jump
+        same = self.node[-2:] == [node, node] and np.array_equal(q, self.q[-1])
+        if same and np.array_equal(q, self.q[-2]):
+            self.t_ns[-1] = t_ns  # it stands in the middle of a node
+            return
         self.t_ns.append(t_ns)
         self.q.append(q)
         self.node.append(node)
@@ -103,6 +109,8 @@ class MeasuredLog:
     def __init__(self, path: Path | None) -> None:
         self._path = path
         self._file: TextIO | None = None
+        self._first: dict[str, Sample] = {}
+        self._last: dict[str, str] = {}
 
     def begin_s(self) -> float | None:
         """Return when the run began, by the clock of the machine [s]; None where nothing says so."""
@@ -133,9 +141,16 @@ class MeasuredLog:
         self.flush()
 
     def write(self, robot: str, t_ns: int, own: Sample) -> None:
-        """Append a sample of a robot at a time in the run [ns]."""
-        q = ",".join(map(repr, own.q.tolist()))
-        self._append(f"{robot},{t_ns},{own.at_s!r},{own.begun},{own.done},{q}")
+        """Append a sample of a robot at a time in the run [ns]; of those of a standstill, the first and the last."""
+        first, q = self._first.get(robot), ",".join(map(repr, own.q.tolist()))
+        line = f"{robot},{t_ns},{own.at_s!r},{own.begun},{own.done},{q}"
+        if first is not None and _stands(first, own):
+            self._last[robot] = line
+            return
+        if (last := self._last.pop(robot, None)) is not None:
+            self._append(last)
+        self._first[robot] = own
+        self._append(line)
 
     def _append(self, line: str) -> None:
         if self._path is None:
@@ -145,14 +160,25 @@ class MeasuredLog:
         self._file.write(f"{line},;\n")
 
     def close(self) -> None:
-        """Close the file."""
-        if self._file is not None:
-            self._file.close()
+        """Close the file, with the end of standstills that last."""
+        try:
+            for line in self._last.values():
+                self._append(line)
+        finally:
+            if self._file is not None:
+                self._file.close()
 
     def flush(self) -> None:
         """Hand over to the operating system what was written."""
         if self._file is not None:
             self._file.flush()
+
+
+def _stands(first: Sample, own: Sample) -> bool:
+    """Tell whether a robot stands since a sample: between two nodes, or where it was in the middle of one."""
+    if (first.begun, first.done) != (own.begun, own.done):
+        return False
+    return own.begun == own.done or np.array_equal(first.q, own.q)
 
 
 _UNSEEN_NS = 100_000_000
@@ -234,6 +260,7 @@ class History:
             as they were, one entry a chain [ns].
         finished: chains that have come to their end.
         holders: who holds each object that is held.
+        handled: number of handlings of each node that are in the log, by chain and node.
         held: robots that a person lets stand.
         starts: how often the dispatcher was started.
         since_ns: how late it is in the run [ns].
@@ -244,6 +271,7 @@ class History:
     end_ns: list[list[int]] = field(default_factory=list)
     finished: set[int] = field(default_factory=set)
     holders: dict[str, str] = field(default_factory=dict)
+    handled: Counter[Node] = field(default_factory=Counter)
     held: set[str] = field(default_factory=set)
     starts: int = 1
     since_ns: int = 0
@@ -290,8 +318,9 @@ def history_of(tpg: TemporalPlanGraph, events: Sequence[Event]) -> History:
                 rows[event.kind][k].append(event.t_ns)
             elif event.kind == "finished":
                 found.finished.add(k)
-            elif event.kind == "attached":
-                found.holders[event.object] = event.robot
-            elif event.kind == "detached":
+            elif event.kind in ("attached", "detached"):
+                found.handled[k, event.node] += 1
                 found.holders.pop(event.object, None)
+                if event.kind == "attached":
+                    found.holders[event.object] = event.robot
     return found

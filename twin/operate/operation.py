@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -19,6 +19,7 @@ from scheduling.motion_times import at_full_speed, is_driven
 from scheduling.rolling.supply import supply_waits, with_supply, without_chains
 from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import held_back
+from twin.engine.ending import Ending
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.committed import Recut, Version
 from twin.operate.constructing import ConstructionRecovery
@@ -51,6 +52,7 @@ class Operation:
         asks: what a person was asked, and the answers.
         scrapped: products that were not made whole though they were wanted, of several.
         partial: whether there are steps of the scenario that were not done.
+        ended: why the execution ended before its plan was complete; None where no such cause is known.
     """
 
     tpg: TemporalPlanGraph
@@ -62,6 +64,7 @@ class Operation:
     asks: tuple[Ask, ...] = ()
     scrapped: tuple[int, ...] = ()
     partial: bool = False
+    ended: Ending | None = None
 
     @property
     def finished(self) -> bool:
@@ -91,6 +94,7 @@ class Operation:
                 for ask in self.asks
             ],
             **({"scrapped": list(self.scrapped)} if self.scrapped else {}),
+            **({"ended": asdict(self.ended)} if self.ended else {}),
         }
 
 
@@ -194,6 +198,10 @@ def operate(
     executed = _with_products(executed, kind, undone)
     ends = [max(own, default=0) for own in cell.end]
     makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])
+    ended = [] if cell.ended is None else [cell.ended.words]
+    given_up = [
+        f"step {k} is given up: {w}" for k, w in sorted(planner.given_up.items())
+    ]
     record = ExecutionRecord(
         outcome=outcome,
         policy=model.policy,
@@ -207,11 +215,7 @@ def operate(
         standstills=used(times.standstills),
         stops_ns=used(times.stopped_until(makespan)),
         failed_nodes=(-1,) * len(executed.chains),
-        failure="; ".join(
-            f"step {step} is given up: {why}"
-            for step, why in sorted(planner.given_up.items())
-            if outcome != "completed"
-        ),
+        failure="; ".join([*ended, *given_up] if outcome != "completed" else []),
         raised_skills=times.raised,
         commands=used(cell.commands()),
         speed_override=used(times.speed_override),
@@ -227,6 +231,7 @@ def operate(
         planner.asks,
         tuple(sorted(scrapped)),
         bool(undone) or kind.wanted_steps() < kind.steps(),
+        cell.ended,
     )
 
 

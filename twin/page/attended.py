@@ -228,6 +228,8 @@ class AttendedExecution(LiveExecution):
         panel: what is shared with the page.
     """
 
+    attended = True
+
     def __init__(
         self,
         *rest: Any,
@@ -330,7 +332,7 @@ class AttendedExecution(LiveExecution):
     def _version(self) -> Generator[simpy.Event, Any, Version]:
         """Plan what is left; as often as somebody has to be asked for that, once it is answered."""
         while True:
-            self._show(time.monotonic())
+            self._show(self._wall_s())
             try:
                 return (yield from super()._version())
             except UnansweredError as error:

@@ -24,6 +24,8 @@ from twin.drivers.franka import FrankaDriver, franka_driver
 from twin.drivers.franka_hand import FrankaError, HandGrip
 from twin.scenario.document.validation import InvalidScenarioError
 
+pytestmark = pytest.mark.timeout(300)
+
 LIMITS = MotionLimits(np.full(7, 4.0), np.full(7, 60.0), np.full(7, 5000.0))
 ONE = np.array([1.0, 0.5, 0.0, -0.5, 0.0, 0.0, 0.25])
 
@@ -156,7 +158,7 @@ def node(
 
 
 def when(
-    driver: FrankaDriver, holds: Callable[[DriverState], bool], within_s: float = 5.0
+    driver: FrankaDriver, holds: Callable[[DriverState], bool], within_s: float = 100.0
 ) -> list[DriverState]:
     """Return all states until one of which something holds."""
     seen = []
@@ -193,14 +195,14 @@ def test_it_stands_at_the_end_of_what_it_is_cleared_for(driver: FrankaDriver) ->
 
 def test_a_motion_becomes_longer_while_it_runs(driver: FrankaDriver) -> None:
     driver.begin(np.zeros(7), 0)
-    driver.take([node(0, 1.0, seconds=0.4)])
+    driver.take([node(0, 1.0, seconds=2.0)])
     when(driver, lambda s: s.q[0] > 0.1)
-    driver.take([node(1, 2.0, seconds=0.4)])
+    driver.take([node(1, 2.0, seconds=2.0)])
     seen = when(driver, lambda s: s.done == 2)
     assert len(robot(driver).motions) == 2
     between = [s for s in seen if 0.9 < s.q[0] < 1.1]
     assert between
-    assert all(s.dq[0] > 1.0 for s in between)
+    assert all(s.dq[0] > 0.2 for s in between)
 
 
 def test_no_motion_is_faster_than_planned(driver: FrankaDriver) -> None:
@@ -273,7 +275,7 @@ def test_a_hand_that_does_not_open_is_a_fault(driver: FrankaDriver) -> None:
 
 def test_it_is_held_on_its_path_and_goes_on(driver: FrankaDriver) -> None:
     driver.begin(np.zeros(7), 0)
-    driver.take([node(0, 2.0, seconds=0.5)])
+    driver.take([node(0, 2.0, seconds=4.0)])
     when(driver, lambda s: s.q[0] > 0.3)
     driver.hold(True)
     stood = when(driver, lambda s: s.mode == "held")[-1].q
@@ -411,7 +413,7 @@ def test_an_arm_of_franky_sim_keeps_to_a_path_that_becomes_longer() -> None:
         driver.begin(model.home, 0)
         driver.take(nodes[:5])
         given, seen = 5, [driver.state()]
-        until = time.monotonic() + 60.0
+        until = time.monotonic() + 200.0
         while time.monotonic() < until and seen[-1].done < len(nodes):
             time.sleep(0.005)
             seen.append(driver.state())
@@ -425,13 +427,13 @@ def test_an_arm_of_franky_sim_keeps_to_a_path_that_becomes_longer() -> None:
             [node_to(11, model.home, 1.0), node_to(12, model.home + 0.1, 1.0, 1)]
         )
         driver.take([node_to(13, model.home + 0.1, 0.5, 1, "close")])
-        when(driver, lambda s: np.abs(s.q - corner).max() > 0.2, 30.0)
+        when(driver, lambda s: np.abs(s.q - corner).max() > 0.2, 100.0)
         driver.hold(True)
-        seen += when(driver, lambda s: s.mode == "held", 30.0)
+        seen += when(driver, lambda s: s.mode == "held", 100.0)
         time.sleep(0.5)
         stood = driver.state()
         driver.hold(False)
-        failed = when(driver, lambda s: s.failed >= 0, 30.0)
+        failed = when(driver, lambda s: s.failed >= 0, 100.0)
         driver._close()
     assert last.done == len(nodes), last
     assert max(s.off for s in seen + failed) < 0.005

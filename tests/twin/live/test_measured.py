@@ -1,5 +1,8 @@
 """What is measured: samples that were lost, against an arm that was watched all the time, and rows of one that stands."""
 
+import itertools
+from pathlib import Path
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,7 +10,7 @@ from hypothesis import strategies as st
 from twin.drivers.driver import ClearedNode, Sample
 from twin.drivers.legs import near_path
 from twin.drivers.simulated_arm import SimulatedArm
-from twin.live.measured import MeasuredRows, samples_between
+from twin.live.measured import MeasuredLog, MeasuredRows, samples_between
 
 EVERY_S = 0.01
 
@@ -92,3 +95,35 @@ def test_a_robot_that_settles_while_it_stands_has_not_begun_its_next_node() -> N
     at = np.flatnonzero(found.t_ns == 40)
     assert found.node[at].tolist() == [0, 1]
     assert np.ptp(found.q[at]) == 0.0
+
+
+def test_of_a_standstill_the_first_and_the_last_sample_are_written(
+    tmp_path: Path,
+) -> None:
+    """Also of one in the middle of a node; nothing else is left out."""
+    clear, at_s = np.array([0.3, 0.4]), itertools.count()
+    moves = [Sample(next(at_s), clear * k, 1, 0) for k in range(5)]
+    held = [Sample(next(at_s), clear * 5, 1, 0) for _ in range(1000)]
+    ends = [Sample(next(at_s), clear * 6, 1, 1)]
+    noise = np.random.default_rng(0).normal(0.0, 1e-5, (1000, 2))
+    stands = [Sample(next(at_s), clear * 6 + off, 1, 1) for off in noise]
+    begins = [Sample(next(at_s), clear * 6, 2, 1)]
+    rows, log = MeasuredRows(), MeasuredLog(tmp_path / "measured.csv")
+    given = [*moves, *held, *ends, *stands, *begins]
+    for k, own in enumerate(given):
+        if rows.add(k, own):
+            log.write("left", k, own)
+    rests = [Sample(next(at_s), clear * 7, 2, 2) for _ in range(1000)]
+    for own in rests:
+        log.write("left", round(own.at_s), own)
+    log.close()
+    written = [
+        own.at_s for _, _, own in MeasuredLog(tmp_path / "measured.csv").before()
+    ]
+    kept = [*moves, held[0], held[-1], *ends, stands[-1], *begins, rests[0], rests[-1]]
+    assert written == [own.at_s for own in kept]
+    assert len(rows.t_ns) == len(moves) + 2 + 1 + 2 + 1
+    again = MeasuredRows()
+    for _, t_ns, own in MeasuredLog(tmp_path / "measured.csv").before():
+        again.add(t_ns, own)
+    assert again.t_ns[: len(rows.t_ns)] == rows.t_ns

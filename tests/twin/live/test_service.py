@@ -46,6 +46,8 @@ from twin.trial.simulation import scenario_execution
 
 __all__ = ["plan"]
 
+pytestmark = pytest.mark.timeout(300)
+
 grpc = pytest.importorskip("grpc")
 
 ANY = "127.0.0.1:0"
@@ -63,7 +65,7 @@ def operated(plan: PlanResult, service: Service) -> Operation:
     """Operate a plan whose robots' drivers ask for them at a service."""
     links, wires = {}, {}
     for robot in plan.tpg.cell.robots:
-        links[robot.name] = Link("run", robot.name, robot.home, lease_s=1.0)
+        links[robot.name] = Link("run", robot.name, robot.home, lease_s=10.0)
         wires[robot.name] = service.wire(robot.name, robot.model.dof)
     case = plan.scenario
     make = partial(
@@ -71,7 +73,7 @@ def operated(plan: PlanResult, service: Service) -> Operation:
         links=links,
         wires=wires,
         written=lambda: None,
-        out_s=20.0,
+        out_s=120.0,
         pace=PACE,
     )
     model = scenario_execution(case.sections, case.folder)
@@ -95,8 +97,8 @@ def test_drivers_of_another_language_and_another_process_build_together(
         subprocess.Popen([*others, "--pace", str(PACE), "--quiet"]) as python,
     ):
         done = operated(plan, service)
-        assert javascript.wait(20) == 0
-        assert python.wait(20) == 0
+        assert javascript.wait() == 0
+        assert python.wait() == 0
     assert done.record.outcome == "completed"
     assert placed(done) == [1, 2, 3, 4]
     require_order(done)
@@ -133,7 +135,7 @@ def asked(
     )
     with channel_to(address, held) as channel:
         try:
-            told = channel.stream_stream(METHOD)(iter([report]), timeout=5.0)
+            told = channel.stream_stream(METHOD)(iter([report]), timeout=60.0)
             list(told)
         except grpc.RpcError as error:
             return error.code()
@@ -218,8 +220,7 @@ def test_what_is_no_message_is_left_aside_and_changes_nothing(
         broken.append(bytes(one[: rng.randint(1, len(one))]))
     with channel_to(f"127.0.0.1:{service.port}", None) as channel:
         told = channel.stream_stream(METHOD)(iter([whole, *broken, whole]))
-        deadline = time.monotonic() + 20.0
-        while not (heard and heard[-1].number == 1) and time.monotonic() < deadline:
+        while not (heard and heard[-1].number == 1):
             time.sleep(0.05)
         told.cancel()
     before = replace(link)
@@ -303,8 +304,7 @@ def test_a_driver_asks_until_its_cell_is_there_and_again_when_it_was_cut_off() -
         link = Link("run", "left", START)
         link.go_on(number, 0)
         link.clear(some_nodes(random.Random(3), 3))
-        deadline = time.monotonic() + 20.0
-        while link.done < number and time.monotonic() < deadline:
+        while link.done < number:
             if (command := link.command(time.monotonic())) is not None:
                 wire.send(command)
             while heard:
@@ -313,8 +313,7 @@ def test_a_driver_asks_until_its_cell_is_there_and_again_when_it_was_cut_off() -
         assert link.done >= number
         wire.close()
     over[0] = True
-    thread.join(10.0)
-    assert not thread.is_alive()
+    thread.join()
 
 
 def test_a_driver_that_is_refused_says_why(service: Service) -> None:

@@ -20,7 +20,7 @@ from twin.trial.plan_result import PlanResult
 from twin.trial.simulation import scenario_execution
 from twin.uncertainty.disturbances import Disturbances
 
-LONGEST_S = 60.0
+LONGEST_S = 240.0
 ASKS = {"recovery.again": 0, "recovery.ask": {"answer_s": 1.0}}
 """Values of a scenario that asks before anything is given up."""
 
@@ -79,7 +79,7 @@ class Beside:
         for robot in self.plan.tpg.cell.robots:
             arm = self.arms.get(robot.name) or SimulatedArm(pace=self.pace)
             wires[robot.name] = LocalWire(DriverEnd(arm, robot.name, 1), 0.002)
-            links[robot.name] = Link("run", robot.name, robot.home, ahead_s=None)
+            links[robot.name] = Link("run", robot.name, robot.home, 10.0, ahead_s=None)
         values = {"recovery.planning_s": 0.0, **self.values}
         case = self.plan.scenario.varied(values)
         model = scenario_execution(case.sections, case.folder)
@@ -97,7 +97,7 @@ class Beside:
                 links=links,
                 wires=wires,
                 written=lambda: self.written.append(len(self.events)),
-                out_s=30.0,
+                out_s=120.0,
                 pace=self.pace,
             ),
         )

@@ -12,6 +12,8 @@ from tests.twin.operate.operated import stack
 from tests.twin.page.beside import ASKS, Beside, failing_first_pick, robot
 from twin.page.server import PageServer
 
+pytestmark = pytest.mark.timeout(300)
+
 playwright = pytest.importorskip("playwright.sync_api")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 if CHROMIUM is None:
@@ -100,7 +102,7 @@ def test_a_robot_is_held_and_a_question_answered_at_both_widths(
         desk.get_by_role("button", name="Yes").click()
         expect(phone.get_by_role("button", name="Yes")).to_be_hidden()
         expect(desk.get_by_role("status")).to_have_text(
-            re.compile("over: completed"), timeout=30_000
+            re.compile("over: completed"), timeout=200_000
         )
         expect(desk.get_by_text("4 of 4")).to_be_visible()
         done = run.done()

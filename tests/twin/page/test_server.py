@@ -28,6 +28,8 @@ from twin.follow.follow import served
 from twin.page.attended import Order, Panel, Shown, ShownRobot
 from twin.page.server import PageServer
 
+pytestmark = pytest.mark.timeout(300)
+
 LEFT = ShownRobot(
     "left", "standing", "place <b>", "waits for right", 3, 9, False, False
 )
@@ -52,7 +54,7 @@ def asked(
 ) -> tuple[int, str, http.client.HTTPMessage]:
     """Ask a server, or who is at a port, for something."""
     port = server if isinstance(server, int) else server.port
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
     named = {name.replace("_", "-"): text for name, text in headers.items()}
     connection.request(method, path, body, named)
     answer = connection.getresponse()
@@ -300,7 +302,7 @@ def test_a_cell_is_operated_with_a_page_beside_it(tmp_path: Path) -> None:
         audit=False,
     )
     for thread in threads:
-        thread.join(timeout=30)
+        thread.join()
     assert followed == (tmp_path / "run" / "events.jsonl").read_text().splitlines()
     assert done.outcome == "completed"
     assert not verify_plan(load_plan(tmp_path / "run")).problems

@@ -73,11 +73,14 @@ def _beside(
     """Return rows that go beside the path from one row to another."""
     first, last = span
     begin, end = float(rows.t[first]), float(rows.t[last])
-    more = np.linspace(begin, end, int(np.ceil((end - begin) / _SAMPLE_S)) + 1)
-    t = np.unique(np.concatenate([rows.t[first : last + 1], more]))
-    x = (t - begin) / (end - begin)
+    t = rows.moving_samples(begin, end, _SAMPLE_S)
+    # It gets there and back while it moves, however long it stands on the way.
+    path = rows.at(t)
+    moves = np.any(np.abs(np.diff(path, axis=0)) > STANDING, axis=1)
+    moved = np.cumsum(np.append(0.0, np.where(moves, np.diff(t), 0.0)))
+    x = moved / moved[-1]
     rising = np.clip(np.minimum(x, 1.0 - x) / _EDGE, 0.0, 1.0)
-    path, share = rows.at(t), rising**2 * (3.0 - 2.0 * rising)
+    share = rising**2 * (3.0 - 2.0 * rising)
     off = np.stack(
         [_beside_at(robot, q, s * twist) for q, s in zip(path, share, strict=True)]
     )

@@ -102,21 +102,29 @@ class RobotRows:
         first = int(after[int(np.argmax(moved))])
         return float(max(self.t[first - 1], begin))
 
-    def moving_samples(self, begin: float, end: float) -> Array:
+    def moving_samples(
+        self, begin: float, end: float, step: float = _SAMPLE_S
+    ) -> Array:
         """Return the times of all rows in a span, its ends, and more while the robot moves.
 
-        Only of a robot whose speeds are known.
+        Args:
+            begin, end: of the span [s].
+            step: longest time between two of them while the robot moves [s].
         """
         low, high = np.searchsorted(self.t, [begin, end])
         knots = np.unique(np.concatenate([[begin], self.t[low:high], [end]]))
-        assert self.v is not None
-        moves = np.any(self.v != 0.0, axis=1)
+        if self.v is None:
+            way = np.abs(np.diff(self.at(knots), axis=0))
+            moves = np.any(way > STANDING, axis=1)
+        else:
+            moving = np.any(self.v != 0.0, axis=1)
+            k = np.searchsorted(self.t, knots[:-1], side="right")
+            last = len(moving) - 1
+            moves = moving[np.maximum(k - 1, 0)] | moving[np.minimum(k, last)]
         parts = [knots]
-        for a, b in pairwise(knots.tolist()):
-            k = int(np.searchsorted(self.t, a, side="right"))
-            if moves[max(k - 1, 0)] or moves[min(k, len(moves) - 1)]:
-                count = int(np.ceil((b - a) / _SAMPLE_S))
-                parts.append(np.linspace(a, b, count + 1)[1:-1])
+        for a, b in zip(knots[:-1][moves], knots[1:][moves], strict=True):
+            count = int(np.ceil((b - a) / step))
+            parts.append(np.linspace(a, b, count + 1)[1:-1])
         return np.unique(np.concatenate(parts))
 
     def states(self, t: Array) -> tuple[Array, Array, Array]:

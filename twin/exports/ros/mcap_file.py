@@ -1,7 +1,7 @@
 """A run as an MCAP file: joint states, frames, trajectories and what everything looks like.
 
 Times are those of the run, from 0 on. What moves has messages at a rate; once a second everything is
-said again, so that whoever joins in the middle soon knows all.
+said again, so that whoever joins in the middle soon knows all, until nothing has moved for a minute.
 
 MCAP files with messages of ROS 2.
 """
@@ -18,7 +18,7 @@ import numpy as np
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot
 from planning.errors import OutputError
 from planning.tasks.task import GONE
-from planning.transforms import Array, from_quat_wxyz, quat_wxyz
+from planning.transforms import Array, Indices, from_quat_wxyz, quat_wxyz
 from twin.drawing.looks import DrawnRobot, coloured_fixtures, corners_of, drawn_robot
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.exports.ros.messages import (
@@ -35,7 +35,7 @@ from twin.exports.ros.messages import (
     marker_array,
     tf_message,
 )
-from twin.exports.segments import require_rate, segments
+from twin.exports.segments import STILL, require_rate, segments
 from twin.host.extras import extra_module
 from twin.run.gantt import rgb, team_colours
 from twin.run.tracking import nearest_on_path
@@ -254,6 +254,9 @@ _ROBOTS = Topic("/robots", MARKER_ARRAY, latched=True)
 _FIXTURES = Topic("/fixtures", MARKER_ARRAY, latched=True)
 _OBJECTS = Topic("/objects", MARKER_ARRAY, latched=True)
 
+_REPEATED_NS = 60 * NANOSECONDS
+"""For so long after something has moved, everything is said again once a second [ns]."""
+
 
 def mcap_files(run: RunResult, *, rate_hz: float = RATE_HZ) -> Mapping[str, bytes]:
     """Return ``run.mcap``.
@@ -329,10 +332,18 @@ def _messages(run: RunResult, rate_hz: float) -> Iterator[Message]:
 
 
 def _times(motion: Trajectory, rate_hz: float) -> Nanoseconds:
-    """Return times at a rate at which a robot moves, begins or ends to, and one every second [ns]."""
-    end = int(motion.t_ns[-1])
-    count = int(end * rate_hz / NANOSECONDS) + 1
-    grid = np.rint(np.arange(count) * (NANOSECONDS / rate_hz)).astype(np.int64)
+    """Return times at a rate at which a robot moves, begins or ends to, and one every second [ns].
+
+    Of a standstill that lasts for more than a minute there are those of the first minute.
+    """
+    end, period = int(motion.t_ns[-1]), NANOSECONDS / rate_hz
+    begins, ends = _moving(motion)
+    near = _whole_numbers(begins / period - 1.0, ends / period + 1.0)
+    seconds = _whole_numbers(
+        begins / NANOSECONDS - 1.0, (ends + _REPEATED_NS) / NANOSECONDS
+    )
+    near = np.union1d(near, np.ceil(seconds * rate_hz).astype(np.int64))
+    grid = np.rint(near[near >= 0] * period).astype(np.int64)
     times = np.unique(np.append(grid[grid < end], [0, end]))
     moves = np.any(np.diff(motion.at(times), axis=0) != 0.0, axis=1)
     second = np.diff(times // NANOSECONDS, prepend=-1) > 0
@@ -340,13 +351,37 @@ def _times(motion: Trajectory, rate_hz: float) -> Nanoseconds:
     return np.asarray(times[said])
 
 
+def _moving(motion: Trajectory) -> tuple[Nanoseconds, Nanoseconds]:
+    """Return when a robot moves, from and to, with the beginning of the run as a moment of motion [ns]."""
+    moves = np.any(np.abs(np.diff(motion.q, axis=0)) > STILL, axis=1)
+    if motion.v is not None:
+        moving = np.any(motion.v != 0.0, axis=1)
+        moves |= moving[:-1] | moving[1:]
+    begins, ends = motion.t_ns[:-1][moves], motion.t_ns[1:][moves]
+    return np.append(0, begins), np.append(0, ends)
+
+
+def _whole_numbers(low: Array, high: Array) -> Indices:
+    """Return the whole numbers in any of some ranges, both ends included, in order."""
+    first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)
+    order = np.argsort(first, kind="stable")
+    first, last = first[order], np.maximum.accumulate(last[order])
+    first = np.maximum(first, np.append(first[0], last[:-1] + 1))
+    return np.concatenate(
+        [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
+    )
+
+
 def _objects(run: RunResult) -> Iterator[Message]:
     """Yield where objects are, whenever one changes hands and once a second, and how they look."""
     there: ObjectsThere | None = None
+    spans = [_moving(motion) for motion in run.motions.values()]
+    begins, ends = map(np.concatenate, zip(*spans, strict=True))
+    seconds = _whole_numbers(begins / NANOSECONDS, (ends + _REPEATED_NS) / NANOSECONDS)
     shown: frozenset[str] | None = None
     for state in objects_there(run):
         if there is not None:
-            yield from _again(there, state.t_ns)
+            yield from _again(there, state.t_ns, seconds)
         there = state
         full_second = state.t_ns % NANOSECONDS == 0
         names = state.frames if full_second else state.changed
@@ -361,14 +396,15 @@ def _objects(run: RunResult) -> Iterator[Message]:
             ]
             yield Message(state.t_ns, _OBJECTS, marker_array(markers))
     if there is not None:
-        yield from _again(there, run.makespan_ns + 1)
+        yield from _again(there, run.makespan_ns + 1, seconds)
 
 
-def _again(there: ObjectsThere, end_ns: int) -> Iterator[Message]:
-    """Yield where all objects are at every full second before a time [ns]."""
+def _again(there: ObjectsThere, end_ns: int, seconds: Indices) -> Iterator[Message]:
+    """Yield where all objects are at full seconds before a time [ns]: some, and those soon after a change."""
     poses: list[FramePose] = list(there.frames.values())
-    first = there.t_ns // NANOSECONDS + 1
-    for t_ns in range(first * NANOSECONDS, end_ns, NANOSECONDS):
+    soon = there.t_ns // NANOSECONDS + np.arange(_REPEATED_NS // NANOSECONDS + 1)
+    times = np.union1d(seconds, soon) * NANOSECONDS
+    for t_ns in times[(times > there.t_ns) & (times < end_ns)].tolist():
         yield Message(t_ns, _TF, tf_message(t_ns, poses))
 
 

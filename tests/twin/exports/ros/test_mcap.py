@@ -13,8 +13,11 @@ import pinocchio
 import pyarrow as pa
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from numpy.testing import assert_array_equal
 
 from planning.errors import OutputError
 from planning.robots.registry import robot_model
@@ -24,8 +27,10 @@ from tests.twin.driven_toys import driven_tpg
 from tests.twin.exports.exported_runs import DISTURBED, exported, toy_run
 from tests.twin.twin_toys import random_tpg
 from twin.durations.model import NANOSECONDS
+from twin.exports.ros.mcap_file import _times
 from twin.exports.segments import segments
 from twin.recorders.observers import write_table
+from twin.run.trajectory import Trajectory
 from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import Disturbances
 
@@ -421,3 +426,40 @@ def test_without_the_package_the_extra_is_named(
 def test_a_rate_out_of_range_is_refused(rate_hz: float, run: RunResult) -> None:
     with pytest.raises(OutputError, match="is not from 1 to 1000"):
         exported(run, "mcap", rate_hz=rate_hz)
+
+
+def times_of_the_whole_grid(motion: Trajectory, rate_hz: float) -> Array:
+    """Return when something is said of a robot, by looking at every period of the run."""
+    end = int(motion.t_ns[-1])
+    count = int(end * rate_hz / NANOSECONDS) + 1
+    grid = np.rint(np.arange(count) * (NANOSECONDS / rate_hz)).astype(np.int64)
+    times = np.unique(np.append(grid[grid < end], [0, end]))
+    moves = np.any(np.diff(motion.at(times), axis=0) != 0.0, axis=1)
+    second = np.diff(times // NANOSECONDS, prepend=-1) > 0
+    return times[second | np.append(moves, True) | np.append(True, moves)]
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(st.tuples(st.floats(0.001, 3.0), st.booleans()), min_size=1, max_size=8),
+    st.sampled_from([1.0, 7.0, 50.0]),
+)
+def test_what_stands_is_said_again_for_a_minute(
+    spans: list[tuple[float, bool]], rate_hz: float
+) -> None:
+    def motion(stand: float) -> Trajectory:
+        """Move and stand in turn, the longest at the end of a standstill of some seconds."""
+        seconds = [0.0, *(s for s, _ in spans), stand, 1.0]
+        ways = [0.0, *(float(moves) for _, moves in spans), 0.0, 1.0]
+        t_ns = np.rint(np.cumsum(seconds) * NANOSECONDS).astype(np.int64)
+        return Trajectory("arm", t_ns, np.cumsum(ways)[:, None], np.zeros(len(t_ns)))
+
+    own = motion(20.0)
+    assert_array_equal(_times(own, rate_hz), times_of_the_whole_grid(own, rate_hz))
+    whole = times_of_the_whole_grid(motion(200.0), rate_hz)
+    some = _times(motion(200.0), rate_hz)
+    assert np.isin(some, whole).all()
+    moved = motion(200.0).at(whole)
+    changes = np.flatnonzero(np.any(np.diff(moved, axis=0) != 0.0, axis=1))
+    assert np.isin(whole[[*changes, *(changes + 1)]], some).all()
+    assert len(_times(motion(1e6), rate_hz)) <= len(_times(motion(100.0), rate_hz)) + 2

@@ -1,0 +1,249 @@
+"""Execution of which drivers report what happened, and what was measured meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import simpy
+
+from scheduling.graph.task_edges import actuation_nodes
+from twin.drivers.driver import DriverState, Sample, cleared_node, order_of
+from twin.durations.model import NANOSECONDS
+from twin.engine.processes import Steps
+from twin.live.link import AwaitedAct, Link, see_to_tools
+from twin.live.measured import History, MeasuredLog, MeasuredRows, samples_between
+from twin.live.wire_format import Report
+from twin.operate.committed import Version
+from twin.operate.rolling import RollingExecution
+from twin.run.events import Measured
+from twin.uncertainty.node_times import NodeTimes
+
+_SAME_CLOCK_S = 60.0
+"""The age of a log tells so well when its run began; further off, the machine's clock began anew [s]."""
+
+_MISSING_S = 2.0
+"""Samples that a report says are still to come are waited for at most so long [s]."""
+
+
+class ReportedExecution(RollingExecution):
+    """State of one run whose nodes are begun and complete when drivers report it.
+
+    Args:
+        rest, options: as of an execution that may be extended.
+        links, pace, history, clock: see ``LiveExecution``.
+        log: file of samples.
+    """
+
+    driven = True
+
+    def __init__(
+        self,
+        *rest: Any,
+        links: Mapping[str, Link],
+        pace: float,
+        log: MeasuredLog,
+        history: History | None,
+        clock: Callable[[], float],
+        **options: Any,
+    ) -> None:
+        super().__init__(*rest, **options)
+        self._links, self._wall_s = links, clock
+        since_s = history.since_ns / NANOSECONDS if history else 0.0
+        self._begin_s, self._pace = clock() - since_s / pace, pace
+        self._states: dict[str, DriverState] = {}
+        self._missing_s: dict[str, float] = {}
+        self._news = {name: self.env.event() for name in links}
+        self._rows = {name: MeasuredRows() for name in links}
+        self._acts = actuation_nodes(self.tpg)
+        self._log, self._history = log, history
+        if history is not None:
+            self._remember(history)
+
+    def _remember(self, history: History) -> None:
+        """Take up the state that a log tells of."""
+        for k, chain in enumerate(self.tpg.chains):
+            cleared, done = history.cleared_ns[k], history.end_ns[k]
+            self.released[k] = len(cleared)
+            self.outstanding[k] = len(cleared) - len(done)
+            if done:
+                self.dispatcher.observe(k, len(done) - 1)
+            if k in history.finished:
+                self._finished[k] = len(chain)
+            if (link := self._links.get(chain.robot)) is not None:
+                for node in range(len(cleared)):
+                    self._clear(link, k, node, passed=node < len(done))
+                link.go_on(history.starts, len(done))
+                link.hold(chain.robot in history.held)
+                self._rows[chain.robot].cleared_ns = list(cleared)
+            else:
+                self.queue[k].extend(range(len(history.start_ns[k]), len(cleared)))
+        begin_s = self._log.begin_s()
+        if begin_s is not None and abs(begin_s - self._begin_s) < _SAME_CLOCK_S:
+            self._begin_s = begin_s
+        for robot, t_ns, sample in self._log.before():
+            self._rows[robot].add(t_ns, sample)
+        for k in range(len(self.tpg.chains)):
+            begun, done = history.start_ns[k], history.end_ns[k]
+            self.start[k][: len(begun)], self.end[k][: len(done)] = begun, done
+        if self.narrator is not None:
+            self.narrator.held_by(history.holders)
+
+    def _correct_times(self) -> None:
+        """Let samples say when nodes of the log began and ended, which has when the dispatcher heard of it.
+
+        Samples that were not on the disk come again after the dispatcher was started anew.
+        """
+        history = self._history or History()
+        for told, logged, times in (
+            (self.start, history.start_ns, "begin_ns"),
+            (self.end, history.end_ns, "end_ns"),
+        ):
+            for k, before in enumerate(logged):
+                if (rows := self._rows.get(self.tpg.chains[k].robot)) is not None:
+                    own = getattr(rows, times)[: len(before)]
+                    told[k][: len(own)] = map(min, told[k], own)
+
+    def _robot(self, chain: int, node: int = 0) -> Steps:
+        done = len(self._history.end_ns[chain]) if self._history else 0
+        return super()._robot(chain, max(node, done))
+
+    def node_times(self) -> NodeTimes:
+        """Return how long nodes took."""
+        took = []
+        for k, planned in enumerate(self.times.motion):
+            start, end = np.array(self.start[k]), np.array(self.end[k])
+            took.append(np.where(end >= 0, end - start, planned).astype(np.int64))
+        stood = tuple(np.zeros_like(own) for own in took)
+        return replace(self.times, motion=tuple(took), stood=stood)
+
+    def measured(self) -> dict[str, Measured]:
+        """Return where robots were, as their drivers have measured it."""
+        return {n: rows.measured() for n, rows in self._rows.items() if rows.t_ns}
+
+    # Time and samples
+
+    def _passed_ns(self) -> int:
+        """Return how late it is in the run [ns]."""
+        return self._run_ns(self._wall_s())
+
+    def _run_ns(self, at_s: float) -> int:
+        """Return the time of the run at a time by the clock [ns]."""
+        return round((at_s - self._begin_s) * self._pace * NANOSECONDS)
+
+    def _note(self, report: Report, state: DriverState) -> None:
+        """Keep the samples of a report."""
+        name = report.robot
+        rows = self._rows[name]
+        now_s = self._wall_s()
+        if (samples := self._links[name].samples(report)) is not None:
+            self._keep(name, samples)
+            self._missing_s.pop(name, None)
+        elif now_s - self._missing_s.setdefault(name, now_s) <= _MISSING_S:
+            return
+        # Of what no sample tells, as the driver was started anew, only that it has happened is known.
+        now = self._passed_ns()
+        begun = max(state.begun, state.failed + 1)
+        rows.begin_ns += [now] * (begun - len(rows.begin_ns))
+        rows.end_ns += [now] * (state.done - len(rows.end_ns))
+
+    def _keep(self, name: str, samples: Sequence[Sample]) -> None:
+        """Keep samples, with the corners of the path between those that were lost."""
+        link, rows = self._links[name], self._rows[name]
+        path = link.cleared, rows.cleared_ns, link.start
+        for sample in samples:
+            if not rows.is_new(sample):
+                continue
+            own = self._run_ns(link.when(sample.at_s)), sample
+            lost = [] if rows.last is None else samples_between(rows.last, own, *path)
+            for t_ns, one in (*lost, own):
+                if rows.add(t_ns, one):
+                    self._log.write(name, t_ns, one)
+
+    # Robots
+
+    def _link(self, chain: int) -> Link | None:
+        return self._links.get(self.tpg.chains[chain].robot)
+
+    def _release(self, chain: int) -> None:
+        node, link = self.released[chain], self._link(chain)
+        super()._release(chain)
+        if link is not None:
+            rows = self._rows[link.robot]
+            rows.cleared_ns[node:] = [self._passed_ns()]
+            self._clear(link, chain, node)
+
+    def _clear(
+        self, link: Link, chain: int, node: int, *, passed: bool = False
+    ) -> None:
+        """Let a robot pass a node, once the tool of another one has done what it does there."""
+        about = self.tpg, chain, node, self._acts[chain]
+        if not passed and (other := order_of(*about)) is not None:
+            link.awaited.append(AwaitedAct(node, *other))
+        link.clear([cleared_node(*about)])
+
+    def _see_to_tools(self) -> None:
+        for name, node in see_to_tools(self._links):
+            # The skill goes on while another robot's tool acts, as planned.
+            begun = self._rows[name].begin_ns
+            begun += [self._passed_ns()] * (node + 1 - len(begun))
+
+    def _pass(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
+        """Follow a node that a driver executes, and return whether its task failed for good."""
+        if self._link(chain) is None:
+            if self.start[chain][node] < 0:
+                return (yield from super()._pass(chain, node))
+            yield from self._go_on_with(chain, node)
+            return False
+        name = self.tpg.chains[chain].robot
+        while not self._reached(name, node):
+            yield self._news[name]
+        rows = self._rows[name]
+        if self.start[chain][node] < 0:
+            self.start[chain][node] = rows.begin_ns[node]
+            self._count_patience(chain, node)
+            if self.narrator is not None:
+                self.narrator.emit("started", chain, node)
+        while not self._reached(name, node, through=True):
+            yield self._news[name]
+        if self._states[name].failed == node:
+            self.failed.append(chain)
+            if self.narrator is not None:
+                words = self._states[name].words
+                self.narrator.emit("failed", chain, node, detail=words)
+            return True
+        self._conclude(chain, node)
+        self.end[chain][node] = rows.end_ns[node]
+        return False
+
+    def _go_on_with(self, chain: int, node: int) -> Steps:
+        """Execute the rest of a node without a driver that began before the dispatcher was started anew."""
+        end_ns = self._end_of_motion(chain, node, self.start[chain][node])
+        yield self.env.timeout(max(end_ns - self.now_ns, 0))
+        self._conclude(chain, node)
+
+    def _conclude(self, chain: int, node: int) -> None:
+        """Report a node complete, with those of its handlings that are not in the log yet."""
+        if self.narrator is not None:
+            known = self._history.handled[chain, node] if self._history else 0
+            handled = self.narrator.handlings.get((chain, node), ())
+            for _, item, holder in handled[known:]:
+                self.narrator.handle(chain, node, item, holder)
+            self.narrator.emit("completed", chain, node)
+        self._complete(chain, node)
+
+    def _reached(self, name: str, node: int, *, through: bool = False) -> bool:
+        """Tell whether a robot has begun a node, or is through with it, or has failed there."""
+        rows, state = self._rows[name], self._states.get(name)
+        times = rows.end_ns if through else rows.begin_ns
+        failed = state is not None and state.failed == node
+        return len(times) > node or (failed and len(rows.begin_ns) > node)
+
+    def _swap(self, version: Version) -> None:
+        super()._swap(version)
+        self._acts = actuation_nodes(self.tpg)
+        for name, link in self._links.items():
+            if (k := self.tpg.chain_index.get(name)) is not None:
+                link.swap(len(self.versions) + 1, self.released[k])
