@@ -45,6 +45,7 @@ class Incident:
         clock: what has been executed; None where there is no time.
         due: whether nothing has happened but that more is to be planned.
         more: products that have been ordered since the beginning.
+        events: events from outside that can still occur, see ``termination``.
     """
 
     failures: tuple[Failure, ...]
@@ -55,6 +56,7 @@ class Incident:
     clock: Clock | None = None
     due: bool = False
     more: int = 0
+    events: int = 0
 
 
 @dataclass(frozen=True)

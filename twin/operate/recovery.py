@@ -39,6 +39,7 @@ from twin.operate.committed import (
     Recut,
     Version,
     committed_at,
+    cut_at,
 )
 from twin.operate.going import (
     Extension,
@@ -148,6 +149,9 @@ class Recovery(Planner[Going]):
             tpg, released, planned, ledger.undone, last
         )
 
+    def _unplanned(self, state: Going) -> int:
+        return 0 if state.ledger.closed else self._window.unplanned(state.task_plan)
+
     @property
     def work(self) -> AssemblyWork:
         """All candidates, with parts where they were measured."""
@@ -198,6 +202,7 @@ class Recovery(Planner[Going]):
     ) -> Extension:
         """Return the longer graph, the new one, and what was there before."""
         before, found, why = self._state(), list[Found](), ""
+        reach = self._reach
         planning_s = self.scenario.execution.recovery.planning_s
         tried = set[tuple[Counts, bool]]()
         for cuts in _AS_PLANNED if incident.due else self.cuts:
@@ -208,6 +213,7 @@ class Recovery(Planner[Going]):
                     continue
                 tried.add((counts, cut.aside))
                 at = committed_at(tpg, counts, incident, judged)
+                self._reach = reach
                 try:
                     union, new = self._onward(at, aside=cut.aside)
                 except (PlanInvariantError, TransitError, InfeasibleStepError) as error:
@@ -223,6 +229,19 @@ class Recovery(Planner[Going]):
             best = min(found, key=lambda item: (item.more, item.end_s(*about)))
             self._restore(best.going)
             return best.union, best.new, best.at
+        return self._nothing_further(at, why)
+
+    def _ended(self, tpg: TemporalPlanGraph, incident: Incident, why: str) -> Extension:
+        self._restore(self._executed)
+        about = self.scenario.execution, self._ledger, self.person
+        judged = Judging(*about).judged(tpg, incident)
+        at = committed_at(tpg, cut_at(tpg, incident), incident, judged)
+        found = self._nothing_further(at, why)
+        self._planned = self._state()
+        return found
+
+    def _nothing_further(self, at: Committed, why: str) -> Extension:
+        """Give up all steps that are not done once what is committed is complete."""
         world = self._world(at)
         left = {item.step.step for item in leftovers(world, {}) if not item.ends}
         done = world.begun().keys() - left

@@ -102,6 +102,10 @@ class StepWindow:
             return range(1, len(plan.choices) + 1)
         return range(1, self._ahead.steps + 1)
 
+    def unplanned(self, plan: TaskPlan) -> int:
+        """Return how many steps are not planned yet, those of spare products among them."""
+        return 0 if self._ahead is None else self._ahead.steps - len(plan.choices)
+
     def of_first(self, motions: PlannedMotions, count: int) -> PlannedMotions:
         """Return motions with the work of the first so many steps."""
         if self._ahead is None:
