@@ -314,6 +314,8 @@ class Execution:
         """
         edge = min(own.next_edge(-1) for own in stops)
         while (upcoming := self._upcoming()) < math.inf:
+            # Both are of the graph that is executed, which may be extended.
+            stops, narrator = self.stops or stops, self.narrator or narrator
             while edge <= upcoming:
                 for chain in range(len(stops)):
                     if self._has_work_left(chain):

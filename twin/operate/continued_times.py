@@ -10,6 +10,7 @@ import numpy as np
 from twin.durations.model import Nanoseconds
 from twin.operate.committed import Version
 from twin.uncertainty.node_times import NodeTimes, Standstill
+from twin.uncertainty.stops import Stops
 
 
 def continued_times(
@@ -64,4 +65,20 @@ def continued_times(
         standstills=tuple(stands),
         failed=tuple(failed),
         lost=frozenset(lost),
+        stops=_stops(old, version),
+    )
+
+
+def _stops(old: NodeTimes, version: Version) -> tuple[Stops, ...] | None:
+    """Return the stops by the clock of all chains, those of chains that are new as drawn for these."""
+    known, drawn = old.stops, version.times.stops
+    if known is None and drawn is None:
+        return None
+    own = dict(zip(version.new, drawn or (), strict=False))
+    chains = enumerate(version.tpg.chains)
+    return tuple(
+        known[k]
+        if known is not None and k < len(known)
+        else own.get(chain.robot) or Stops([])
+        for k, chain in chains
     )

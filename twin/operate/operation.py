@@ -16,6 +16,7 @@ from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
+from scheduling.rolling.cut import state_at
 from scheduling.rolling.supply import supply_waits, with_supply, without_chains
 from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import held_back
@@ -25,7 +26,7 @@ from twin.operate.constructing import ConstructionRecovery
 from twin.operate.going import Planner
 from twin.operate.person import Ask, Person, Says
 from twin.operate.recovery import Recovery
-from twin.operate.rolling import RollingDrivenExecution, RollingExecution
+from twin.operate.rolling import Keep, RollingDrivenExecution, RollingExecution
 from twin.planning.kind import AssemblyKind, PlannedMotions, assembly_kind
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import ExecutionRecord
@@ -50,7 +51,7 @@ class Operation:
         out: robots that were out.
         asks: what a person was asked, and the answers.
         scrapped: products that were not made whole though they were wanted, of several.
-        partial: whether there are steps of the scenario that were not done.
+        partial: whether there are steps of the scenario that were not done, or a robot that is out holds something.
     """
 
     tpg: TemporalPlanGraph
@@ -65,7 +66,7 @@ class Operation:
 
     @property
     def finished(self) -> bool:
-        """Whether all that the scenario says was done."""
+        """Whether all that the scenario says was done, and everything is where it says."""
         return self.record.outcome == "completed" and not self.partial
 
     @property
@@ -76,6 +77,7 @@ class Operation:
     def content(self) -> dict[str, Any]:
         """Return what ``summary.json`` says of it."""
         return {
+            "whole": self.finished,
             "versions": [
                 {
                     "sha256": plan_sha256(version.tpg),
@@ -107,6 +109,7 @@ def operate(
     says: Says | None = None,
     held: TemporalPlanGraph | None = None,
     cell_of: Callable[..., RollingExecution] | None = None,
+    keep: Keep | None = None,
 ) -> Operation:
     """Execute a plan, and plan anew when something fails.
 
@@ -123,6 +126,7 @@ def operate(
             where the scenario names nobody.
         held: the plan, held back for windows of time, where that is known.
         cell_of: makes the state of the run, where that is not a simulation.
+        keep: keeps each graph that takes the place of another one, and the first one if parts are late.
 
     Raises:
         RequestError: robots of this kind of assembly, or under this policy, cannot be planned anew.
@@ -145,6 +149,8 @@ def operate(
     require_picked(motions, [item.part for item in late])
     first, plan = len(tpg.chains), tpg
     tpg = _with_late(tpg, [item.part for item in late])
+    if late and keep is not None:
+        keep(1, tpg)
     asked = scenario.execution.recovery.ask or (AskSection() if says else None)
     person = Person(asked, seed, replication, says)
     planner: Planner[Any]
@@ -170,6 +176,7 @@ def operate(
         hold=hold,
         far=not scenario.execution.may_be_planned_anew(),
         halting=halting,
+        keep=keep,
         observers=Observers(recorders),
     )
     for outage in scenario.execution.outages:
@@ -190,6 +197,8 @@ def operate(
     kind = assembly_kind(scenario.assembly).written_out()
     scrapped = _products_of(planner.given_up, kind)
     executed = _with_products(executed, kind, undone)
+    last = state_at(executed, [len(chain) for chain in executed.chains])
+    held = any(at.holder in cell.out for at in last.attachments.values())
     ends = [max(own, default=0) for own in cell.end]
     makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])
     record = ExecutionRecord(
@@ -223,7 +232,7 @@ def operate(
         cell.out,
         planner.asks,
         tuple(sorted(scrapped)),
-        bool(undone) or kind.wanted_steps() < kind.steps(),
+        bool(undone) or kind.wanted_steps() < kind.steps() or held,
     )
 
 

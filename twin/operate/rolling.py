@@ -42,6 +42,9 @@ OUT_FOR_GOOD = "is out for good"
 """What the log says of a robot that is out."""
 
 
+Keep = Callable[[int, TemporalPlanGraph], None]
+"""Keeps a version of the plan, given its number, from 1, before anything is told of it."""
+
 Hold = Callable[[TemporalPlanGraph], TemporalPlanGraph]
 """Returns a graph with edges that hold back what opens windows of time."""
 
@@ -60,6 +63,7 @@ class RollingExecution(SuppliedExecution):
         hold: Hold | None = None,
         far: bool = False,
         halting: bool = False,
+        keep: Keep | None = None,
         **options: Any,
     ) -> None:
         """Set the cell up at time 0; see Execution.
@@ -70,13 +74,14 @@ class RollingExecution(SuppliedExecution):
             hold: makes graphs wait where what opens windows of time is held back; by default nothing is.
             far: whether robots are released as much as is safe; else no task long before it begins.
             halting: whether everybody stops after the task at hand when something is to be planned.
+            keep: keeps each graph that takes over.
         """
         super().__init__(*rest, **options)
         self._hold = hold or (lambda tpg: tpg)
         self._dispatch_by(self._hold(self.tpg))
         self.versions: list[Version] = []
         self._planner = planner
-        self._halting = halting
+        self._halting, self._keep_version = halting, keep
         messages_ns = self.messages.report_ns + self.messages.release_ns
         self._ahead_ns = None if far else _AHEAD_NS + messages_ns
         self._limit = [len(chain) for chain in self.tpg.chains]
@@ -322,6 +327,7 @@ class RollingExecution(SuppliedExecution):
         for failure in failures:
             reported[failure.chain] = failure.node + 1
         self.times = continued_times(self.times, version, self.end)
+        self.stops = self.times.stops
         self.tpg = tpg
         self._dispatch_by(self._hold(tpg))
         for k, count in enumerate(reported):
@@ -335,6 +341,8 @@ class RollingExecution(SuppliedExecution):
         for failure in failures:
             self.outstanding[failure.chain] = 0
             self.released[failure.chain] = failure.node + 1
+        if self._keep_version is not None:
+            self._keep_version(len(self.versions) + 2, tpg)
         if self.narrator is not None:
             self.narrator = self.narrator.of(tpg, self.times)
             self._tell_of_swap(version, failures)
