@@ -31,6 +31,7 @@ from twin.operate.committed import (
     Draw,
     Incident,
     Version,
+    as_far_as_planned,
     committed_at,
     cut_at,
 )
@@ -141,7 +142,7 @@ class ConstructionRecovery(Planner[_Built]):
         ledger = self._executed.ledger.copy()
         judging = Judging(self.scenario.execution, ledger, self.person)
         judged = judging.judged(tpg, incident)
-        counts = cut_at(tpg, incident, steps=self.steps)
+        counts = as_far_as_planned(tpg, incident)
         at = committed_at(tpg, counts, incident, judged)
         self._planned = replace(self._executed, ledger=ledger)
         complete = (at.committed.tasks[k] for k in at.complete)

@@ -152,6 +152,11 @@ class Planner(ABC, Generic[State]):
         return self._executed.ledger.given_up
 
     @property
+    def never_begun(self) -> Mapping[int, str]:
+        """Steps that are wanted and were never planned, as nobody can do them, likewise."""
+        return {}
+
+    @property
     def dropped(self) -> Mapping[int, str]:
         """Steps that are not wanted any more in what is executed, or rest on one, likewise."""
         return self._executed.ledger.dropped

@@ -193,7 +193,8 @@ def operate(
         return tuple(row for k, row in enumerate(rows) if k not in unused)
 
     executed, times = without_chains(cell.tpg, unused), cell.node_times()
-    undone = planner.given_up.keys() | planner.dropped.keys()
+    given_up = {**planner.never_begun, **planner.given_up}
+    undone = given_up.keys() | planner.dropped.keys()
     kind = assembly_kind(scenario.assembly).written_out()
     scrapped = _products_of(planner.given_up, kind)
     executed = _with_products(executed, kind, undone)
@@ -216,7 +217,7 @@ def operate(
         failed_nodes=(-1,) * len(executed.chains),
         failure="; ".join(
             f"step {step} is given up: {why}"
-            for step, why in sorted(planner.given_up.items())
+            for step, why in sorted(given_up.items())
             if outcome != "completed"
         ),
         raised_skills=times.raised,
@@ -227,7 +228,7 @@ def operate(
         executed,
         record,
         tuple(cell.versions),
-        planner.given_up,
+        given_up,
         planner.dropped,
         cell.out,
         planner.asks,

@@ -49,9 +49,11 @@ class StepWindow:
         """
         if self._section is None or planned >= last:
             return False
+        # Steps of machines alone follow those of robots: nobody waits for their begin.
         left = sum(
-            step not in undone and all(released[k] <= n for k, n in own.items())
+            bool(own) and all(released[k] <= n for k, n in own.items())
             for step, own in enumerate(self._first_nodes(tpg, planned), start=1)
+            if step not in undone
         )
         return left <= self._section.least
 

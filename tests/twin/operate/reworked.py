@@ -21,7 +21,7 @@ REWORKED = cell(
         middle: {xyz_m: [0, 0, 0.01]}
     - name: pin
       size_m: [0.03, 0.03, 0.06]
-      start: {xyz_m: [0.3, 0.3, 0.03]}
+      start: {xyz_m: [-0.3, -0.3, 0.03]}
       goal: {xyz_m: [0.06, 0.04, 0.07]}
   processes:
     clean: {duration: {kind: fixed, value_s: 1}, frame: driver}
