@@ -34,7 +34,10 @@ CASES = {
     # A person brings bricks, in a chain that a later version adds; messages take time.
     "completed": FAILS + RECOVERY % (9, ", ask: {answer_s: 5}") + "  latency_s: 0.2\n",
     "late": FAILS + RECOVERY % (9, "") + "  late: [{part: left_a, at_s: 40}]\n",
-    "failed": FAILS + RECOVERY % (0, ""),
+    "failed": FAILS.replace(
+        "0.3, retries: 0, loses: 0.5", "0.9, retries: 0, loses: 0.2"
+    )
+    + RECOVERY % (3, ""),
 }
 
 
