@@ -199,7 +199,7 @@ def operate(
     scrapped = _products_of(planner.given_up, kind)
     executed = _with_products(executed, kind, undone)
     last = state_at(executed, [len(chain) for chain in executed.chains])
-    held = any(at.holder in cell.out for at in last.attachments.values())
+    in_hand = any(at.holder in cell.out for at in last.attachments.values())
     ends = [max(own, default=0) for own in cell.end]
     makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])
     record = ExecutionRecord(
@@ -233,7 +233,7 @@ def operate(
         cell.out,
         planner.asks,
         tuple(sorted(scrapped)),
-        bool(undone) or kind.wanted_steps() < kind.steps() or held,
+        bool(undone) or kind.wanted_steps() < kind.steps() or in_hand,
     )
 
 
