@@ -82,6 +82,12 @@ class Audit:
         return card(f"Audit: {verdict}", rows)
 
 
+def _is_whole(run: RunResult) -> bool:
+    """Tell whether a run came to its end with all that its scenario says in place."""
+    operation = run.summary.get("operation") or {}
+    return run.outcome == "completed" and bool(operation.get("whole", True))
+
+
 @checks_arguments
 def audit(
     run: RunResult | PathOrName,
@@ -109,7 +115,7 @@ def audit(
                 judged.sections,
                 folder,
                 ordered="open-loop" not in judged.policy,
-                finished=judged.outcome == "completed",
+                finished=_is_whole(judged),
                 engine=chosen,
                 progress=progress,
             )

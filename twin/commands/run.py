@@ -290,12 +290,13 @@ def follow_events(
     from twin.follow.follow import growing_file, piped, served
     from twin.follow.forecast import Forecaster
     from twin.follow.state import FollowedRun
-    from twin.trial.plan_result import plan_of_run
+    from twin.trial.plan_result import plan_history
     from twin.trial.simulation import followed_execution
 
-    tpg = plan_of_run(plan)
+    plans = plan_history(plan)
+    tpg = plans.first
     name, model = followed_execution(plan, tpg, scenario)
-    run = FollowedRun(tpg, model.policy)
+    run = FollowedRun(tpg, model.policy, plans.version, plans.late)
     forecaster = Forecaster(tpg, model, samples=samples)
     listeners = [_shown(run, name, json=as_json)]
     if recording is not None or view or web:

@@ -119,7 +119,7 @@ class Execution:
                 while self._upcoming() < math.inf:
                     self.env.step()
             if self._done():
-                outcome = "completed"
+                outcome = self._outcome()
             elif self.narrator is not None and not self.failed:
                 self.narrator.emit("failed", detail=self.deadlock())
         except KeyboardInterrupt:
@@ -135,6 +135,10 @@ class Execution:
     def _done(self) -> bool:
         """Tell whether all that there is to do is done."""
         return all(not end or end[-1] >= 0 for end in self.end)
+
+    def _outcome(self) -> Outcome:
+        """Return how a run has ended in which every node was executed."""
+        return "completed"
 
     def _upcoming(self) -> float:
         """Return when something happens next [ns]; infinity at the end of the run."""
@@ -310,6 +314,8 @@ class Execution:
         """
         edge = min(own.next_edge(-1) for own in stops)
         while (upcoming := self._upcoming()) < math.inf:
+            # Both are of the graph that is executed, which may be extended.
+            stops, narrator = self.stops or stops, self.narrator or narrator
             while edge <= upcoming:
                 for chain in range(len(stops)):
                     if self._has_work_left(chain):

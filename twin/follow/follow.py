@@ -173,7 +173,7 @@ def follow(
     Args:
         lines: of the event log; None stands for nothing to read yet.
         run: its state, which is kept equal to the events.
-        forecaster: of the same plan.
+        forecaster: of the same plan; of another version of it where one takes over.
         listeners: told of everything.
         every_s: time of the run between forecasts [s].
         clock: a clock of seconds.
@@ -188,8 +188,9 @@ def follow(
             listener(news)
 
     def make_forecast(now_ns: int) -> None:
-        nonlocal due
+        nonlocal due, forecaster
         due = (now_ns // every + 1) * every
+        forecaster = forecaster.of(run.tpg)
         tell(forecaster.forecast(run, now_ns))
         for drift in forecaster.drifts(run):
             before = told.get((drift.what, drift.robot))

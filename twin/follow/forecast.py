@@ -103,7 +103,13 @@ class Forecaster:
         self._motion = np.stack([_joined(f.motion) for f in self._futures], axis=1)
         self._stall = np.stack([_joined(f.stood) for f in self._futures], axis=1)
         self._drawn = drawn_nodes(model.durations.bind(tpg))
-        self._model = model
+        self._model, self._asked = model, samples
+
+    def of(self, tpg: TemporalPlanGraph) -> Forecaster:
+        """Return a forecaster of the plan that is executed by now; this one where it is still the same."""
+        if tpg is self._tpg:
+            return self
+        return Forecaster(tpg, self._model, samples=self._asked)
 
     def drifts(self, run: FollowedRun) -> tuple[Drift, ...]:
         """Return what drifts in a run by now, what is furthest off its plan first."""

@@ -82,21 +82,48 @@ class LiveRecording:
         Raises:
             OutputError: the file cannot be written.
         """
-        tpg = run.tpg
-        self._run, self._tpg = run, tpg
-        in_slots = run.policy == "synchronous"
-        self._words = PlanWords(with_barriers(tpg) if in_slots else tpg)
-        self._chain = {chain.robot: k for k, chain in enumerate(tpg.chains)}
-        self._handlings: dict[tuple[str, int, int], NodeHandling] = {
-            (item.object, item.robot, item.node): item for item in tpg.handlings
-        }
-        self._objects = {item.name: item for item in tpg.cell.objects}
+        self._run = run
+        self._speak_of_plan()
         self._rec = rr.RecordingStream(
             "assembly-twin", recording_id=f"follow-{name}", make_default=False
         )
         self._rec.set_log_time_enabled(False)
         self._connect(path, viewer)
         self._begin()
+
+    def _speak_of_plan(self) -> None:
+        """Take tasks, nodes and objects from the plan that is executed by now."""
+        tpg = self._tpg = self._run.tpg
+        in_slots = self._run.policy == "synchronous"
+        self._words = PlanWords(with_barriers(tpg) if in_slots else tpg)
+        self._chain = {chain.robot: k for k, chain in enumerate(tpg.chains)}
+        self._handlings: dict[tuple[str, int, int], NodeHandling] = {
+            (item.object, item.robot, item.node): item for item in tpg.handlings
+        }
+        self._objects = {item.name: item for item in tpg.cell.objects}
+
+    def _take_version(self) -> None:
+        """Go on with the version of the plan that has taken over, and draw what it adds to the cell."""
+        known = self._objects.keys()
+        self._speak_of_plan()
+        for chain in self._tpg.chains:
+            self._shown.setdefault(chain.robot, 0)
+        self._draw_lanes()
+        for item in self._tpg.cell.objects:
+            if item.name not in known:
+                draw_later(self._rec, item, (0,), (False,))
+                place_object(self._rec, item.name, [unseen(item)])
+
+    def _draw_lanes(self) -> None:
+        self._lanes = {
+            chain.robot: draw_lane(
+                self._rec,
+                chain.robot,
+                dict(self._words.lane(k)),
+                plan_colours(self._tpg),
+            )
+            for k, chain in enumerate(self._tpg.chains)
+        }
 
     def __call__(self, news: News) -> None:
         """Keep what is new; what was held back is written when something is forecast or nothing comes."""
@@ -136,6 +163,8 @@ class LiveRecording:
 
     def _keep(self, event: Event) -> None:
         """Keep an event and what it says about motion and objects."""
+        if event.kind == "replanned" and self._tpg is not self._run.tpg:
+            self._take_version()
         waits = self._waits(event)
         self._events.take(event, waits or event.detail or WAITING)
         chain = self._chain.get(event.robot)
@@ -172,12 +201,7 @@ class LiveRecording:
         draw_fixtures(rec, tpg.cell)
         self._events = EventBacklog()
         self._lane_state: dict[str, str] = {}
-        self._lanes = {
-            chain.robot: draw_lane(
-                rec, chain.robot, dict(self._words.lane(k)), plan_colours(tpg)
-            )
-            for k, chain in enumerate(tpg.chains)
-        }
+        self._draw_lanes()
         colours = team_colours([robot.name for robot in tpg.cell.robots])
         self._names = RobotNames(rec, list(colours))
         self._trees = {}

@@ -1,8 +1,12 @@
-"""State of a run in progress from its events; violations of the TPG are flagged."""
+"""State of a run in progress from its events; violations of the TPG are flagged.
+
+A run that is planned anew is followed version by version: each event is held against the plan that was executed
+when it happened.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 from planning.tasks.task import LEFT_OUT
@@ -35,13 +39,20 @@ class ForbiddenEvent:
     text: str
 
 
+Versions = Callable[[int], TemporalPlanGraph]
+"""Returns the plan of a version, given its number, from 1."""
+
+
 @dataclass
 class FollowedRun:
     """A run in progress.
 
     Attributes:
-        tpg: what is executed.
+        tpg: what is executed; replaced when a new version takes over.
         policy: how nodes are released; ``synchronous`` adds the barriers of its slots.
+        versions: returns the plans that take over; None where none does.
+        late: machines that bring late parts: nobody waits for them before such a part was missed.
+        version: number of the plan that is executed.
         robots: progress of each chain.
         now_ns: time of the last event [ns].
         events: how many there were.
@@ -51,6 +62,9 @@ class FollowedRun:
 
     tpg: TemporalPlanGraph
     policy: Policy = "asynchronous"
+    versions: Versions | None = None
+    late: Collection[str] = ()
+    version: int = 1
     robots: list[RobotProgress] = field(init=False)
     now_ns: int = 0
     events: int = 0
@@ -58,6 +72,14 @@ class FollowedRun:
     outcome: str = ""
 
     def __post_init__(self) -> None:
+        self._missed: set[str] = set()
+        self._hold_against(self.tpg)
+        chains = self._graph.chains
+        self.robots = [RobotProgress(chain.robot, len(chain)) for chain in chains]
+
+    def _hold_against(self, tpg: TemporalPlanGraph) -> None:
+        """Hold the events that follow against a plan, of which nothing has been executed yet."""
+        self.tpg = tpg
         graph = with_barriers(self.tpg) if self.policy == "synchronous" else self.tpg
         self._graph = graph
         self._dispatcher = Dispatcher(graph)
@@ -65,7 +87,11 @@ class FollowedRun:
         edges = map(tuple, graph.edges.tolist())
         self._cause = dict(zip(edges, graph.cause.tolist(), strict=True))
         self._handled = {(h.object, h.robot, h.node) for h in graph.handlings}
-        self.robots = [RobotProgress(chain.robot, len(chain)) for chain in graph.chains]
+        self._brings = {
+            k: str(graph.tasks[int(chain.task[0])].object)
+            for k, chain in enumerate(graph.chains)
+            if chain.robot in self.late and len(chain)
+        }
 
     @property
     def nodes_done(self) -> int:
@@ -75,7 +101,7 @@ class FollowedRun:
     def waits_for(self, chain: int) -> str:
         """Return which nodes of others a robot's next node waits for in words, or nothing."""
         node = self.robots[chain].completed
-        waits = self._dispatcher.waits_for(chain, node)
+        waits = self._waits(chain, node)
         names = [f"{self._node(r, u)})" for r, u in waits]
         return "waits for " + " and ".join(names) if names else ""
 
@@ -89,6 +115,8 @@ class FollowedRun:
         if not event.robot:
             if event.kind == "finished":
                 self._finish(event)
+            elif event.kind == "replanned":
+                self._take_version(event)
         elif event.robot not in self._chain:
             names = ", ".join(self._chain)
             self._flag(event, f"no robot of the plan (robots: {names})")
@@ -98,11 +126,42 @@ class FollowedRun:
 
     def _finish(self, event: Event) -> None:
         """Take the end of the run; one that is called complete before every node is, is not."""
-        left = sum(len(robot.start_ns) for robot in self.robots) - self.nodes_done
+        left = sum(
+            len(robot.start_ns) - robot.completed
+            for k, robot in enumerate(self.robots)
+            if k not in self._brings  # a part that comes after the end never comes
+        )
         self.outcome = event.detail or "finished"
         if self.outcome == "completed" and left:
             self.outcome = "incomplete"
             self._flag(event, f"{left} nodes are not complete")
+
+    def _take_version(self, event: Event) -> None:
+        """Go on with the next version of the plan; what has begun must be in it as it was."""
+        if self.versions is None:
+            self._flag(event, "the versions of the plan are not known")
+            return
+        before, robots = self._graph, self.robots
+        self.version += 1
+        self._hold_against(self.versions(self.version))
+        chains = self._graph.chains
+        known = {robot.name: robot for robot in robots}
+        self.robots = [
+            known[chain.robot].continued(len(chain))
+            if chain.robot in known
+            else RobotProgress(chain.robot, len(chain))
+            for chain in chains
+        ]
+        for k, robot in enumerate(self.robots):
+            if robot.completed:
+                self._dispatcher.observe(k, robot.completed - 1)
+        for old, robot in zip(before.chains, robots, strict=True):
+            begun = robot.completed + (robot.under_way >= 0)
+            k = self._chain.get(old.robot, -1)
+            tasks = chains[k].task[:begun] if k >= 0 else old.task[:0]
+            if tasks.tolist() != old.task[:begun].tolist():
+                words = f"version {self.version} lacks nodes that {old.robot} has begun"
+                self._flag(event, words)
 
     def _apply_to(self, k: int, event: Event) -> None:
         robot, chain = self.robots[k], self._graph.chains[k]
@@ -114,6 +173,9 @@ class FollowedRun:
             node = -1  # it waited for what was then planned anew
         if node >= 0 and event.task not in (-1, int(chain.task[node])):
             self._flag(event, f"node {node} is of task {int(chain.task[node])}")
+        if event.kind == "failed" and node >= 0:
+            task = self._graph.tasks[int(chain.task[node])]
+            self._missed |= {str(task.object)} & {*self._brings.values()}
         if event.kind in ("released", "started", "completed") and node < 0:
             self._flag(event, "it names no node")
         elif event.kind == "released":
@@ -122,6 +184,8 @@ class FollowedRun:
             self._start(k, event)
         elif event.kind == "completed":
             self._complete(k, event)
+        elif event.kind == "recovered":
+            self._recover(k, event)
         elif (
             event.kind in ("attached", "detached")
             and (event.object, k, node) not in self._handled
@@ -157,9 +221,25 @@ class FollowedRun:
         robot.take(event)
         self._dispatcher.observe(k, node)
 
+    def _recover(self, k: int, event: Event) -> None:
+        robot, node = self.robots[k], event.node
+        if not (robot.failed and node == robot.under_way):
+            self._flag(event, f"no attempt has failed in node {node}")
+            return
+        robot.take(event)
+        self._dispatcher.observe(k, node)
+
+    def _waits(self, k: int, node: int) -> list[tuple[int, int]]:
+        """Return the nodes of others that a node still waits for."""
+        return [
+            (r, u)
+            for r, u in self._dispatcher.waits_for(k, node)
+            if r not in self._brings or self._brings[r] in self._missed
+        ]
+
     def _check_edges(self, k: int, event: Event) -> None:
         """Flag an event of a node that still waits for other robots."""
-        waits = self._dispatcher.waits_for(k, event.node)
+        waits = self._waits(k, event.node)
         if not waits:
             return
         reasons = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count
@@ -45,6 +46,7 @@ class Incident:
         clock: what has been executed; None where there is no time.
         due: whether nothing has happened but that more is to be planned.
         more: products that have been ordered since the beginning.
+        events: events from outside that can still occur, see ``termination``.
     """
 
     failures: tuple[Failure, ...]
@@ -55,6 +57,7 @@ class Incident:
     clock: Clock | None = None
     due: bool = False
     more: int = 0
+    events: int = 0
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,11 @@ def cut_at(
         for robot in sorted(incident.out & index.keys())
     ]
     return cut_after(tpg, incident.released, never, steps=steps, go_on=go_on)
+
+
+def as_far_as_planned(tpg: TemporalPlanGraph, incident: Incident) -> Counts:
+    """Return how many nodes of each chain can still be executed without a new plan."""
+    return cut_at(tpg, incident, go_on=[math.inf] * len(tpg.chains))
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from twin.operate.committed import (
     Draw,
     Incident,
     Version,
+    as_far_as_planned,
     committed_at,
     cut_at,
 )
@@ -133,6 +134,22 @@ class ConstructionRecovery(Planner[_Built]):
         found = self._onward(tpg, incident)
         self._executed = self._planned
         return found
+
+    def _unplanned(self, state: _Built) -> int:
+        return 0
+
+    def _ended(self, tpg: TemporalPlanGraph, incident: Incident, why: str) -> Extension:
+        ledger = self._executed.ledger.copy()
+        judging = Judging(self.scenario.execution, ledger, self.person)
+        judged = judging.judged(tpg, incident)
+        counts = as_far_as_planned(tpg, incident)
+        at = committed_at(tpg, counts, incident, judged)
+        self._planned = replace(self._executed, ledger=ledger)
+        complete = (at.committed.tasks[k] for k in at.complete)
+        done = {task.step for task in complete if task.kind == _PUT}
+        for step in sorted({*self._executed.step_of.values()} - done - ledger.undone):
+            ledger.give_up(step, why)
+        return nothing_new(at, tpg.cell)
 
     def _onward(self, tpg: TemporalPlanGraph, incident: Incident) -> Extension:
         """Return all, what is new only, and what there was before."""

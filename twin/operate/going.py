@@ -21,7 +21,8 @@ from scheduling.rolling.forecast import Clock, forecast_s
 from scheduling.rolling.supply import brought_in, renamed, supply_waits
 from twin.durations.model import NANOSECONDS
 from twin.operate.committed import Committed, Draw, Incident, Version, cause_of
-from twin.operate.person import AGAIN, Ask, Ledger, with_help
+from twin.operate.person import AGAIN, Ask, Ledger, Person, with_help
+from twin.operate.termination import NO_PROGRESS, Measure, measure_of
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.draws import TaskName
 
@@ -139,13 +140,21 @@ class Planner(ABC, Generic[State]):
 
     scenario: Scenario
     draw: Draw
+    person: Person
     _executed: State
     _planned: State
+    _measure: Measure | None = None
+    _measure_planned: Measure | None = None
 
     @property
     def given_up(self) -> Mapping[int, str]:
         """Steps that are not done any more in what is executed, by number, with the reason."""
         return self._executed.ledger.given_up
+
+    @property
+    def never_begun(self) -> Mapping[int, str]:
+        """Steps that are wanted and were never planned, as nobody can do them, likewise."""
+        return {}
 
     @property
     def dropped(self) -> Mapping[int, str]:
@@ -184,9 +193,36 @@ class Planner(ABC, Generic[State]):
         The tasks of the new graph are those before it and then its own; it begins in the world at the cut.
         """
 
+    @abstractmethod
+    def _unplanned(self, state: State) -> int:
+        """Return how many steps are not planned yet, 0 where no more are to be."""
+
+    @abstractmethod
+    def _ended(self, tpg: TemporalPlanGraph, incident: Incident, why: str) -> Extension:
+        """Give up every step that is not done, and return what is committed, after which nothing comes."""
+
+    def begin(self, events: int) -> None:
+        """Measure the plan with which an operation begins; so many events from outside can occur."""
+        self._measure = self._measured(self._executed, events)
+
     def swapped(self) -> None:
         """Take note that what was planned last has taken its place."""
-        self._executed = self._planned
+        self._executed, self._measure = self._planned, self._measure_planned
+
+    def _measured(self, state: State, events: int) -> Measure:
+        unplanned = self._unplanned(state)
+        return measure_of(self.scenario, self.person, state.ledger, events, unplanned)
+
+    def _terminating(
+        self, tpg: TemporalPlanGraph, incident: Incident, found: Extension
+    ) -> Extension:
+        """Return a revision that reduces the measure, or the end of the operation; see ``termination``."""
+        measure, before = self._measured(self._planned, incident.events), self._measure
+        if before is not None and not measure.is_below(before):
+            found = self._ended(tpg, incident, NO_PROGRESS)
+            measure = min(before, self._measured(self._planned, incident.events))
+        self._measure_planned = measure
+        return found
 
     def _version(
         self,
@@ -205,7 +241,7 @@ class Planner(ABC, Generic[State]):
             begin: of planning, in processor time of this process [s].
             new: steps that come next.
         """
-        union, own, at = found
+        union, own, at = self._terminating(tpg, incident, found)
         executed_by = tuple(chain.robot for chain in union.chains)
         assert executed_by[: len(at.robots)] == at.robots, "chains keep their numbers"
         luck = self._executed.luck.onward(union, len(at.committed.tasks))

@@ -34,7 +34,7 @@ from planning.worlds.world import World, pose_of
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
-from scheduling.rolling.cut import state_at
+from scheduling.rolling.cut import complete_tasks, state_at
 from scheduling.rolling.extension import committed_part, with_attempt
 from twin.operate.committed import Failure, Incident, Judged, cut_at, tried_task
 from twin.operate.person import AGAIN, Ledger, Person
@@ -80,6 +80,7 @@ class Judging:
             often = self.ledger.tries[task.step, task.kind]
             if often > self.section.recovery.again and not self._sees_to(task):
                 self.ledger.give_up(task.step, f"{task.label} failed {often} times")
+                reopened[task.step] = frozenset({task.robot})
                 words.append(f"step {task.step} is given up")
             elif fate or task.kind == "pick":
                 reopened[task.step] = frozenset({task.robot})
@@ -88,17 +89,22 @@ class Judging:
                 words.append(f"step {task.step} is begun anew: {task.object} {how}")
             elif (then := self._then(task)) == "scrap":
                 self.ledger.give_up(task.step, f"{task.object} is scrapped")
-                words.append(f"step {task.step} is given up: {task.object} is scrapped")
-            elif then == "rework" and (before := _worked_before(tpg, task)):
-                reopened[before.step] = frozenset()
                 reopened[task.step] = frozenset({task.robot})
-                words.append(f"{before.label} is done again, and then {task.label}")
+                words.append(f"step {task.step} is given up: {task.object} is scrapped")
+            elif then == "rework" and (before := self._worked_at(tpg, incident, task)):
+                reopened |= {work.step: frozenset[str]() for work in before}
+                reopened[task.step] = frozenset({task.robot})
+                *most, last = [work.label for work in before]
+                several = f"{', '.join(most)} and {last} are" if most else f"{last} is"
+                words.append(f"{several} done again, and then {task.label}")
             else:
                 words.append(f"{task.label} is done again")
         return Judged(tuple(words), tuple(changes), reopened)
 
     def _sees_to(self, task: Task) -> bool:
         """Ask a person to see to what has failed too often; return whether that helps."""
+        if task.step in self.ledger.undone:
+            return False
         words = (
             f"{task.label} failed again and again: will you see to step {task.step}?"
         )
@@ -107,6 +113,28 @@ class Judging:
             return False
         self.ledger.tries[task.step, task.kind] = 0
         return True
+
+    def _worked_at(
+        self, tpg: TemporalPlanGraph, incident: Incident, task: Task
+    ) -> list[Task]:
+        """Return the processes done to a part before another one, since it came to its place, in order of their steps.
+
+        None of those that were done while the part was handled, as behind a door, which is shut once, nor of those
+        before; and none of steps that are not done any more.
+        """
+        clock, counts = incident.clock, incident.released
+        if clock is not None:
+            counts = tuple(map(len, clock.ended_s))
+        done = complete_tasks(tpg, counts)
+        own = [t for t in tpg.tasks if t.object == task.object and t.step < task.step]
+        came = [t.step for t in own if t.handlings or t.kind in HANDLING]
+        since = max(came, default=0)
+        works = {
+            t.step: t
+            for t in own
+            if t.step > since and t.kind not in _NO_PROCESS and t.index in done
+        }
+        return [works[k] for k in sorted(works.keys() - self.ledger.undone)]
 
     def _then(self, task: Task) -> str:
         """Return what is done about a process that has failed for good."""
@@ -204,23 +232,6 @@ def _beside_words(said: Transform, found: Transform) -> str:
     turn = found[:3, :3] @ said[:3, :3].T
     deg = float(np.degrees(abs(np.arctan2(turn[1, 0], turn[0, 0]))))
     return f"{BESIDE}, {mm:.1f} mm and {deg:.1f} degrees off, and is picked there"
-
-
-def _worked_before(tpg: TemporalPlanGraph, task: Task) -> Task | None:
-    """Return the last process that was done to a part before another one, where it lies; None for none.
-
-    Nor for one behind a door, which is shut once.
-    """
-    own = [t for t in tpg.tasks if t.object == task.object and t.step < task.step]
-    works = [t for t in own if t.kind not in _NO_PROCESS]
-    last = max(works, key=lambda t: t.step, default=None)
-    if (
-        last is None
-        or last.handlings
-        or any(t.kind in HANDLING and t.step > last.step for t in own)
-    ):
-        return None
-    return last
 
 
 def asks_for_another(

@@ -16,6 +16,7 @@ from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
+from scheduling.rolling.cut import state_at
 from scheduling.rolling.supply import supply_waits, with_supply, without_chains
 from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import held_back
@@ -26,7 +27,7 @@ from twin.operate.constructing import ConstructionRecovery
 from twin.operate.going import Planner
 from twin.operate.person import Ask, Person, Says
 from twin.operate.recovery import Recovery
-from twin.operate.rolling import RollingDrivenExecution, RollingExecution
+from twin.operate.rolling import Keep, RollingDrivenExecution, RollingExecution
 from twin.planning.kind import AssemblyKind, PlannedMotions, assembly_kind
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import ExecutionRecord
@@ -51,7 +52,7 @@ class Operation:
         out: robots that were out.
         asks: what a person was asked, and the answers.
         scrapped: products that were not made whole though they were wanted, of several.
-        partial: whether there are steps of the scenario that were not done.
+        partial: whether there are steps of the scenario that were not done, or a robot that is out holds something.
         ended: why the execution ended before its plan was complete; None where no such cause is known.
     """
 
@@ -68,7 +69,7 @@ class Operation:
 
     @property
     def finished(self) -> bool:
-        """Whether all that the scenario says was done."""
+        """Whether all that the scenario says was done, and everything is where it says."""
         return self.record.outcome == "completed" and not self.partial
 
     @property
@@ -79,6 +80,7 @@ class Operation:
     def content(self) -> dict[str, Any]:
         """Return what ``summary.json`` says of it."""
         return {
+            "whole": self.finished,
             "versions": [
                 {
                     "sha256": plan_sha256(version.tpg),
@@ -111,6 +113,7 @@ def operate(
     says: Says | None = None,
     held: TemporalPlanGraph | None = None,
     cell_of: Callable[..., RollingExecution] | None = None,
+    keep: Keep | None = None,
 ) -> Operation:
     """Execute a plan, and plan anew when something fails.
 
@@ -127,6 +130,7 @@ def operate(
             where the scenario names nobody.
         held: the plan, held back for windows of time, where that is known.
         cell_of: makes the state of the run, where that is not a simulation.
+        keep: keeps each graph that takes the place of another one, and the first one if parts are late.
 
     Raises:
         RequestError: robots of this kind of assembly, or under this policy, cannot be planned anew.
@@ -149,6 +153,8 @@ def operate(
     require_picked(motions, [item.part for item in late])
     first, plan = len(tpg.chains), tpg
     tpg = _with_late(tpg, [item.part for item in late])
+    if late and keep is not None:
+        keep(1, tpg)
     asked = scenario.execution.recovery.ask or (AskSection() if says else None)
     person = Person(asked, seed, replication, says)
     planner: Planner[Any]
@@ -174,6 +180,7 @@ def operate(
         hold=hold,
         far=not scenario.execution.may_be_planned_anew(),
         halting=halting,
+        keep=keep,
         observers=Observers(recorders),
     )
     for outage in scenario.execution.outages:
@@ -183,8 +190,6 @@ def operate(
     for k, item in enumerate(late):
         cell.late(first + k, round(item.at_s * NANOSECONDS))
     outcome = cell.execute()
-    if outcome == "completed" and planner.short:
-        outcome = "failed"
     idle = (k for k, chain in enumerate(cell.tpg.chains) if not len(chain))
     unused = cell.never_came.union(idle)
 
@@ -192,16 +197,17 @@ def operate(
         return tuple(row for k, row in enumerate(rows) if k not in unused)
 
     executed, times = without_chains(cell.tpg, unused), cell.node_times()
-    undone = planner.given_up.keys() | planner.dropped.keys()
+    given_up = {**planner.never_begun, **planner.given_up}
+    undone = given_up.keys() | planner.dropped.keys()
     kind = assembly_kind(scenario.assembly).written_out()
     scrapped = _products_of(planner.given_up, kind)
     executed = _with_products(executed, kind, undone)
+    last = state_at(executed, [len(chain) for chain in executed.chains])
+    in_hand = any(at.holder in cell.out for at in last.attachments.values())
     ends = [max(own, default=0) for own in cell.end]
     makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])
     ended = [] if cell.ended is None else [cell.ended.words]
-    given_up = [
-        f"step {k} is given up: {w}" for k, w in sorted(planner.given_up.items())
-    ]
+    reasons = [f"step {k} is given up: {w}" for k, w in sorted(given_up.items())]
     record = ExecutionRecord(
         outcome=outcome,
         policy=model.policy,
@@ -215,7 +221,7 @@ def operate(
         standstills=used(times.standstills),
         stops_ns=used(times.stopped_until(makespan)),
         failed_nodes=(-1,) * len(executed.chains),
-        failure="; ".join([*ended, *given_up] if outcome != "completed" else []),
+        failure="; ".join([*ended, *reasons] if outcome != "completed" else []),
         raised_skills=times.raised,
         commands=used(cell.commands()),
         speed_override=used(times.speed_override),
@@ -225,12 +231,12 @@ def operate(
         executed,
         record,
         tuple(cell.versions),
-        planner.given_up,
+        given_up,
         planner.dropped,
         cell.out,
         planner.asks,
         tuple(sorted(scrapped)),
-        bool(undone) or kind.wanted_steps() < kind.steps(),
+        bool(undone) or kind.wanted_steps() < kind.steps() or in_hand,
         cell.ended,
     )
 

@@ -152,7 +152,7 @@ class Ledger:
         dropped: steps that are not wanted any more, or rest on one, by number, with the reason.
         gone: objects that are lost.
         shunned: objects that could not be picked, and are only tried again where there are no others.
-        closed: whether no more steps come than are planned, as nobody can do the next one.
+        closed: why no more steps come than are planned, as nobody can do the next one; empty where some may.
         more: products that have been ordered since the beginning.
         tries: how often all attempts at a skill of a step have failed.
         asks: what a person was asked.
@@ -164,7 +164,7 @@ class Ledger:
     dropped: dict[int, str] = field(default_factory=dict)
     gone: set[str] = field(default_factory=set)
     shunned: set[str] = field(default_factory=set)
-    closed: bool = False
+    closed: str = ""
     more: int = 0
     tries: Counter[tuple[int, str]] = field(default_factory=Counter)
     asks: tuple[Ask, ...] = ()

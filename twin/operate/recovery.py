@@ -38,6 +38,7 @@ from twin.operate.committed import (
     Judged,
     Recut,
     Version,
+    as_far_as_planned,
     committed_at,
 )
 from twin.operate.going import (
@@ -58,6 +59,7 @@ from twin.operate.judging import (
 )
 from twin.operate.person import Ledger, Person
 from twin.operate.step_window import StepWindow
+from twin.operate.termination import NO_PROGRESS
 from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import plan_from
 from twin.scenario.sections.scenario import Scenario
@@ -134,6 +136,15 @@ class Recovery(Planner[Going]):
         ledger, planned = self._executed.ledger, len(self._executed.task_plan.choices)
         return self._window.is_short(ledger.given_up, ledger.more, planned)
 
+    @property
+    def never_begun(self) -> Mapping[int, str]:
+        """Steps of products that are wanted and that nobody can begin, by number, with the reason."""
+        ledger, planned = self._executed.ledger, len(self._executed.task_plan.choices)
+        if not ledger.closed or not self._window.in_products:
+            return {}
+        last = self._window.last(ledger.given_up, ledger.more)
+        return dict.fromkeys(range(planned + 1, last + 1), ledger.closed)
+
     def begun(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> set[int]:
         """Return the steps that have begun once so many nodes of each chain are executed."""
         complete = complete_tasks(tpg, counts)
@@ -147,6 +158,9 @@ class Recovery(Planner[Going]):
         return not ledger.closed and self._window.due(
             tpg, released, planned, ledger.undone, last
         )
+
+    def _unplanned(self, state: Going) -> int:
+        return 0 if state.ledger.closed else self._window.unplanned(state.task_plan)
 
     @property
     def work(self) -> AssemblyWork:
@@ -198,6 +212,7 @@ class Recovery(Planner[Going]):
     ) -> Extension:
         """Return the longer graph, the new one, and what was there before."""
         before, found, why = self._state(), list[Found](), ""
+        reach = self._reach
         planning_s = self.scenario.execution.recovery.planning_s
         tried = set[tuple[Counts, bool]]()
         for cuts in _AS_PLANNED if incident.due else self.cuts:
@@ -208,6 +223,7 @@ class Recovery(Planner[Going]):
                     continue
                 tried.add((counts, cut.aside))
                 at = committed_at(tpg, counts, incident, judged)
+                self._reach = reach
                 try:
                     union, new = self._onward(at, aside=cut.aside)
                 except (PlanInvariantError, TransitError, InfeasibleStepError) as error:
@@ -223,10 +239,23 @@ class Recovery(Planner[Going]):
             best = min(found, key=lambda item: (item.more, item.end_s(*about)))
             self._restore(best.going)
             return best.union, best.new, best.at
+        return self._nothing_further(at, why)
+
+    def _ended(self, tpg: TemporalPlanGraph, incident: Incident, why: str) -> Extension:
+        self._restore(self._executed)
+        about = self.scenario.execution, self._ledger, self.person
+        judged = Judging(*about).judged(tpg, incident)
+        at = committed_at(tpg, as_far_as_planned(tpg, incident), incident, judged)
+        found = self._nothing_further(at, why)
+        self._planned = self._state()
+        return found
+
+    def _nothing_further(self, at: Committed, why: str) -> Extension:
+        """Give up all steps that are not done once what is committed is complete."""
         world = self._world(at)
         left = {item.step.step for item in leftovers(world, {}) if not item.ends}
         done = world.begun().keys() - left
-        self._ledger.closed = True
+        self._ledger.closed = why.partition("\n")[0] or NO_PROGRESS
         for step in self._window.all_steps(self._task_plan):
             if step not in done:
                 self._ledger.give_up(step, why)
@@ -360,7 +389,9 @@ class Recovery(Planner[Going]):
             first, ledger = min(new), self._ledger
             count = self._window.whole_products(first - 1)
             self._reach = count
-            ledger.closed = True
+            ledger.closed = f"step {first} is given up"
+            if reason := hopeless[first].partition("\n")[0]:
+                ledger.closed += f": {reason}"
             for step in self._window.all_steps(self._task_plan):
                 if step > count and step != first:
                     ledger.give_up(step, f"step {first} is given up")

@@ -10,28 +10,27 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Generator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import simpy
 from simpy.events import EventPriority
 
-from planning.transforms import Array
 from scheduling.graph.dispatcher import Dispatcher, Node
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import opened_at
 from scheduling.rolling.forecast import Clock
-from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS
 from twin.engine.driven import DrivenExecution
 from twin.engine.passage import Passage
 from twin.engine.processes import Steps, impatient_edges
 from twin.engine.supplied import SuppliedExecution
 from twin.operate.committed import Failure, Incident, Version
+from twin.operate.continued_times import continued_times
 from twin.operate.going import Planner
-from twin.uncertainty.node_times import NodeTimes, Standstill
+from twin.run.events import Outcome
 
 _AFTER_ALL = EventPriority(10)
 """Priority of what looks at all that has happened at a time."""
@@ -42,6 +41,9 @@ _AHEAD_NS = NANOSECONDS // 2
 OUT_FOR_GOOD = "is out for good"
 """What the log says of a robot that is out."""
 
+
+Keep = Callable[[int, TemporalPlanGraph], None]
+"""Keeps a version of the plan, given its number, from 1, before anything is told of it."""
 
 Hold = Callable[[TemporalPlanGraph], TemporalPlanGraph]
 """Returns a graph with edges that hold back what opens windows of time."""
@@ -61,6 +63,7 @@ class RollingExecution(SuppliedExecution):
         hold: Hold | None = None,
         far: bool = False,
         halting: bool = False,
+        keep: Keep | None = None,
         **options: Any,
     ) -> None:
         """Set the cell up at time 0; see Execution.
@@ -71,13 +74,14 @@ class RollingExecution(SuppliedExecution):
             hold: makes graphs wait where what opens windows of time is held back; by default nothing is.
             far: whether robots are released as much as is safe; else no task long before it begins.
             halting: whether everybody stops after the task at hand when something is to be planned.
+            keep: keeps each graph that takes over.
         """
         super().__init__(*rest, **options)
         self._hold = hold or (lambda tpg: tpg)
         self._dispatch_by(self._hold(self.tpg))
         self.versions: list[Version] = []
         self._planner = planner
-        self._halting = halting
+        self._halting, self._keep_version = halting, keep
         messages_ns = self.messages.report_ns + self.messages.release_ns
         self._ahead_ns = None if far else _AHEAD_NS + messages_ns
         self._limit = [len(chain) for chain in self.tpg.chains]
@@ -85,6 +89,8 @@ class RollingExecution(SuppliedExecution):
         self._out: set[str] = set()
         self._unwanted: set[int] = set()
         self._more = 0
+        self._team = {r.name for r in (*self.tpg.cell.robots, *self.tpg.cell.machines)}
+        self._to_come = 0
         self._again = False
         self._planning = False
         self._finished: dict[int, int] = {}
@@ -113,9 +119,11 @@ class RollingExecution(SuppliedExecution):
 
     def order(self, drop: Collection[int], more: int, at_ns: int) -> None:
         """Let steps be not wanted any more, and more products be wanted, from a time on [ns]."""
+        self._to_come += 1
 
         def change() -> Steps:
             yield self.env.timeout(at_ns)
+            self._to_come -= 1
             self._unwanted.update(drop)
             self._more += more
             failed = {f.chain: f.node for f in self._failures}
@@ -124,6 +132,19 @@ class RollingExecution(SuppliedExecution):
                 self._replan()
 
         self.env.process(change())
+
+    def execute(self) -> Outcome:
+        """Run as any execution; what is planned anew on the way terminates, see ``termination``."""
+        self._planner.begin(self._events())
+        return super().execute()
+
+    def _outcome(self) -> Outcome:
+        return "failed" if self._planner.short else "completed"
+
+    def _events(self) -> int:
+        """Return how many events from outside can still occur."""
+        unknown = {*self._coming.values()} - self._missed
+        return len(self._team - self._out) + self._to_come + len(unknown)
 
     def _tell_of_outage(self, chain: int) -> None:
         if self.narrator is not None:
@@ -249,7 +270,15 @@ class RollingExecution(SuppliedExecution):
                 yield self.env.timeout(version.planning_ns)
         self._planning = False
         self._planner.swapped()
-        self._swap(version)
+        if self._failures or plan_sha256(version.tpg) != plan_sha256(self.tpg):
+            self._swap(version)
+        else:
+            self._keep()
+
+    def _keep(self) -> None:
+        """Go on with the graph that there is, as planning anew has changed nothing."""
+        self._set_limits()
+        self._wake()
 
     def _version(self) -> Generator[simpy.Event, Any, Version]:
         """Plan what is left of all that has happened by now."""
@@ -269,6 +298,7 @@ class RollingExecution(SuppliedExecution):
             self._clock(),
             due=not (self._failures or self._out or self._unwanted or self._more),
             more=self._more,
+            events=self._events(),
         )
 
     def _clock(self) -> Clock:
@@ -296,7 +326,8 @@ class RollingExecution(SuppliedExecution):
         reported = [old.completed(k) for k in range(len(self.tpg.chains))]
         for failure in failures:
             reported[failure.chain] = failure.node + 1
-        self.times = self._times(version)
+        self.times = continued_times(self.times, version, self.end)
+        self.stops = self.times.stops
         self.tpg = tpg
         self._dispatch_by(self._hold(tpg))
         for k, count in enumerate(reported):
@@ -310,10 +341,16 @@ class RollingExecution(SuppliedExecution):
         for failure in failures:
             self.outstanding[failure.chain] = 0
             self.released[failure.chain] = failure.node + 1
+        if self._keep_version is not None:
+            self._keep_version(len(self.versions) + 2, tpg)
         if self.narrator is not None:
             self.narrator = self.narrator.of(tpg, self.times)
             self._tell_of_swap(version, failures)
         self.versions.append(version)
+        self._wake()
+
+    def _wake(self) -> None:
+        """Let robots go on that have waited for a plan."""
         swapped, self._swapped = self._swapped, self.env.event()
         swapped.succeed()
         self._dispatch_again()
@@ -338,64 +375,6 @@ class RollingExecution(SuppliedExecution):
                     self.narrator.handle(*lost, h.object, h.holder)
             self.narrator.emit("recovered", *lost, detail=words)
 
-    def _times(self, version: Version) -> NodeTimes:
-        """Return the times of all nodes, those of the committed ones as they are."""
-        old, new = self.times, version.times
-        place = {name: k for k, name in enumerate(version.new)}
-        motion, stood, stands, failed = [], [], [], []
-        overrides: list[Array] = []
-        lost = set[int]()
-        for k, (chain, count) in enumerate(
-            zip(version.tpg.chains, version.counts, strict=True)
-        ):
-            motions: list[Nanoseconds] = []
-            scaled: list[Array] = []
-            stalls: list[Nanoseconds] = []
-            entries: list[Standstill] = []
-            fails, loses = -1, False
-            if k < len(old.motion):
-                motions.append(old.motion[k][:count])
-                scaled.append(old.override(k)[:count])
-                stalls.append(old.stood[k][:count])
-                entries += [s for s in old.standstills[k] if s.node < count]
-            if (own := place.get(chain.robot)) is not None:
-                motions.append(new.motion[own])
-                scaled.append(new.override(own))
-                stalls.append(new.stood[own])
-                later = new.standstills[own]
-                entries += [replace(s, node=s.node + count) for s in later]
-                fails = new.failed[own] + count if new.failed[own] >= 0 else -1
-                loses = own in new.lost
-            node = old.failed[k] if k < len(old.failed) else -1
-            if 0 <= node < count and self.end[k][node] < 0:
-                # One that is still to fail comes before all that is new.
-                fails, loses = node, k in old.lost
-            motion.append(np.concatenate(motions))
-            overrides.append(np.concatenate(scaled))
-            stood.append(np.concatenate(stalls))
-            stands.append(tuple(entries))
-            failed.append(fails)
-            lost |= {k} if loses else set()
-        for chain_index, node in self._tried(version):
-            motion[chain_index][node] = 0
-        return replace(
-            old,
-            motion=tuple(motion),
-            stood=tuple(stood),
-            standstills=tuple(stands),
-            failed=tuple(failed),
-            lost=frozenset(lost),
-            speed_override=tuple(overrides) if old.speed_override else (),
-        )
-
-    def _tried(self, version: Version) -> list[tuple[int, int]]:
-        """Return the nodes in which nothing moved, because all attempts at their skill failed."""
-        return [
-            (k, old)
-            for k, old in enumerate(self.times.failed)
-            if 0 <= old < version.counts[k] and self.end[k][old] >= 0
-        ]
-
     def _resize(self, version: Version) -> None:
         """Make room for the nodes of the graph, and let robots that had none begin."""
         tpg, before = self.tpg, len(self.start)
@@ -415,12 +394,16 @@ class RollingExecution(SuppliedExecution):
         self.motion = [motion.tolist() for motion in self.times.motion]
         self.stood = [stood.tolist() for stood in self.times.stood]
         self.machines = machine_chains(tpg)
-        self._limit = [
-            self.released[k] if chain.robot in self._out else len(chain)
-            for k, chain in enumerate(tpg.chains)
-        ]
+        self._set_limits()
         for k in range(before, len(tpg.chains)):
             self.env.process(self._robot(k))
+
+    def _set_limits(self) -> None:
+        """Let robots that are in service be released all of the graph."""
+        self._limit = [
+            self.released[k] if chain.robot in self._out else len(chain)
+            for k, chain in enumerate(self.tpg.chains)
+        ]
 
 
 class RollingDrivenExecution(RollingExecution, DrivenExecution):

@@ -49,9 +49,11 @@ class StepWindow:
         """
         if self._section is None or planned >= last:
             return False
+        # Steps of machines alone follow those of robots: nobody waits for their begin.
         left = sum(
-            step not in undone and all(released[k] <= n for k, n in own.items())
+            bool(own) and all(released[k] <= n for k, n in own.items())
             for step, own in enumerate(self._first_nodes(tpg, planned), start=1)
+            if step not in undone
         )
         return left <= self._section.least
 
@@ -101,6 +103,10 @@ class StepWindow:
         if self._ahead is None or self.in_products:
             return range(1, len(plan.choices) + 1)
         return range(1, self._ahead.steps + 1)
+
+    def unplanned(self, plan: TaskPlan) -> int:
+        """Return how many steps are not planned yet, those of spare products among them."""
+        return 0 if self._ahead is None else self._ahead.steps - len(plan.choices)
 
     def of_first(self, motions: PlannedMotions, count: int) -> PlannedMotions:
         """Return motions with the work of the first so many steps."""

@@ -189,6 +189,23 @@ class RobotProgress:
         self.failed = False
         self._stands: list[tuple[str, int, int]] = []
 
+    def continued(self, nodes: int) -> RobotProgress:
+        """Return the same progress in a plan in which the robot has so many nodes, those that have started among them."""
+        other = RobotProgress(self.name, nodes)
+        kept = slice(min(self.completed + (self.under_way >= 0), nodes))
+        other.start_ns[kept], other.end_ns[kept] = (
+            self.start_ns[kept],
+            self.end_ns[kept],
+        )
+        other.stood_ns[kept], other.took_ns[kept] = (
+            self.stood_ns[kept],
+            self.took_ns[kept],
+        )
+        other.completed = min(self.completed, nodes)
+        other.attempt_ns, other.attempts = self.attempt_ns, self.attempts
+        other.failed, other._stands = self.failed, self._stands
+        return other
+
     @property
     def standing(self) -> str:
         """STALLED or STOPPED while it is, else empty; what began last, where one is within the other."""

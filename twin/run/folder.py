@@ -30,11 +30,15 @@ TURNS = "in-turns"
 FIRST = "first-plan"
 """Folder of the plan with which an operation began."""
 
+VERSIONS = "versions"
+"""Folder of the plans that took the place of that one, each in a folder named by its number, from 2."""
+
 _RESULTS = (
     MEASURED,
     *(
         TURNS,
         FIRST,
+        VERSIONS,
         "manifest.json",
         "plan.json",
         "plan.npz",
@@ -185,7 +189,8 @@ def recover(folder: Path) -> None:
         if any((folder / name).exists() for name in _LAST):
             keep_new(folder)
             return
-        shutil.rmtree(folder / TURNS, ignore_errors=True)
+        for name in (TURNS, FIRST, VERSIONS):
+            shutil.rmtree(folder / name, ignore_errors=True)
         for name in _RESULTS:
             (folder / name).unlink(missing_ok=True)
         (folder / _BEFORE).replace(folder / _ASIDE)

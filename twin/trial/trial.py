@@ -38,6 +38,7 @@ from twin.run.folder import (
     RECORDING,
     SUMMARY,
     TURNS,
+    VERSIONS,
     hashes_as_written,
     keep_new,
     new_results,
@@ -135,7 +136,7 @@ def try_plan(
         live = None
         if session is not None:
             live = session.execution(plan.tpg.cell, log.sync, folder / MEASURED)
-        done = _executed(plan, about, (log, memory), says, live)
+        done = _executed(plan, about, folder, (log, memory), says, live)
         log.require_whole()
         return _conclude(done, folder, memory.events, about, progress)
 
@@ -158,11 +159,12 @@ class _Executed:
 def _executed(
     plan: PlanResult,
     about: Preparation,
+    folder: Path,
     recorders: Sequence[Recorder],
     says: Says | None = None,
     live: Callable[..., LiveExecution] | None = None,
 ) -> _Executed:
-    """Execute a plan, and plan anew what fails where that is asked for."""
+    """Execute a plan, and plan anew what fails where that is asked for; each version is kept in the folder."""
     scenario, base = plan.scenario.sections, plan.scenario.folder
     if not about.operated:
         record = execute(scenario, plan.tpg, base, recorders=tuple(recorders))
@@ -180,6 +182,7 @@ def _executed(
         recorders=recorders,
         says=says,
         cell_of=live,
+        keep=lambda number, tpg: save_plan(tpg, folder / VERSIONS / str(number)),
     )
     return _Executed(replace(plan, tpg=done.tpg), done.record, done)
 
@@ -338,7 +341,7 @@ def resume_run(
     plan = _plan_to_resume(folder, LoadedScenario(scenario, start), about)
     if about.session is not None:
         return _go_on(plan, folder, about, known, progress)
-    done = _executed(plan, about, (memory,))
+    done = _executed(plan, about, folder, (memory,))
     if done.record.outcome == "aborted":
         raise KeyboardInterrupt
     lines = [event_line(event) for event in memory.events]
@@ -383,7 +386,7 @@ def _go_on(
         size = sum(len(line.encode()) for line in known)
         log = JsonlRecorder(folder / EVENTS, kept=size)
         live = session.execution(plan.tpg.cell, log.sync, folder / MEASURED, history)
-        done = _executed(plan, about, (log, memory), None, live)
+        done = _executed(plan, about, folder, (log, memory), None, live)
         log.require_whole()
         run = _conclude(done, folder, memory.events, about, progress, len(known))
     keep_new(folder)

@@ -17,6 +17,7 @@ from tests.twin.operate.operated import (
     require_safe,
     tasks_of,
 )
+from tests.twin.operate.random_operations import plan_of
 from twin.operate.operation import Operation
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
@@ -118,6 +119,54 @@ def test_what_is_rejected_is_worked_at_again(inspected: PlanResult) -> None:
     ]
     assert max(milled) < min(seen)
     assert done.record.outcome == "completed"
+
+
+def works_of(done: Operation) -> list[tuple[int, str, str]]:
+    """Return step, kind and robot of what was done to the cover besides placing it, in order."""
+    kinds = "clean", "screw", "inspect", FAILED
+    begins = {
+        task: start
+        for chain, own in zip(done.tpg.chains, done.record.start_ns, strict=True)
+        for task, start in zip(
+            chain.task.tolist()[::-1], own.tolist()[::-1], strict=True
+        )
+    }
+    tasks = sorted(tasks_of(done, *kinds), key=lambda t: begins[t.index])
+    return [(t.step, t.kind, t.robot) for t in tasks]
+
+
+def test_all_that_was_done_to_a_part_since_it_came_is_done_again() -> None:
+    """Two arms work at it; what was done before it came to its place is not done again."""
+    plan = plan_of("reworked")
+    done, (words,) = fails(plan, "inspect", loses=0.0, then="rework")
+    assert words == (
+        "screw cover/hole1, screw cover/hole2 and clean cover/middle are done again,"
+        " and then inspect cover/middle"
+    )
+    before = [(3, "screw", "left"), (4, "screw", "right"), (5, "clean", "right")]
+    first, failed, last = (
+        (1, "clean", "left"),
+        (6, FAILED, "left"),
+        (6, "inspect", "left"),
+    )
+    assert works_of(done) == [first, *before, failed, *before, last]
+    assert done.record.outcome == "completed"
+
+
+def test_what_is_given_up_is_not_done_again_with_the_rest() -> None:
+    """The second screw always fails, and is given up: the inspection waits for none of it."""
+    plan, never = plan_of("reworked"), {"probability": 1.0, "retries": 0}
+    values = {
+        "failures.inspect": {**never, "then": "rework"},
+        "failures.clean": {"probability": 0.0},
+        "failures.screw": never,
+        "recovery.again": 0,
+    }
+    done, events = operated(plan, 1, **values)
+    assert done.given_up.keys() >= {3, 4, 6}
+    words = [e.detail for e in events if e.kind == "recovered"]
+    assert not [said for said in words if "screw" in said and "done again" in said]
+    assert events[-1].detail == done.record.outcome == "failed"
 
 
 def test_what_is_rejected_is_scrapped(inspected: PlanResult) -> None:
