@@ -26,6 +26,7 @@ from twin.drivers.driver import DriverState, Sample, cleared_node, order_of
 from twin.durations.model import NANOSECONDS
 from twin.engine.processes import Steps
 from twin.live.driver_end import Wire
+from twin.live.inbox import Inbox
 from twin.live.link import AwaitedAct, Link, see_to_tools
 from twin.live.measured import ANEW, History, MeasuredLog, MeasuredRows, samples_between
 from twin.live.wire_format import Report
@@ -75,7 +76,7 @@ class LiveExecution(RollingExecution):
         self._links, self._wires = links, wires
         self._written, self._out_s = written, out_s
         self._tolerance = tolerance
-        self._inbox: queue.SimpleQueue[Report] = queue.SimpleQueue()
+        self._inbox = Inbox()
         since_s = history.since_ns / NANOSECONDS if history else 0.0
         self._begin_s, self._pace = time.monotonic() - since_s / pace, pace
         self._states: dict[str, DriverState] = {}
@@ -116,6 +117,7 @@ class LiveExecution(RollingExecution):
                 # The log tells when the dispatcher heard of it.
                 rows.begin_ns += begun[len(rows.begin_ns) :]
                 rows.end_ns += done[len(rows.end_ns) :]
+                self._links[chain.robot].begun = len(rows.begin_ns)
                 begun, done = rows.begin_ns[: len(begun)], rows.end_ns[: len(done)]
             self.start[k][: len(begun)], self.end[k][: len(done)] = begun, done
         if self.narrator is not None:
@@ -140,6 +142,8 @@ class LiveExecution(RollingExecution):
                 self.env.run(until=self._history.since_ns)
                 if self.narrator is not None:
                     self.narrator.emit("resumed", detail=ANEW)
+            for name, state in self._states.items():
+                self._stop_off_path(name, state)
             return super().execute()
         finally:
             # Whatever goes wrong on the way, all drivers are told to stand, and nobody waits for them.
@@ -169,7 +173,9 @@ class LiveExecution(RollingExecution):
                 raise RequestError(
                     f"no driver of {', '.join(missing)} has been heard of for {self._out_s:g} s"
                 )
-            for name in self._links:
+            for name, link in self._links.items():
+                if link.problem is not None:
+                    raise RequestError(f"{name}: {link.problem}")
                 self._send(name)
             with suppress(queue.Empty):
                 report = self._inbox.get(timeout=_TICK_S)
@@ -216,17 +222,14 @@ class LiveExecution(RollingExecution):
             now = self._passed_ns()
             if due <= now or (due == math.inf and self._over()):
                 return due
-            if not self._inbox.empty():
+            if self._inbox.is_behind():
                 # All that has come while something was planned is heard before anybody counts as silent.
-                self._take(self._inbox.get())
+                self._take(self._inbox.get(timeout=0.0))
                 continue
             self._look_at_links(time.monotonic())
             wait = min((due - now) / NANOSECONDS / self._pace, _TICK_S)
-            try:
-                report = self._inbox.get(timeout=max(wait, 0.0))
-            except queue.Empty:
-                continue
-            self._take(report)
+            with suppress(queue.Empty):
+                self._take(self._inbox.get(timeout=max(wait, 0.0)))
 
     def _over(self) -> bool:
         return self._done() and not self._planning
@@ -256,7 +259,8 @@ class LiveExecution(RollingExecution):
                     self._log.write(name, t_ns, own)
         # Of what no sample tells, as the driver was started anew, only that it has happened is known.
         now = self._passed_ns()
-        rows.begin_ns += [now] * (state.begun - len(rows.begin_ns))
+        begun = max(state.begun, link.failed + 1)
+        rows.begin_ns += [now] * (begun - len(rows.begin_ns))
         rows.end_ns += [now] * (state.done - len(rows.end_ns))
 
     def _unseen(self, name: str, t_ns: int, sample: Sample) -> list[tuple[int, Sample]]:
@@ -274,19 +278,26 @@ class LiveExecution(RollingExecution):
 
     def _observe(self, name: str, state: DriverState) -> None:
         self._states[name] = state
-        if state.off > self._tolerance and not self._broken:
-            # What was planned to be free is not known to be so any more.
-            words = f"is {state.off:.4g} rad or m off its path, more than {self._tolerance:g}"
-            self._tell_of_driver(name, words)
-            self._broken = f"{name} {words}"
-            for link in self._links.values():
-                link.hold(True)
+        self._stop_off_path(name, state)
         self._see_to_tools()
         news, self._news[name] = self._news[name], self.env.event()
         news.succeed()
         if name in self._silent:
             self._silent.discard(name)
             self._dispatch_again()
+
+    def _stop_off_path(self, name: str, state: DriverState) -> None:
+        """Stop all where a robot is too far off its path; one at fault is given up with its own cause."""
+        if state.off <= self._tolerance or state.mode == "fault" or self._broken:
+            return
+        # What was planned to be free is not known to be so any more.
+        words = (
+            f"is {state.off:.4g} rad or m off its path, more than {self._tolerance:g}"
+        )
+        self._tell_of_driver(name, words)
+        self._broken = f"{name} {words}"
+        for link in self._links.values():
+            link.hold(True)
 
     def _look_at_links(self, now_s: float) -> None:
         """Tell drivers what they are to know, and see whether they are there."""
@@ -310,7 +321,7 @@ class LiveExecution(RollingExecution):
         silent = link.silent_s(now_s)
         if silent is not None and silent > self._out_s:
             return f"has not been heard of for {self._out_s:g} s"
-        return link.problem
+        return str(link.problem or "")
 
     def _tell_of_driver(self, name: str, words: str) -> None:
         if self.narrator is not None and name in self.tpg.chain_index:
@@ -321,9 +332,9 @@ class LiveExecution(RollingExecution):
         """Go on without a robot that stands at a border; where it stands elsewhere, end the run."""
         if name in self._out or self._broken:
             return
-        state, k = self._states.get(name), self.tpg.chain_index.get(name)
-        stands = k is None or (state and state.begun == self.released[k] > 0)
-        if stands and not self._links[name].is_acting:
+        link, k = self._links[name], self.tpg.chain_index.get(name)
+        rests = k is None or link.rests(self.released[k], self._tolerance)
+        if rests and not link.is_acting:
             self.outage(name, self.now_ns)
         else:
             self._broken = f"{name} {words}"
@@ -379,8 +390,11 @@ class LiveExecution(RollingExecution):
     ) -> None:
         """Let a robot pass a node, once the tool of another one has done what it does there."""
         about = self.tpg, chain, node, self._acts[chain]
-        if not passed and (other := order_of(*about)) is not None:
+        if (other := order_of(*about)) is not None and not passed:
             link.awaited.append(AwaitedAct(node, *other))
+        if other is not None and self._history is not None:
+            # A dispatcher before this one may have given that order.
+            self._links[other[0]].orders.add(other[1].name)
         link.clear([cleared_node(*about)])
 
     def _see_to_tools(self) -> None:
@@ -409,7 +423,7 @@ class LiveExecution(RollingExecution):
                 self.narrator.emit("started", chain, node)
         while not self._reached(name, node, through=True):
             yield self._news[name]
-        if self._states[name].failed == node:
+        if self._links[name].failed == node:
             self.failed.append(chain)
             if self.narrator is not None:
                 words = self._states[name].words
@@ -426,9 +440,8 @@ class LiveExecution(RollingExecution):
 
     def _reached(self, name: str, node: int, *, through: bool = False) -> bool:
         """Tell whether a robot has begun a node, or is through with it, or has failed there."""
-        rows, state = self._rows[name], self._states.get(name)
+        rows, failed = self._rows[name], self._links[name].failed == node
         times = rows.end_ns if through else rows.begin_ns
-        failed = state is not None and state.failed == node
         return len(times) > node or (failed and len(rows.begin_ns) > node)
 
     def _swap(self, version: Version) -> None:
