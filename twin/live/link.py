@@ -16,12 +16,12 @@ from twin.drivers.legs import near_path
 from twin.live.report_checks import (
     Clearance,
     ReportFault,
-    begun_by,
+    begun_nodes,
     known_nodes,
     plain_text,
     report_fault,
 )
-from twin.live.wire_format import Command, Report
+from twin.live.wire_format import LARGEST_NUMBER, Command, Report
 
 _SAME_CLOCK_S = 1.0
 """A clock on this machine that is so near to that of the dispatcher is the same one [s]."""
@@ -76,10 +76,9 @@ class Link:
         held, leave: whether it is to stand; whether nothing more will come.
         state: what it said last, None before it has.
         problem: why a report of its was impossible, None where none was: it is not relied on any more.
-        lower, upper: range of each joint, shape (n,) [rad or m]; None where it is not known.
+        lower, upper: range of each joint, shape (n,) [rad or m].
         begun: nodes that it has reported as begun.
-        failed: the node of a skill that it has reported as failed, until there is a graph that goes on from there;
-            -1 for none.
+        failed: the node of the last skill that it has reported as failed, -1 for none.
         orders: names of all orders that its tool was given.
     """
 
@@ -100,8 +99,8 @@ class Link:
     leave: bool = False
     state: DriverState | None = None
     problem: ReportFault | None = None
-    lower: Array | None = None
-    upper: Array | None = None
+    lower: Array | float = -LARGEST_NUMBER
+    upper: Array | float = LARGEST_NUMBER
     begun: int = 0
     failed: int = -1
     orders: set[str] = field(default_factory=set)
@@ -109,6 +108,7 @@ class Link:
     _report: int = -1
     _last: Report | None = None
     _begins_at: int | None = None
+    _stuck: bool = False
     _told: dict[int, int] = field(default_factory=dict)
     _at_s: float | None = None
     _shifts_s: tuple[float, float] = (0.0, 0.0)
@@ -186,14 +186,14 @@ class Link:
     def swap(self, version: int, count: int) -> None:
         """Go on with another graph, in which it may pass so many nodes."""
         self.version = version
-        if count == self.failed + 1 > 0:
+        if self._stuck and count == self.failed + 1:
             # The robot stands where the skill began, which counts as done.
             q, own = self._stands_at(self.failed), self.cleared[self.failed]
             waypoints, seconds = q[None], np.zeros(1)
             self.cleared[self.failed] = replace(
                 own, kind=FAILED, waypoints=waypoints, seconds=seconds, act=""
             )
-            self.done, self.failed = max(self.done, count), -1
+            self.done, self._stuck = max(self.done, count), False
         del self.cleared[count:]
         self._told = {own: min(most, count) for own, most in self._told.items()}
         self.awaited = [own for own in self.awaited if own.node < count]
@@ -207,8 +207,10 @@ class Link:
 
     @property
     def is_acting(self) -> bool:
-        """Whether its tool has not done what was ordered last."""
-        acted = "" if self.state is None else self.state.acted
+        """Whether its tool has not done what was ordered last; one at fault has done nothing."""
+        state, acted = self.state, ""
+        if state is not None and state.mode != "fault":
+            acted = state.acted
         return self.tool is not None and acted != self.tool.name
 
     def rests(self, count: int, tolerance: float) -> bool:
@@ -278,11 +280,12 @@ class Link:
             # It has been started anew, or has not been told yet.
             self._news, self._have = True, None
             return None
-        self.begun = begun_by(report, self.begun)
+        self.begun = max(self.begun, begun_nodes(report))
         self._have, self._last = known_nodes(report), report
         state = report.state
         if state.failed >= self.done:
-            self.failed = state.failed
+            # Until there is a graph that goes on from there, nothing comes after it.
+            self.failed, self._stuck = state.failed, True
         off, words = max(state.off, self._off(report)), plain_text(state.words)
         self.state = state = replace(state, off=off, words=words)
         self.done = max(self.done, state.done)
@@ -295,10 +298,11 @@ class Link:
 
     def _clearance(self, report: Report) -> Clearance:
         """Return what bounds a report."""
+        lower, upper = (np.zeros_like(self.start) + k for k in (self.lower, self.upper))
         return Clearance(
             len(self.start),
-            self.lower,
-            self.upper,
+            lower,
+            upper,
             self._most(report.version),
             self.cleared,
             self.number,
@@ -307,7 +311,7 @@ class Link:
             self._taken,
             self.done,
             self.begun,
-            self.failed,
+            self.failed if self._stuck else -1,
         )
 
     def _most(self, version: int) -> int | None:
@@ -322,7 +326,7 @@ class Link:
         else:
             # One that was started anew has done nodes, and none of its own.
             most = self._told.get(version) if version else self.done
-        return most if most is None or self.failed < 0 else min(most, self.failed + 1)
+        return min(most, self.failed + 1) if most and self._stuck else most
 
     def _compare_clocks(self, at_s: float, now_s: float) -> None:
         """Estimate anew how far the clock of the driver is behind, also where it has been set."""
@@ -383,7 +387,7 @@ class Link:
         self._news, self._sent_s = False, now_s
         self.number += 1
         end = self.awaited[0].node if self.awaited else len(self.cleared)
-        if self.failed >= 0:
+        if self._stuck:
             end = min(end, self.failed)
         self._told[self.version] = max(self._told.get(self.version, 0), end, self.done)
         return Command(

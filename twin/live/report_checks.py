@@ -6,7 +6,6 @@ a rule is impossible: nothing of it is used, and its robot is not relied on any 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -15,47 +14,42 @@ import numpy as np
 
 from planning.tasks.task import TRANSIT
 from planning.transforms import Array
-from twin.drivers.driver import ClearedNode, Mode, Sample
+from twin.drivers.driver import ClearedNode, Mode
 from twin.live.wire_format import LARGEST_NUMBER, MOST_SAMPLES, Report
 
 FaultCode = Literal[
     "other-session",
-    "not-finite",
-    "out-of-range",
-    "wrong-length",
-    "joint-range",
     "unknown-mode",
     "unknown-version",
+    "unknown-command",
+    "unknown-order",
+    "out-of-range",
     "beyond-clearance",
     "disordered",
     "went-back",
-    "unknown-command",
-    "unknown-order",
     "cannot-fail",
-    "not-begun",
-    "already-through",
     "failure-withdrawn",
 ]
-"""What is wrong with a report; docs/guides/robots.md has a table of them."""
+"""The rule that a report breaks; docs/guides/robots.md explains each."""
 
 _MARGIN = 0.5
 """How far outside the range of its model a joint may be measured [rad or m]."""
 
-_MOST_TEXT = 300
-"""Longest text of a driver that is passed on."""
-
 _MODES = get_args(Mode)
 
+_Bound = tuple[FaultCode, str, float, float, float]
+"""A rule, the field that it is about, its value, and the least and the greatest value that are possible."""
 
-def plain_text(text: str, most: int = _MOST_TEXT) -> str:
+
+def plain_text(text: str, most: int = 300) -> str:
     """Return a text of a driver as one line without control characters and escape sequences.
 
     Args:
         text: as it came.
         most: greatest length; a longer text is cut, and ends with an ellipsis.
     """
-    start = " ".join(text[: 4 * most].split())
-    shown = "".join(c if c.isprintable() else "?" for c in start)
+    line = " ".join(text[: 4 * most].split())
+    shown = "".join(c if c.isprintable() else "?" for c in line)
     return shown if len(shown) <= most else f"{shown[: most - 1]}…"
 
 
@@ -66,25 +60,24 @@ class ReportFault:
     Attributes:
         code: the rule that it breaks.
         field: the field of ``cell.proto`` that breaks it.
-        value: of that field; a text is cut.
-        low, high: least and greatest value that would have been possible, None for no bound.
+        value: of that field.
+        low, high: least and greatest value that would have been possible; ``low > high`` where none was.
     """
 
     code: FaultCode
     field: str
-    value: float | str = ""
-    low: float | None = None
-    high: float | None = None
+    value: float | str
+    low: float = np.inf
+    high: float = -np.inf
 
     def __str__(self) -> str:
-        if isinstance(self.value, str):
-            shown = repr(plain_text(self.value, 60))
-        else:
-            shown = f"{self.value:.10g}"
-        bounds = (("at least", self.low), ("at most", self.high))
-        allowed = [f"{word} {own:.10g}" for word, own in bounds if own is not None]
-        must = f", possible {' and '.join(allowed)}" if allowed else ""
-        return f"impossible report ({self.code}): {self.field} {shown}{must}"
+        text = isinstance(self.value, str)
+        shown = plain_text(repr(self.value), 60) if text else f"{self.value:.10g}"
+        bounds = f" (possible: {self.low:.10g} to {self.high:.10g})"
+        return (
+            f"impossible report ({self.code}): {self.field} is {shown}"
+            f"{bounds if self.low <= self.high else ''}"
+        )
 
 
 @dataclass(frozen=True)
@@ -93,22 +86,21 @@ class Clearance:
 
     Attributes:
         joints: of the robot.
-        lower, upper: range of each joint, shape (n,) [rad or m]; None where it is not known.
-        most: nodes of the graph of the report's version that the driver was told of; None where it was told of no
-            such version.
+        lower, upper: range of each joint, shape (n,) [rad or m].
+        most: nodes that the driver was told of by the report's version of the graph, None where it was never told
+            of that version.
         nodes: that the robot is cleared for, from its first one on.
         commands: number of the last command that was sent.
         orders: names of all orders that its tool was given.
         last: the last report of the same instance that was used, None before the first.
         taken: number of the next sample that is wanted, None before the first.
-        done: nodes that the driver has reported as done.
-        begun: nodes that it has reported as begun, in a report or in a sample.
-        failed: the node of a skill that it has reported as failed, for which no graph has been made yet; -1 for none.
+        done, begun: nodes that it has reported as done, and as begun, in any report or sample.
+        failed: the node that it has reported as failed, until there is a graph that goes on from there; -1 for none.
     """
 
     joints: int
-    lower: Array | None
-    upper: Array | None
+    lower: Array
+    upper: Array
     most: int | None
     nodes: Sequence[ClearedNode]
     commands: int
@@ -127,174 +119,105 @@ def report_fault(report: Report, known: Clearance) -> ReportFault | None:
         report: any report, as it was read.
         known: what the driver was cleared for and has reported.
     """
-    return next(_faults(report, known), None)
-
-
-def _faults(report: Report, known: Clearance) -> Iterator[ReportFault]:
-    yield from _number_faults(report)
-    if not report.session:
-        return  # of a driver that has not been told yet, only the clock is used
-    yield from _joint_faults(report, known)
-    yield from _command_faults(report, known)
-    yield from _node_faults(report, known)
-    yield from _sample_faults(report, known)
-    yield from _failure_faults(report, known)
-
-
-def _number_faults(report: Report) -> Iterator[ReportFault]:
-    """Yield numbers that no clock or sensor has."""
     state = report.state
-    if len(state.samples) > MOST_SAMPLES:
-        count = float(len(state.samples))
-        yield ReportFault("out-of-range", "samples", count, high=MOST_SAMPLES)
     if state.mode not in _MODES:
-        yield ReportFault("unknown-mode", "mode", state.mode)
-    for field, value in (("at_s", report.at_s), ("off", state.off)):
-        yield from _finite(field, value)
-    yield from _least("off", state.off, 0.0)
-    for sample in state.samples:
-        yield from _finite("samples.at_s", sample.at_s)
-
-
-def _finite(field: str, value: float) -> Iterator[ReportFault]:
-    if not math.isfinite(value):
-        yield ReportFault("not-finite", field, value)
-    elif abs(value) > LARGEST_NUMBER:
-        low, high = -LARGEST_NUMBER, LARGEST_NUMBER
-        yield ReportFault("out-of-range", field, value, low, high)
-
-
-def _least(field: str, value: float, low: float) -> Iterator[ReportFault]:
-    if value < low:
-        yield ReportFault("out-of-range", field, value, low=low)
-
-
-def _joint_faults(report: Report, known: Clearance) -> Iterator[ReportFault]:
-    """Yield positions and speeds that the robot cannot have."""
-    state = report.state
-    positions = [("q", state.q), *(("samples.q", own.q) for own in state.samples)]
-    for field, values in (*positions, ("dq", state.dq)):
-        if values.shape != (known.joints,):
-            count, joints = float(values.size), known.joints
-            yield ReportFault("wrong-length", field, count, joints, joints)
-    speeds = np.abs(state.dq)
-    if not speeds.max(initial=0.0) <= LARGEST_NUMBER:
-        yield ReportFault("not-finite", "dq", float(speeds.max()))
-    rows = np.stack([values for _, values in positions])
-    if not np.isfinite(rows).all():
-        k = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
-        wrong = rows[k][~np.isfinite(rows[k])]
-        yield ReportFault("not-finite", positions[k][0], float(wrong[0]))
-    lower = -LARGEST_NUMBER if known.lower is None else known.lower - _MARGIN
-    upper = LARGEST_NUMBER if known.upper is None else known.upper + _MARGIN
-    outside = np.argwhere((rows < lower) | (rows > upper))
-    if len(outside):
-        k, joint = outside[0].tolist()
-        low, high = (
-            float(np.broadcast_to(bound, known.joints)[joint])
-            for bound in (lower, upper)
-        )
-        field, value = f"{positions[k][0]}[{joint}]", float(rows[k, joint])
-        yield ReportFault("joint-range", field, value, low, high)
-
-
-def _command_faults(report: Report, known: Clearance) -> Iterator[ReportFault]:
-    """Yield commands and orders that nobody gave."""
-    if report.seen > known.commands:
-        yield ReportFault("unknown-command", "seen", report.seen, high=known.commands)
-    if report.state.acted and report.state.acted not in known.orders:
-        yield ReportFault("unknown-order", "acted", report.state.acted)
-    last = known.last
-    if last is None:
-        return
-    for field, value, before in (
-        ("seen", report.seen, last.seen),
-        ("version", report.version, last.version),
-        ("kept", report.kept, last.kept),
-    ):
-        if value < before:
-            yield ReportFault("went-back", field, value, low=before)
+        return ReportFault("unknown-mode", "mode", state.mode)
+    if report.session and state.acted and state.acted not in known.orders:
+        return ReportFault("unknown-order", "acted", state.acted)
+    for code, field, value, low, high in _bounds(report, known):
+        if not low <= value <= high:  # nor is NaN
+            return ReportFault(code, field, value, low, high)
+    return None
 
 
 def known_nodes(report: Report) -> int:
-    """Return how many nodes a driver knows; after a skill that failed those beyond its first one do not count."""
+    """Return how many nodes a driver knows; beyond the first one of a skill that has failed none count."""
     failed = report.state.failed
     return report.have if failed < 0 else min(report.have, failed + 1)
 
 
-def _node_faults(report: Report, known: Clearance) -> Iterator[ReportFault]:
-    """Yield nodes that the robot cannot be in."""
-    state, most = report.state, known.most
-    if most is None:
-        yield ReportFault("unknown-version", "version", report.version)
-        return
-    have = known_nodes(report)
-    for field, value in (("have", have), ("begun", state.begun), ("done", state.done)):
-        if not 0 <= value <= most:
-            yield ReportFault("beyond-clearance", field, value, 0, most)
-    if not state.done <= state.begun <= have:
-        yield ReportFault("disordered", "begun", state.begun, state.done, have)
-    if state.begun > state.done + 1:
-        yield ReportFault("disordered", "begun", state.begun, high=state.done + 1)
-    last = known.last
-    if last is None:
-        return
-    fails = state.failed >= 0
-    for field, value, before in (
-        ("done", state.done, last.state.done),
-        ("begun", state.begun, 0 if fails else last.state.begun),
-        ("have", have, 0 if fails else known_nodes(last)),
-    ):
-        if value < before:
-            yield ReportFault("went-back", field, value, low=before)
+def begun_nodes(report: Report) -> int:
+    """Return how many nodes a driver has begun by a report and its samples."""
+    return max(report.state.begun, *(own.begun for own in report.state.samples), 0)
 
 
-def _sample_faults(report: Report, known: Clearance) -> Iterator[ReportFault]:
-    """Yield samples that contradict each other, the report or the clearance."""
-    samples, most = report.state.samples, known.most or 0
-    if not 0 <= report.kept <= report.first <= 2**53:
-        yield ReportFault("disordered", "first", report.first, report.kept, 2**53)
-    if known.taken is not None and known.last is not None:
-        count = report.first + len(samples)
-        if count < known.taken:
-            yield ReportFault("went-back", "first", count, low=known.taken)
+def _bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
+    """Yield the bounds of all fields, each of which may rely on those before it."""
+    state, most = report.state, LARGEST_NUMBER
+    yield "out-of-range", "samples", len(state.samples), 0, MOST_SAMPLES
+    yield "out-of-range", "at_s", report.at_s, -most, most
+    yield "out-of-range", "off", state.off, 0.0, most
+    for sample in state.samples:
+        yield "out-of-range", "samples.at_s", sample.at_s, -most, most
+    if not report.session:
+        return  # the driver has not been told anything, and of its report only the clock is used
+    everywhere = np.full(known.joints, most)
+    yield from _joint_bounds("dq", state.dq, -everywhere, everywhere)
+    limits = known.lower - _MARGIN, known.upper + _MARGIN
+    yield from _joint_bounds("q", state.q, *limits)
+    for sample in state.samples:
+        yield from _joint_bounds("samples.q", sample.q, *limits)
+    yield "unknown-command", "seen", report.seen, 0, known.commands
+    if known.most is None:
+        yield "unknown-version", "version", report.version, np.inf, -np.inf
+        return
+    yield from _node_bounds(report, known.most)
+    yield from _failure_bounds(report, known)
+    if known.last is not None:
+        yield from _lower_bounds(report, known.last, known.taken)
+
+
+def _joint_bounds(field: str, q: Array, lower: Array, upper: Array) -> Iterator[_Bound]:
+    yield "out-of-range", f"length of {field}", len(q), len(lower), len(lower)
+    for k in np.flatnonzero(~((lower <= q) & (q <= upper))).tolist():
+        yield "out-of-range", f"{field}[{k}]", q[k], lower[k], upper[k]
+
+
+def _node_bounds(report: Report, most: int) -> Iterator[_Bound]:
+    """Yield bounds of how far the robot is; it is in one node at a time."""
+    state, have = report.state, known_nodes(report)
+    yield "beyond-clearance", "have", have, 0, most
+    yield "beyond-clearance", "begun", state.begun, 0, most
+    yield "beyond-clearance", "done", state.done, 0, most
+    yield "disordered", "begun", state.begun, state.done, min(have, state.done + 1)
+    yield "disordered", "kept", report.kept, 0, report.first
+    yield "disordered", "first", report.first, report.kept, 2**53
     before = 0
-    for own in samples:
-        if not 0 <= own.done <= report.state.done:
-            high = report.state.done
-            yield ReportFault("disordered", "samples.done", own.done, 0, high)
-        if not own.done <= own.begun <= min(own.done + 1, most):
-            high = min(own.done + 1, most)
-            yield ReportFault("disordered", "samples.begun", own.begun, own.done, high)
-        if own.done < before:
-            yield ReportFault("went-back", "samples.done", own.done, low=before)
+    for own in state.samples:
+        yield "disordered", "samples.done", own.done, before, state.done
+        high = min(own.done + 1, most)
+        yield "disordered", "samples.begun", own.begun, own.done, high
         before = own.done
 
 
-def _failure_faults(report: Report, known: Clearance) -> Iterator[ReportFault]:
-    """Yield failures of what cannot fail, and failures that are taken back."""
-    state, node, last = report.state, report.state.failed, known.last
-    told = -1 if last is None else last.state.failed
-    if node != told and told >= 0 and known.failed == told:
-        yield ReportFault("failure-withdrawn", "failed", node, told, told)
-    if node < 0:
+def _failure_bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
+    """Yield bounds of the node that has failed: the first one of a skill, begun and not done before."""
+    state, node, nodes = report.state, report.state.failed, known.nodes
+    told = -1 if known.last is None else known.last.state.failed
+    if 0 <= told == known.failed:
+        yield "failure-withdrawn", "failed", node, told, told
+    if node < 0 or node == told:
         return
-    if node >= (known.most or 0):
-        high = (known.most or 0) - 1
-        yield ReportFault("beyond-clearance", "failed", node, 0, high)
-        return
-    nodes = known.nodes
+    yield "beyond-clearance", "failed", node, 0, (known.most or 0) - 1
     first = node == 0 or nodes[node - 1].task != nodes[node].task
-    if told != node and (nodes[node].kind == TRANSIT or not first):
-        yield ReportFault("cannot-fail", "failed", node)
-    if state.done > node + 1 or (told != node != known.failed and known.done > node):
-        yield ReportFault("already-through", "failed", node, low=state.done)
-    complete = known.taken is not None and report.first <= known.taken
-    if state.done < node or (complete and begun_by(report, known.begun) <= node):
-        yield ReportFault("not-begun", "failed", node, high=state.begun - 1)
+    done = known.done if node != known.failed else node
+    # Where samples are still to come, so may be what says that it was begun.
+    whole = known.taken is not None and report.first <= known.taken
+    begun = max(known.begun, begun_nodes(report)) if whole else node + 1
+    high = min(state.done, begun - 1)
+    if not first or nodes[node].kind == TRANSIT:
+        high = -1
+    yield "cannot-fail", "failed", node, max(done, state.done - 1), high
 
 
-def begun_by(report: Report, begun: int) -> int:
-    """Return how many nodes a driver has begun by a report, and by what is known before it."""
-    samples: Sequence[Sample] = report.state.samples
-    return max(begun, report.state.begun, *(own.begun for own in samples), 0)
+def _lower_bounds(report: Report, last: Report, taken: int | None) -> Iterator[_Bound]:
+    """Yield bounds of what does not go back while a driver is not started anew."""
+    state, most, fails = report.state, np.inf, report.state.failed >= 0
+    yield "went-back", "seen", report.seen, last.seen, most
+    yield "went-back", "version", report.version, last.version, most
+    yield "went-back", "kept", report.kept, last.kept, most
+    yield "went-back", "first", report.first + len(state.samples), taken or 0, most
+    yield "went-back", "done", state.done, last.state.done, most
+    if not fails:
+        yield "went-back", "begun", state.begun, last.state.begun, most
+        yield "went-back", "have", report.have, known_nodes(last), most
