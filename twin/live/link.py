@@ -27,7 +27,10 @@ _SAME_CLOCK_S = 1.0
 """A clock on this machine that is so near to that of the dispatcher is the same one [s]."""
 
 _CLOCK_JUMP_S = 10.0
-"""A clock that gains or loses more than this between two reports is told of [s]."""
+"""A clock that gains or loses more than this on that of the dispatcher was set anew, or stands still [s]."""
+
+_EARLY_S = 0.1
+"""A node may be reported as done so long before its end is passed as planned [s]."""
 
 _MOST_TOLD = 5
 """So many jumps of the clock of a driver are told of."""
@@ -329,19 +332,20 @@ class Link:
         return min(most, self.failed + 1) if most and self._stuck else most
 
     def _compare_clocks(self, at_s: float, now_s: float) -> None:
-        """Estimate anew how far the clock of the driver is behind, also where it has been set."""
+        """Estimate how far the clock of the driver is behind, anew where that clock was set or stands still."""
         told_s = at_s + self._shifts_s[1]
-        if self._at_s is not None and self._heard_s is not None:
-            gained = told_s - self._at_s - (now_s - self._heard_s)
+        behind_s = now_s - told_s
+        if self._at_s is not None:
+            late_s = behind_s - (self.ahead_s or 0.0)
             if told_s < self._at_s:
                 self._shifts_s = self._shifts_s[1], self._at_s - at_s
-                told_s = self._at_s
+                told_s, self.ahead_s = self._at_s, math.inf
+            elif late_s > _CLOCK_JUMP_S:
                 self.ahead_s = math.inf
-            if abs(gained) > _CLOCK_JUMP_S and self._jumps < _MOST_TOLD:
+            if abs(late_s) > _CLOCK_JUMP_S and self._jumps < _MOST_TOLD:
                 self._jumps += 1
-                _log.warning("%s: its clock jumped by %.6g s", self.robot, gained)
-        self._at_s = told_s
-        behind_s = now_s - told_s
+                _log.warning("%s: its clock jumped by %.6g s", self.robot, -late_s)
+        self._at_s, behind_s = told_s, now_s - told_s
         if self.near and not self._shifts_s[1] and 0.0 <= behind_s < _SAME_CLOCK_S:
             self.ahead_s = None
         elif self.ahead_s is None and behind_s < 0.0:
@@ -352,9 +356,9 @@ class Link:
     def _off(self, report: Report) -> float:
         """Return the greatest distance of a joint from the path, in a report and its samples [rad or m].
 
-        A robot counts as on its path as long as it is on a node beside the one in which it says that it is: a corner
-        may be cut, and a border be noticed late. A driver that was started anew has to find itself first: anywhere
-        on what is left.
+        The path goes from where the robot stands after the nodes that it says are done, or shortly before, as a
+        corner may be cut, to the end of the next node but one, as a border may be noticed late. A driver that was
+        started anew has to find itself first: anywhere on what is left.
         """
         state, most = report.state, self._most(report.version) or 0
         if self._begins_at is None:
@@ -365,13 +369,24 @@ class Link:
             rows.setdefault(sample.done, []).append(sample.q)
         off = 0.0
         for done, own in rows.items():
-            low, high = max(done - 1, 0), most if lost else min(done + 2, most)
-            nodes = [node.waypoints for node in self.cleared[low:high]]
-            points = np.vstack([self._stands_at(low), *nodes])
+            low = min(done, self.failed) if self._stuck else done
+            nodes = self.cleared[low : most if lost else min(done + 2, most)]
+            path = np.vstack([self._before(low), *(node.waypoints for node in nodes)])
             for k in range(0, len(own), _BLOCK):
-                near = near_path(points, np.array(own[k : k + _BLOCK]))
+                near = near_path(path, np.array(own[k : k + _BLOCK]))
                 off = max(off, float(near.off.max()))
         return off
+
+    def _before(self, count: int) -> Array:
+        """Return the end of the path of so many nodes, as far as it is passed in a short time, shape (k, n)."""
+        if not count:
+            return self.start[None]
+        node = self.cleared[count - 1]
+        seconds = np.array([0.0, *node.seconds])
+        corners = np.vstack([self._stands_at(count - 1), node.waypoints])
+        begin_s = max(float(seconds[-1]) - _EARLY_S, 0.0)
+        begin = [np.interp(begin_s, seconds, joint) for joint in corners.T]
+        return np.vstack([begin, corners[seconds > begin_s], corners[-1:]])
 
     def _stands_at(self, count: int) -> Array:
         """Return where the robot stands after so many nodes, shape (n,)."""
