@@ -337,7 +337,7 @@ class Link:
         behind_s = now_s - told_s
         if self._at_s is not None:
             late_s = behind_s - (self.ahead_s or 0.0)
-            if told_s < self._at_s:
+            if told_s <= self._at_s:
                 self._shifts_s = self._shifts_s[1], self._at_s - at_s
                 told_s, self.ahead_s = self._at_s, math.inf
             elif late_s > _CLOCK_JUMP_S:

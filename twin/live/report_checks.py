@@ -161,8 +161,8 @@ def _bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
     if known.most is None:
         yield "unknown-version", "version", report.version, np.inf, -np.inf
         return
-    yield from _node_bounds(report, known.most)
     yield from _failure_bounds(report, known)
+    yield from _node_bounds(report, known.most)
     if known.last is not None:
         yield from _lower_bounds(report, known.last, known.taken)
 

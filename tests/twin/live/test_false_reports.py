@@ -2,7 +2,9 @@
 
 import itertools
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -29,6 +31,7 @@ from twin.live import live_execution
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
+from twin.live.wire_format import Report
 from twin.operate.committed import Version
 from twin.recorders.observers import MemoryRecorder, Observers
 from twin.run.events import Event
@@ -120,10 +123,10 @@ def require_possible(tpg: TemporalPlanGraph, events: Sequence[Event]) -> None:
         if event.kind in ("attached", "detached"):
             handled.add((event.robot, event.node, event.object))
             assert (event.robot, event.node, "started") in at
-    assert handled <= {(h.robot, h.node, h.object) for h in tpg.handlings}
+    names = [chain.robot for chain in tpg.chains]
+    assert handled <= {(names[h.robot], h.node, h.object) for h in tpg.handlings}
     for robot, node, _ in handled:
         assert (robot, node, "completed") in at
-    names = [chain.robot for chain in tpg.chains]
     for a, u, b, v in tpg.edges.tolist():
         begun = at.get((names[b], v, "started"))
         if begun is not None:
@@ -189,8 +192,9 @@ def test_a_clock_that_is_set_changes_nothing_that_was_measured(
     assert speeds[1] < 1.5 * speeds[0]
 
 
-def one_link(moment: float) -> tuple[Link, DriverEnd, list[float]]:
-    """Return a link whose driver has come some way on the chain of the first robot of the toy."""
+@cache
+def on_its_way() -> tuple[Link, Report]:
+    """Return a link whose driver has come some way, and the next true report of that."""
     chain, now = TPG.chains[0], [0.0]
     robot = TPG.cell.robot(chain.robot)
     link = Link("run", robot.name, robot.home, ahead_s=None)
@@ -205,8 +209,8 @@ def one_link(moment: float) -> tuple[Link, DriverEnd, list[float]]:
         link.samples(report)
         if state.done == LIES_FROM and state.begun > state.done:
             break
-    now[0] += moment
-    return link, end, now
+    now[0] += 0.01
+    return link, end.report()
 
 
 def cleared(count: int) -> list[ClearedNode]:
@@ -220,18 +224,17 @@ def require(value: Any) -> Any:
 
 def refused(falsify: Falsify) -> bool:
     """Tell whether a link uses nothing of a false report."""
-    link, end, now = one_link(0.01)
+    (link, true), now_s = on_its_way(), 100.0
+    link = copy(link)
     done, begun, state = link.done, link.begun, link.state
-    report = falsify(end.report(), TPG.chains[0])
-    found = link.receive(report, now[0])
+    found = link.receive(falsify(true, TPG.chains[0]), now_s)
     if found is not None:
         return found.off > TOLERANCE or found.mode == "fault"
     assert (link.done, link.begun, link.state) == (done, begun, state)
     if link.problem is not None:
         # Nor is it believed once it says what is so.
-        true = replace(end.report(), number=2**40)
-        assert link.receive(true, now[0]) is None
-        assert not link.alive(now[0])
+        assert link.receive(replace(true, number=2**40), now_s) is None
+        assert not link.alive(now_s)
     return True
 
 
