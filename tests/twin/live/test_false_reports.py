@@ -15,6 +15,8 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.live.false_reports import (
     CLOCKS,
     FALSE,
+    LETTERS,
+    MANY,
     Falsify,
     ModelClock,
     ModelInbox,
@@ -29,9 +31,19 @@ from twin.drivers.simulated_arm import SimulatedArm
 from twin.engine.execution_model import Messages
 from twin.live import live_execution
 from twin.live.driver_end import DriverEnd
+from twin.live.inbox import Inbox
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
-from twin.live.wire_format import Report
+from twin.live.report_checks import plain_text
+from twin.live.wire_format import (
+    MOST_BYTES,
+    MOST_SAMPLES,
+    MessageError,
+    Report,
+    message_class,
+    read_report,
+    report_bytes,
+)
 from twin.operate.committed import Version
 from twin.recorders.observers import MemoryRecorder, Observers
 from twin.run.events import Event
@@ -269,3 +281,76 @@ def test_nothing_of_pairs_of_false_reports_is_executed(
     require_possible(TPG, events)
     assert events[-1].detail == "failed", (one, other)
     assert counted(events, wire.chain.robot) <= wire.honest
+
+
+def test_what_was_cleared_before_a_kill_is_possible_after_it() -> None:
+    """All that a driver did while there was no dispatcher comes at once, and nothing more is believed."""
+    (before, report), count = on_its_way(), LIES_FROM + 4
+    link = Link("run", before.robot, before.start)
+    link.clear(cleared(count))
+    link.go_on(1, 2)
+    over = replace(report.state, begun=count, done=count, samples=())
+    q = cleared(count)[-1].waypoints[-1]
+    all_of_it = replace(report, have=count, state=replace(over, q=q))
+    found = require(link.receive(all_of_it, 0.0))
+    assert (link.done, found.off) == (count, 0.0)
+    more = replace(over, begun=count + 1)
+    beyond = replace(all_of_it, number=2**40, have=count + 1, state=more)
+    assert link.receive(beyond, 0.1) is None
+    fault = require(link.problem)
+    assert (fault.code, fault.field) == ("beyond-clearance", "have")
+    assert (fault.value, fault.low, fault.high) == (count + 1, 0, count)
+
+
+def test_reports_that_nobody_hears_take_little_room() -> None:
+    _, report = on_its_way()
+    inbox = Inbox()
+    for number in range(10_000):
+        inbox.put(replace(report, number=number))
+    inbox.put(replace(report, robot="another"))
+    heard = []
+    while inbox.is_behind() and len(heard) < 9_000:
+        heard.append(inbox.get(0.0))
+    assert len(heard) < 9_000
+    assert heard[-1].robot == "another"
+    assert [own.number for own in heard[:-1]] == list(range(len(heard) - 1))
+
+
+def test_others_are_seen_to_while_one_sends_without_end() -> None:
+    _, report = on_its_way()
+    inbox = Inbox()
+    inbox.put(report)
+    rounds = 0
+    while inbox.is_behind():
+        inbox.put(report)
+        inbox.get(0.0)
+        rounds += 1
+        assert rounds < 10_000
+
+
+@pytest.mark.parametrize("text", [LETTERS, "a\r\nb\0c\x9b31m", "\u2066x" * 500, ""])
+def test_a_text_of_a_driver_is_one_short_line(text: str) -> None:
+    shown = plain_text(text)
+    assert len(shown) <= 300
+    assert shown.isprintable()
+
+
+def test_a_message_of_very_many_entries_is_read_as_far_as_is_needed() -> None:
+    (_, report), kind = on_its_way(), message_class("Report")
+    some = kind.FromString(report_bytes(report))
+    del some.samples[:]
+    some.samples.extend(
+        [kind.DESCRIPTOR.fields_by_name["samples"].message_type._concrete_class()]
+        * 10**5
+    )
+    some.words, some.begun = "x" * 10**5, MANY
+    content = some.SerializeToString()
+    assert len(content) < MOST_BYTES
+    read = read_report(content, 2)
+    assert len(read.state.samples) == MOST_SAMPLES + 1
+    assert len(read.state.words) <= 1000
+    link = copy(on_its_way()[0])
+    assert link.receive(read, 0.0) is None
+    assert require(link.problem).field == "samples"
+    with pytest.raises(MessageError):
+        read_report(bytes(MOST_BYTES + 1))
