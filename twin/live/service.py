@@ -242,6 +242,7 @@ class Service:
         while (told := stream.outbox.get()) is not None:
             if isinstance(told, str):
                 context.abort(codes.INVALID_ARGUMENT, told)
+                return
             yield command_bytes(told)
 
     def _listen_to(
