@@ -223,7 +223,7 @@ class Link:
             count: nodes that it was cleared for.
             tolerance: how far a joint may be from its path [rad or m].
         """
-        if self.state is None or self.state.off > tolerance:
+        if self.state is None or self.state.off > tolerance or self.is_acting:
             return False
         silent = self.state.mode != "fault" and self.problem is None
         return count > 0 and count == (self.state.begun if silent else self.state.done)

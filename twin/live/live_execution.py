@@ -220,7 +220,8 @@ class LiveExecution(RollingExecution):
                 return math.inf
             due = super()._upcoming()
             now = self._passed_ns()
-            if due <= now or (due == math.inf and self._over()):
+            over = self._done() and not self._planning
+            if due <= now or (due == math.inf and over):
                 return due
             if self._inbox.is_behind():
                 # All that has come while something was planned is heard before anybody counts as silent.
@@ -230,9 +231,6 @@ class LiveExecution(RollingExecution):
             wait = min((due - now) / NANOSECONDS / self._pace, _TICK_S)
             with suppress(queue.Empty):
                 self._take(self._inbox.get(timeout=max(wait, 0.0)))
-
-    def _over(self) -> bool:
-        return self._done() and not self._planning
 
     def deadlock(self) -> str:
         """Return why the run ends before all is done."""
@@ -333,8 +331,7 @@ class LiveExecution(RollingExecution):
         if name in self._out or self._broken:
             return
         link, k = self._links[name], self.tpg.chain_index.get(name)
-        rests = k is None or link.rests(self.released[k], self._tolerance)
-        if rests and not link.is_acting:
+        if k is None or link.rests(self.released[k], self._tolerance):
             self.outage(name, self.now_ns)
         else:
             self._broken = f"{name} {words}"
@@ -393,7 +390,6 @@ class LiveExecution(RollingExecution):
         if (other := order_of(*about)) is not None and not passed:
             link.awaited.append(AwaitedAct(node, *other))
         if other is not None and self._history is not None:
-            # A dispatcher before this one may have given that order.
             self._links[other[0]].orders.add(other[1].name)
         link.clear([cleared_node(*about)])
 

@@ -46,7 +46,7 @@ def sample(**values: Any) -> Falsify:
 def moved(report: Report, *, by: float = 0.0, length: int = 0) -> np.ndarray:
     """Return the positions of a report beside the path, or of another number of joints."""
     q = report.state.q + by
-    return np.resize(q, len(q) + length)
+    return np.resize(q, max(len(q) + length, 0))
 
 
 def all_done(report: Report, chain: NodeChain) -> Report:
@@ -73,6 +73,11 @@ def failed(choose: Callable[[NodeChain, int], int]) -> Falsify:
         return replace(report, have=max(report.have, node + 1), state=own)
 
     return falsify
+
+
+def transits(chain: NodeChain) -> list[int]:
+    """Return all nodes that are of no skill."""
+    return np.flatnonzero(~chain.skill).tolist()
 
 
 def skills(chain: NodeChain) -> list[int]:
@@ -129,7 +134,7 @@ FALSE: dict[str, tuple[str, Falsify]] = {
         "unknown-version",
         both(all_done, says(version=999)),
     ),
-    "the next version": ("unknown-version", plus("version", 1)),
+    "the next version": ("unknown-version", says(version=2)),
     "a negative version": ("unknown-version", says(version=-1)),
     "no version": ("beyond-clearance went-back", says(version=0)),
     "all done": ("beyond-clearance", all_done),
@@ -166,19 +171,15 @@ FALSE: dict[str, tuple[str, Falsify]] = {
     "an order of 20,000 letters": ("unknown-order", state(acted=LETTERS)),
     "a transit failed": (
         "cannot-fail",
-        failed(
-            lambda c, done: int(
-                np.flatnonzero(~c.skill & (np.arange(len(c)) >= done))[0]
-            )
-        ),
+        failed(lambda c, done: max(n for n in transits(c) if n <= max(done, 0))),
     ),
     "a skill to come failed": (
         "cannot-fail beyond-clearance",
-        failed(lambda c, done: [n for n in skills(c) if n > done][-1]),
+        failed(lambda c, _: skills(c)[-1]),
     ),
     "a skill that is done failed": (
         "cannot-fail",
-        failed(lambda c, done: next(n for n in skills(c) if n < done)),
+        failed(lambda c, _: skills(c)[0]),
     ),
     "the second node of a skill failed": (
         "cannot-fail beyond-clearance",

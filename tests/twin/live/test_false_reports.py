@@ -250,7 +250,14 @@ def refused(falsify: Falsify) -> bool:
     return True
 
 
-PAIRS = list(itertools.permutations(FALSE, 2))
+UNDO = {"done before it is there", "done goes back"}
+"""Two kinds of which each makes true what the other one says."""
+
+PAIRS = [
+    pair
+    for pair in itertools.permutations(FALSE, 2)
+    if set(pair) != UNDO and "a million samples" not in pair
+]
 
 
 def require_pairs_refused(pairs: Sequence[tuple[str, str]]) -> None:
@@ -261,7 +268,6 @@ def require_pairs_refused(pairs: Sequence[tuple[str, str]]) -> None:
 
 
 def test_pairs_of_false_reports_are_refused() -> None:
-    # Of kinds whose second may make true what the first one made false, at most one field is the same.
     require_pairs_refused(PAIRS[::41])
 
 
