@@ -250,21 +250,25 @@ def refused(falsify: Falsify) -> bool:
     return True
 
 
-UNDO = {"done before it is there", "done goes back"}
-"""Two kinds of which each makes true what the other one says."""
+UNDO = (
+    {"done before it is there", "done goes back"},
+    {"one joint more", "one joint less"},
+)
+"""Kinds of which each makes true what the other one says."""
 
 PAIRS = [
     pair
     for pair in itertools.permutations(FALSE, 2)
-    if set(pair) != UNDO and "a million samples" not in pair
+    if set(pair) not in UNDO and "a million samples" not in pair
 ]
 
 
 def require_pairs_refused(pairs: Sequence[tuple[str, str]]) -> None:
-    for one, other in pairs:
-        if "silent" in FALSE[one][0] + FALSE[other][0]:
-            continue
-        assert refused(both(FALSE[one][1], FALSE[other][1])), (one, other)
+    heard = [pair for pair in pairs if "silent" not in {FALSE[n][0] for n in pair}]
+    believed = [
+        pair for pair in heard if not refused(both(*(FALSE[n][1] for n in pair)))
+    ]
+    assert not believed
 
 
 def test_pairs_of_false_reports_are_refused() -> None:
