@@ -283,7 +283,8 @@ class FrankaDriver:
     def _begin_next(self) -> None:
         """Begin with the leg or the act that comes next."""
         stop = self._path.stops[self._at + 1]
-        self._begun = max(self._begun, self._path.stops[self._at].done + 1)
+        if self._failing < 0:
+            self._begun = max(self._begun, self._path.stops[self._at].done + 1)
         self._since = time.monotonic()
         if stop.stands:
             self._hand.begin(stop.act, stop.seconds)
@@ -362,6 +363,8 @@ class FrankaDriver:
 
     def _passed(self, k: int) -> None:
         """Take note that a point is behind the robot, or that it stands there."""
+        if self._failing >= 0:
+            return  # on the way back nothing is done
         self._done = max(self._done, self._path.stops[k].done)
         self._begun = max(self._begun, self._done + (k < self._end))
 

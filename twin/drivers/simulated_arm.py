@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -53,7 +54,11 @@ class SimulatedArm:
         """Take further nodes; see Driver."""
         self._advance()
         if self._failed >= 0:
-            del self._nodes[self._failed + 1 - self._first :]
+            # It stands where the skill began, not where that would have ended.
+            k = self._failed - self._first
+            stands = self._before(k)[None]
+            tried = replace(self._nodes[k], waypoints=stands, seconds=np.zeros(1))
+            self._nodes[k:] = [tried]
             self._done, self._gone = self._failed + 1, 0.0
             self._failed, self._words = -1, ""
         self._nodes += nodes

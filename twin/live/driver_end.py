@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from twin.drivers.driver import Driver, DriverState, Sample
-from twin.live.wire_format import Command, Report
+from twin.live.wire_format import MOST_SAMPLES, Command, Report
 
 _AGAIN_S = 0.5
 """After so long, samples that have not been heard of are told again [s]."""
@@ -55,8 +55,10 @@ class Unheard:
         if now_s - self._again_s >= _AGAIN_S:
             self._told, self._again_s = self.kept, now_s
         first = max(self._told, self.kept)
-        self._told = self.kept + len(self._samples)
-        return first, tuple(islice(self._samples, first - self.kept, None))
+        skip = first - self.kept
+        told = tuple(islice(self._samples, skip, skip + MOST_SAMPLES))
+        self._told = first + len(told)
+        return first, told
 
     def _drop(self) -> None:
         self._samples.popleft()

@@ -2,16 +2,43 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from planning.tasks.task import FAILED
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Sample, ToolOrder
-from twin.live.wire_format import Command, Report
+from twin.drivers.legs import near_path
+from twin.live.report_checks import (
+    Clearance,
+    ReportFault,
+    begun_nodes,
+    known_nodes,
+    plain_text,
+    report_fault,
+)
+from twin.live.wire_format import LARGEST_NUMBER, Command, Report
 
 _SAME_CLOCK_S = 1.0
 """A clock on this machine that is so near to that of the dispatcher is the same one [s]."""
+
+_CLOCK_JUMP_S = 10.0
+"""A clock that gains or loses more than this on that of the dispatcher was set anew, or stands still [s]."""
+
+_EARLY_S = 0.1
+"""A node may be reported as done so long before its end is passed as planned [s]."""
+
+_MOST_TOLD = 5
+"""So many jumps of the clock of a driver are told of."""
+
+_BLOCK = 1000
+"""So many samples are compared with their path at a time."""
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -51,7 +78,11 @@ class Link:
         tool: the last order of its own tool, None for none.
         held, leave: whether it is to stand; whether nothing more will come.
         state: what it said last, None before it has.
-        problem: what it has said that cannot be, empty for nothing: it is not to be relied on any more.
+        problem: why a report of its was impossible, None where none was: it is not relied on any more.
+        lower, upper: range of each joint, shape (n,) [rad or m].
+        begun: nodes that it has reported as begun.
+        failed: the node of the last skill that it has reported as failed, -1 for none.
+        orders: names of all orders that its tool was given.
     """
 
     session: str
@@ -70,9 +101,21 @@ class Link:
     held: bool = False
     leave: bool = False
     state: DriverState | None = None
-    problem: str = ""
+    problem: ReportFault | None = None
+    lower: Array | float = -LARGEST_NUMBER
+    upper: Array | float = LARGEST_NUMBER
+    begun: int = 0
+    failed: int = -1
+    orders: set[str] = field(default_factory=set)
     _instance: int = -1
     _report: int = -1
+    _last: Report | None = None
+    _begins_at: int | None = None
+    _stuck: bool = False
+    _told: dict[int, int] = field(default_factory=dict)
+    _at_s: float | None = None
+    _shifts_s: tuple[float, float] = (0.0, 0.0)
+    _jumps: int = 0
     _have: int | None = None
     _taken: int | None = None
     _base: int = 0
@@ -88,7 +131,7 @@ class Link:
             done: nodes that are known to be through.
         """
         self.number = self._base = starts << 32
-        self.done = done
+        self.done = self.begun = done
 
     def samples(self, report: Report) -> tuple[Sample, ...] | None:
         """Return the samples of a report that has been believed which have not come before.
@@ -105,11 +148,25 @@ class Link:
             return None  # what is missing before them is told again
         own = report.state.samples[skip:]
         self._taken += len(own)
-        return own
+        if not own and not self._taken:
+            # Of a driver that keeps no samples, its reports are what is known.
+            state = report.state
+            own = (Sample(report.at_s, state.q, state.begun, state.done),)
+        return tuple(self._in_one_clock(sample, report.at_s) for sample in own)
+
+    def _in_one_clock(self, sample: Sample, reported_s: float) -> Sample:
+        """Return a sample whose time is by the driver's clock as it would be had nobody set it back."""
+        before, shift = self._shifts_s
+        was_before = sample.at_s > reported_s + _SAME_CLOCK_S
+        if not shift and not was_before:
+            return sample
+        at_s = sample.at_s + (before if was_before else shift)
+        return replace(sample, at_s=min(at_s, self._at_s or at_s))
 
     def alive(self, now_s: float) -> bool:
-        """Tell whether its driver has given a sign of life."""
-        return self._heard_s is not None and now_s - self._heard_s <= self.lease_s
+        """Tell whether its driver has given a sign of life, and can be relied on."""
+        heard = self._heard_s is not None and now_s - self._heard_s <= self.lease_s
+        return heard and self.problem is None
 
     def silent_s(self, now_s: float) -> float | None:
         """Return for how long nothing has been heard of it [s], None where nothing ever was."""
@@ -118,9 +175,11 @@ class Link:
     def when(self, at_s: float) -> float:
         """Return a time by the clock of the driver in that of the dispatcher [s].
 
-        As far as is known: no report was quicker than the quickest one.
+        As far as is known: no report was quicker than the quickest one, and nothing was measured after it was
+        reported.
         """
-        return at_s + (self.ahead_s or 0.0)
+        when_s = at_s + (self.ahead_s or 0.0)
+        return when_s if self._heard_s is None else min(when_s, self._heard_s)
 
     def clear(self, nodes: Sequence[ClearedNode]) -> None:
         """Let the robot pass more nodes."""
@@ -130,7 +189,16 @@ class Link:
     def swap(self, version: int, count: int) -> None:
         """Go on with another graph, in which it may pass so many nodes."""
         self.version = version
+        if self._stuck and count == self.failed + 1:
+            # The robot stands where the skill began, which counts as done.
+            q, own = self._stands_at(self.failed), self.cleared[self.failed]
+            waypoints, seconds = q[None], np.zeros(1)
+            self.cleared[self.failed] = replace(
+                own, kind=FAILED, waypoints=waypoints, seconds=seconds, act=""
+            )
+            self.done, self._stuck = max(self.done, count), False
         del self.cleared[count:]
+        self._told = {own: min(most, count) for own, most in self._told.items()}
         self.awaited = [own for own in self.awaited if own.node < count]
         self._news = True
 
@@ -138,12 +206,27 @@ class Link:
         """Have its tool close or open."""
         if self.tool != order:
             self.tool, self._news = order, True
+            self.orders.add(order.name)
 
     @property
     def is_acting(self) -> bool:
-        """Whether its tool has not done what was ordered last."""
-        acted = "" if self.state is None else self.state.acted
+        """Whether its tool has not done what was ordered last; one at fault has done nothing."""
+        state, acted = self.state, ""
+        if state is not None and state.mode != "fault":
+            acted = state.acted
         return self.tool is not None and acted != self.tool.name
+
+    def rests(self, count: int, tolerance: float) -> bool:
+        """Tell whether its robot rests, or comes to rest by itself, at the end of what it was cleared for.
+
+        Args:
+            count: nodes that it was cleared for.
+            tolerance: how far a joint may be from its path [rad or m].
+        """
+        if self.state is None or self.state.off > tolerance or self.is_acting:
+            return False
+        silent = self.state.mode != "fault" and self.problem is None
+        return count > 0 and count == (self.state.begun if silent else self.state.done)
 
     def is_due(self, awaited: AwaitedAct) -> bool:
         """Tell whether its robot stands where another one's tool is to act next."""
@@ -178,42 +261,136 @@ class Link:
         order = (report.instance, report.number)
         if report.robot != self.robot or order <= (self._instance, self._report):
             return None
+        if self.problem is not None:
+            self._heard_s = now_s
+            return None
         if report.session not in ("", self.session):
-            self.problem = f"serves another session, {report.session!r}"
+            self._refuse(ReportFault("other-session", "session", report.session))
             return None
         before, (self._instance, self._report) = self._instance, order
         if report.instance != before:
             # What it was told last may be old: it knows less than is known of it.
-            self._have = self._taken = None
+            self._have = self._taken = self._last = self._at_s = self._begins_at = None
+            self._shifts_s = 0.0, 0.0
             if self.ahead_s is not None:
                 self.ahead_s = math.inf
+        if (fault := report_fault(report, self._clearance(report))) is not None:
+            self._refuse(fault)
+            return None
+        self._compare_clocks(report.at_s, now_s)
         self._heard_s = now_s
-        if self.near and 0.0 <= now_s - report.at_s < _SAME_CLOCK_S:
-            self.ahead_s = None
-        if self.ahead_s is not None:
-            self.ahead_s = min(self.ahead_s, now_s - report.at_s)
         if not report.session:
             # It has been started anew, or has not been told yet.
             self._news, self._have = True, None
             return None
+        self.begun = max(self.begun, begun_nodes(report))
+        self._have, self._last = known_nodes(report), report
         state = report.state
-        if words := self._impossible(report):
-            self.problem = words
-            return None
-        self._have = report.have
-        self.state = state
+        if state.failed >= self.done:
+            # Until there is a graph that goes on from there, nothing comes after it.
+            self.failed, self._stuck = state.failed, True
+        off, words = max(state.off, self._off(report)), plain_text(state.words)
+        self.state = state = replace(state, off=off, words=words)
         self.done = max(self.done, state.done)
         return state
 
-    def _impossible(self, report: Report) -> str:
-        state = report.state
-        if not state.done <= state.begun <= report.have:
-            return f"says that {state.done} nodes are through, {state.begun} begun, and that it has {report.have}"
-        if report.version == self.version and report.have > len(self.cleared):
-            return f"says that it has {report.have} nodes, and is cleared for {len(self.cleared)}"
-        if self._have is not None and self.state and state.done < self.state.done:
-            return f"says that {state.done} nodes are through, after {self.state.done}"
-        return ""
+    def _refuse(self, fault: ReportFault) -> None:
+        """Rely on the driver no more, and let its robot stand."""
+        self.problem = fault
+        self.hold(True)
+
+    def _clearance(self, report: Report) -> Clearance:
+        """Return what bounds a report."""
+        lower, upper = (np.zeros_like(self.start) + k for k in (self.lower, self.upper))
+        return Clearance(
+            len(self.start),
+            lower,
+            upper,
+            self._most(report.version),
+            self.cleared,
+            self.number,
+            self.orders,
+            self._last,
+            self._taken,
+            self.done,
+            self.begun,
+            self.failed if self._stuck else -1,
+        )
+
+    def _most(self, version: int) -> int | None:
+        """Return of how many nodes its driver was told by a version of the graph, None for one of which of none.
+
+        Of what a dispatcher before this one told, only what was cleared is known.
+        """
+        if not 0 <= version <= self.version:
+            return None
+        if self._base:
+            most: int | None = len(self.cleared)
+        else:
+            # One that was started anew has done nodes, and none of its own.
+            most = self._told.get(version) if version else self.done
+        return min(most, self.failed + 1) if most and self._stuck else most
+
+    def _compare_clocks(self, at_s: float, now_s: float) -> None:
+        """Estimate how far the clock of the driver is behind, anew where that clock was set or stands still."""
+        told_s = at_s + self._shifts_s[1]
+        behind_s = now_s - told_s
+        if self._at_s is not None:
+            late_s = behind_s - (self.ahead_s or 0.0)
+            if told_s <= self._at_s:
+                self._shifts_s = self._shifts_s[1], self._at_s - at_s
+                told_s, self.ahead_s = self._at_s, math.inf
+            elif late_s > _CLOCK_JUMP_S:
+                self.ahead_s = math.inf
+            if abs(late_s) > _CLOCK_JUMP_S and self._jumps < _MOST_TOLD:
+                self._jumps += 1
+                _log.warning("%s: its clock jumped by %.6g s", self.robot, -late_s)
+        self._at_s, behind_s = told_s, now_s - told_s
+        if self.near and not self._shifts_s[1] and 0.0 <= behind_s < _SAME_CLOCK_S:
+            self.ahead_s = None
+        elif self.ahead_s is None and behind_s < 0.0:
+            self.ahead_s = behind_s
+        if self.ahead_s is not None:
+            self.ahead_s = min(self.ahead_s, behind_s)
+
+    def _off(self, report: Report) -> float:
+        """Return the greatest distance of a joint from the path, in a report and its samples [rad or m].
+
+        The path goes from where the robot stands after the nodes that it says are done, or shortly before, as a
+        corner may be cut, to the end of the next node but one, as a border may be noticed late. A driver that was
+        started anew has to find itself first: anywhere on what is left.
+        """
+        state, most = report.state, self._most(report.version) or 0
+        if self._begins_at is None:
+            self._begins_at = state.done
+        lost = state.begun == self._begins_at
+        rows: dict[int, list[Array]] = {state.done: [state.q]}
+        for sample in state.samples:
+            rows.setdefault(sample.done, []).append(sample.q)
+        off = 0.0
+        for done, own in rows.items():
+            low = min(done, self.failed) if self._stuck else done
+            nodes = self.cleared[low : most if lost else min(done + 2, most)]
+            path = np.vstack([self._before(low), *(node.waypoints for node in nodes)])
+            for k in range(0, len(own), _BLOCK):
+                near = near_path(path, np.array(own[k : k + _BLOCK]))
+                off = max(off, float(near.off.max()))
+        return off
+
+    def _before(self, count: int) -> Array:
+        """Return the end of the path of so many nodes, as far as it is passed in a short time, shape (k, n)."""
+        if not count:
+            return self.start[None]
+        node = self.cleared[count - 1]
+        seconds = np.array([0.0, *node.seconds])
+        corners = np.vstack([self._stands_at(count - 1), node.waypoints])
+        begin_s = max(float(seconds[-1]) - _EARLY_S, 0.0)
+        begin = [np.interp(begin_s, seconds, joint) for joint in corners.T]
+        return np.vstack([begin, corners[seconds > begin_s], corners[-1:]])
+
+    def _stands_at(self, count: int) -> Array:
+        """Return where the robot stands after so many nodes, shape (n,)."""
+        return self.cleared[count - 1].waypoints[-1] if count else self.start
 
     def command(self, now_s: float) -> Command | None:
         """Return what is to be sent now, None for nothing."""
@@ -224,16 +401,19 @@ class Link:
         have = self.done if self._have is None else self._have
         self._news, self._sent_s = False, now_s
         self.number += 1
-        stands = self.cleared[self.done - 1].waypoints[-1] if self.done else self.start
+        end = self.awaited[0].node if self.awaited else len(self.cleared)
+        if self._stuck:
+            end = min(end, self.failed)
+        self._told[self.version] = max(self._told.get(self.version, 0), end, self.done)
         return Command(
             self.session,
             self.robot,
             max(self._instance, 0),
             self.number,
-            stands,
+            self._stands_at(self.done),
             self.done,
             self.version,
-            tuple(self.cleared[have : self.awaited[0].node if self.awaited else None]),
+            tuple(self.cleared[have:end]),
             self._taken or 0,
             self.held,
             self.leave,

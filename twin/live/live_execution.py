@@ -24,6 +24,7 @@ from twin.drivers.driver import DriverState
 from twin.durations.model import NANOSECONDS
 from twin.engine.ending import Ending, EndingCode, PendingNode
 from twin.live.driver_end import Wire
+from twin.live.inbox import Inbox
 from twin.live.link import Link
 from twin.live.measured import ANEW, History, MeasuredLog
 from twin.live.reported_execution import ReportedExecution
@@ -67,7 +68,7 @@ class LiveExecution(ReportedExecution):
         measured: Path | None = None,
         history: History | None = None,
         clock: Callable[[], float] = time.monotonic,
-        inbox: queue.SimpleQueue[Report] | None = None,
+        inbox: Inbox | None = None,
         **options: Any,
     ) -> None:
         super().__init__(
@@ -79,7 +80,7 @@ class LiveExecution(ReportedExecution):
             clock=clock,
             **options,
         )
-        self._wires, self._inbox = wires, inbox or queue.SimpleQueue[Report]()
+        self._wires, self._inbox = wires, inbox or Inbox()
         self._written, self._out_s = written, out_s
         self._tolerance = tolerance
         self._told: dict[str, str] = {}
@@ -106,6 +107,8 @@ class LiveExecution(ReportedExecution):
                 for k, node in self.impatient:
                     if (begun := self.start[k][node]) >= 0:
                         self._count_patience(k, node, begun - self.now_ns)
+            for name, state in self._states.items():
+                self._stop_off_path(name, state)
             return super().execute()
         finally:
             # Whatever goes wrong on the way, all drivers are told to stand, and nobody waits for them.
@@ -136,13 +139,15 @@ class LiveExecution(ReportedExecution):
                 raise RequestError(
                     f"no driver of {', '.join(missing)} has been heard of for {self._out_s:g} s"
                 )
-            for name in self._links:
+            for name, link in self._links.items():
+                if link.problem is not None:
+                    raise RequestError(f"{name}: {link.problem}")
                 self._send(name)
             with suppress(queue.Empty):
                 self._meet(self._inbox.get(timeout=_TICK_S))
             # Sending may take longer than reports take to come.
-            while not self._inbox.empty():
-                self._meet(self._inbox.get())
+            while self._inbox.is_behind():
+                self._meet(self._inbox.get(timeout=0.0))
         self._silent.clear()
         self._idle_s = self._wall_s()
         if self._history is None:
@@ -170,23 +175,18 @@ class LiveExecution(ReportedExecution):
                 return math.inf
             due = super()._upcoming()
             now = self._passed_ns()
-            if due <= now or (due == math.inf and self._over()):
+            over = self._done() and not self._planning
+            if due <= now or (due == math.inf and over):
                 return due
-            if not self._inbox.empty():
+            if self._inbox.is_behind():
                 # All that has come while something was planned is heard before anybody counts as silent.
-                self._take(self._inbox.get())
+                self._take(self._inbox.get(timeout=0.0))
                 continue
             self._look_at_links(self._wall_s())
             self._end_if_nothing_comes(due, self._wall_s())
             wait = min((due - now) / NANOSECONDS / self._pace, _TICK_S)
-            try:
-                report = self._inbox.get(timeout=max(wait, 0.0))
-            except queue.Empty:
-                continue
-            self._take(report)
-
-    def _over(self) -> bool:
-        return self._done() and not self._planning
+            with suppress(queue.Empty):
+                self._take(self._inbox.get(timeout=max(wait, 0.0)))
 
     def deadlock(self) -> str:
         """Return why the run ends before all is done."""
@@ -250,19 +250,26 @@ class LiveExecution(ReportedExecution):
 
     def _observe(self, name: str, state: DriverState) -> None:
         self._states[name], self._believed_s[name] = state, self._wall_s()
-        if state.off > self._tolerance and self.ended is None:
-            # What was planned to be free is not known to be so any more.
-            words = f"is {state.off:.4g} rad or m off its path, more than {self._tolerance:g}"
-            self._tell_of_driver(name, words)
-            self._end("off-path", name, f"{name} {words}")
-            for link in self._links.values():
-                link.hold(True)
+        self._stop_off_path(name, state)
         self._see_to_tools()
         news, self._news[name] = self._news[name], self.env.event()
         news.succeed()
         if name in self._silent:
             self._silent.discard(name)
             self._dispatch_again()
+
+    def _stop_off_path(self, name: str, state: DriverState) -> None:
+        """Stop all where a robot is too far off its path; one at fault is given up with its own cause."""
+        if state.off <= self._tolerance or state.mode == "fault" or self.ended:
+            return
+        # What was planned to be free is not known to be so any more.
+        words = (
+            f"is {state.off:.4g} rad or m off its path, more than {self._tolerance:g}"
+        )
+        self._tell_of_driver(name, words)
+        self._end("off-path", name, f"{name} {words}")
+        for link in self._links.values():
+            link.hold(True)
 
     def _look_at_links(self, now_s: float) -> None:
         """Tell drivers what they are to know, and see whether they are there."""
@@ -286,7 +293,7 @@ class LiveExecution(ReportedExecution):
         silent = link.silent_s(now_s)
         if silent is not None and silent > self._out_s:
             return f"has not been heard of for {self._out_s:g} s"
-        return link.problem
+        return str(link.problem or "")
 
     def _tell_of_driver(self, name: str, words: str) -> None:
         if self.narrator is not None and name in self.tpg.chain_index:
@@ -297,9 +304,8 @@ class LiveExecution(ReportedExecution):
         """Go on without a robot that stands at a border; where it stands elsewhere, end the run."""
         if name in self._out or self.ended is not None:
             return
-        state, k = self._states.get(name), self.tpg.chain_index.get(name)
-        stands = k is None or (state and state.begun == self.released[k] > 0)
-        if stands and not self._links[name].is_acting:
+        link, k = self._links[name], self.tpg.chain_index.get(name)
+        if k is None or link.rests(self.released[k], self._tolerance):
             self.outage(name, self.now_ns)
         else:
             self._end("driver-lost", name, f"{name} {words}")

@@ -85,8 +85,11 @@ class ReportedExecution(RollingExecution):
             self._begin_s = begin_s
         for robot, t_ns, sample in self._log.before():
             self._rows[robot].add(t_ns, sample)
-        for k in range(len(self.tpg.chains)):
+        for k, chain in enumerate(self.tpg.chains):
             begun, done = history.start_ns[k], history.end_ns[k]
+            if (link := self._links.get(chain.robot)) is not None:
+                known = len(self._rows[chain.robot].begin_ns)
+                link.begun = max(link.begun, len(begun), known)
             self.start[k][: len(begun)], self.end[k][: len(done)] = begun, done
         if self.narrator is not None:
             self.narrator.held_by(history.holders)
@@ -145,7 +148,7 @@ class ReportedExecution(RollingExecution):
             return
         # Of what no sample tells, as the driver was started anew, only that it has happened is known.
         now = self._passed_ns()
-        begun = max(state.begun, state.failed + 1)
+        begun = max(state.begun, self._links[name].failed + 1)
         rows.begin_ns += [now] * (begun - len(rows.begin_ns))
         rows.end_ns += [now] * (state.done - len(rows.end_ns))
 
@@ -180,8 +183,10 @@ class ReportedExecution(RollingExecution):
     ) -> None:
         """Let a robot pass a node, once the tool of another one has done what it does there."""
         about = self.tpg, chain, node, self._acts[chain]
-        if not passed and (other := order_of(*about)) is not None:
+        if (other := order_of(*about)) is not None and not passed:
             link.awaited.append(AwaitedAct(node, *other))
+        if other is not None and self._history is not None:
+            self._links[other[0]].orders.add(other[1].name)
         link.clear([cleared_node(*about)])
 
     def _see_to_tools(self) -> None:
@@ -208,7 +213,7 @@ class ReportedExecution(RollingExecution):
                 self.narrator.emit("started", chain, node)
         while not self._reached(name, node, through=True):
             yield self._news[name]
-        if self._states[name].failed == node:
+        if self._links[name].failed == node:
             self.failed.append(chain)
             if self.narrator is not None:
                 words = self._states[name].words
@@ -236,9 +241,8 @@ class ReportedExecution(RollingExecution):
 
     def _reached(self, name: str, node: int, *, through: bool = False) -> bool:
         """Tell whether a robot has begun a node, or is through with it, or has failed there."""
-        rows, state = self._rows[name], self._states.get(name)
+        rows, failed = self._rows[name], self._links[name].failed == node
         times = rows.end_ns if through else rows.begin_ns
-        failed = state is not None and state.failed == node
         return len(times) > node or (failed and len(rows.begin_ns) > node)
 
     def _swap(self, version: Version) -> None:

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ from planning.errors import RequestError
 from twin.cluster.certificates import Certificates, on_this_machine
 from twin.host.extras import extra_module
 from twin.live.driver_end import Deliver, DriverEnd
+from twin.live.report_checks import plain_text
 from twin.live.wire_format import (
+    MOST_BYTES,
     Command,
     MessageError,
     Report,
@@ -34,6 +37,18 @@ NAME = "assembly-twin cluster"
 
 _MOST_WAITING = 1000
 """Commands that wait for a driver that does not take them."""
+
+_SILENT_S = 5.0
+"""A stream in which no report has come for so long is closed [s]."""
+
+_MOST_UNNAMED = 8
+"""So many streams may be open that have not named a robot; the oldest is closed for a further one."""
+
+_MOST_STREAMS = 64
+"""So many streams may be open; further ones are refused."""
+
+_MOST_REFUSED = 5
+"""So many messages of a stream that are none are told of."""
 
 _log = logging.getLogger(__name__)
 
@@ -77,7 +92,7 @@ class ServiceWire:
     def __init__(self, service: Service, joints: int) -> None:
         self._service, self.joints = service, joints
         self._deliver: Deliver = lambda _: None
-        self._outbox: queue.Queue[Command | None] | None = None
+        self._outbox: queue.Queue[Command | str | None] | None = None
         self._turn = threading.Lock()
 
     def open(self, deliver: Deliver) -> None:
@@ -96,7 +111,7 @@ class ServiceWire:
         self.connect(None)
         self._service.stop()
 
-    def connect(self, outbox: queue.Queue[Command | None] | None) -> None:
+    def connect(self, outbox: queue.Queue[Command | str | None] | None) -> None:
         """Let somebody have what is sent from now on; who had it before gets no more."""
         with self._turn:
             before, self._outbox = self._outbox, outbox
@@ -106,6 +121,25 @@ class ServiceWire:
     def deliver(self, report: Report) -> None:
         """Hand on a report."""
         self._deliver(report)
+
+
+@dataclass(eq=False)
+class _DriverStream:
+    """A stream that somebody has opened.
+
+    Attributes:
+        context: of the call.
+        heard_s: when the last report came in it, or when it was opened [s].
+        robot: that it has named, empty before.
+        outbox: what is to be sent; a text closes the stream with that cause, None closes it without.
+        refused: messages in it that were none.
+    """
+
+    context: Any
+    heard_s: float = field(default_factory=time.monotonic)
+    robot: str = ""
+    outbox: queue.Queue[Command | str | None] = field(default_factory=queue.Queue)
+    refused: int = 0
 
 
 class Service:
@@ -128,8 +162,16 @@ class Service:
         require_private(address, certificates)
         self._wires: dict[str, ServiceWire] = {}
         self._running = 0
+        self._streams: list[_DriverStream] = []
+        self._turn, self._over = threading.Lock(), threading.Event()
+        options = (
+            ("grpc.so_reuseport", 0),
+            ("grpc.max_receive_message_length", MOST_BYTES),
+        )
+        # A stream takes a thread until it is closed.
+        pool = ThreadPoolExecutor(_MOST_STREAMS, "driver")
         self._server = self._grpc.server(
-            ThreadPoolExecutor(32, "driver"), options=(("grpc.so_reuseport", 0),)
+            pool, options=options, maximum_concurrent_rpcs=_MOST_STREAMS
         )
         handler = self._grpc.stream_stream_rpc_method_handler(self._drive)
         service, _, method = METHOD[1:].partition("/")
@@ -158,65 +200,104 @@ class Service:
         """Begin to listen; nothing happens where it does."""
         if not self._running:
             self._server.start()
+            threading.Thread(target=self._close_silent, daemon=True).start()
         self._running += 1
 
     def stop(self) -> None:
         """Stop once nobody needs it any more."""
         self._running -= 1
         if self._running <= 0:
+            self._over.set()
             self._server.stop(1.0).wait()
 
     def _drive(self, asked: Iterator[bytes], context: Any) -> Iterator[bytes]:
         """Serve one driver: take its reports, and yield what it is told."""
-        first = self._next(asked, context.peer())
+        stream = _DriverStream(context)
+        self._make_room(stream)
+        try:
+            yield from self._serve(asked, stream)
+        finally:
+            with self._turn:
+                self._streams.remove(stream)
+
+    def _serve(self, asked: Iterator[bytes], stream: _DriverStream) -> Iterator[bytes]:
+        context, codes = stream.context, self._grpc.StatusCode
+        first = self._next(asked, stream)
         if first is None:
-            context.abort(self._grpc.StatusCode.INVALID_ARGUMENT, "no valid report")
+            context.abort(codes.INVALID_ARGUMENT, "no valid report")
             return
         wire = self._wires.get(first.robot)
         if wire is None:
             names = ", ".join(sorted(self._wires))
-            words = f"no robot {first.robot!r} waits for a driver here: {names}"
+            robot = plain_text(first.robot, 60)
+            words = f"no robot {robot!r} waits for a driver here: {names}"
             _log.warning("%s: refused: %s", context.peer(), words)
-            context.abort(self._grpc.StatusCode.NOT_FOUND, words)
+            context.abort(codes.NOT_FOUND, words)
             return
-        outbox: queue.Queue[Command | None] = queue.Queue()
-        wire.connect(outbox)
+        stream.robot = first.robot
+        wire.connect(stream.outbox)
         threading.Thread(
-            target=self._listen_to,
-            args=(asked, wire, first.robot, context.peer(), outbox),
-            daemon=True,
+            target=self._listen_to, args=(asked, wire, stream), daemon=True
         ).start()
-        while (command := outbox.get()) is not None:
-            yield command_bytes(command)
+        while (told := stream.outbox.get()) is not None:
+            if isinstance(told, str):
+                context.abort(codes.INVALID_ARGUMENT, told)
+                return
+            yield command_bytes(told)
 
     def _listen_to(
-        self,
-        asked: Iterator[bytes],
-        wire: ServiceWire,
-        robot: str,
-        peer: str,
-        outbox: queue.Queue[Command | None],
+        self, asked: Iterator[bytes], wire: ServiceWire, stream: _DriverStream
     ) -> None:
+        end: str | None = None
         try:
-            while (report := self._next(asked, peer, wire.joints)) is not None:
-                if report.robot == robot:
-                    wire.deliver(report)
+            while (report := self._next(asked, stream, wire.joints)) is not None:
+                if report.robot != stream.robot:
+                    robot = plain_text(report.robot, 60)
+                    end = f"this stream is of {stream.robot}, not of {robot!r}"
+                    break
+                wire.deliver(report)
         finally:
-            outbox.put(None)
+            stream.outbox.put(end)
 
     def _next(
-        self, asked: Iterator[bytes], peer: str, joints: int | None = None
+        self, asked: Iterator[bytes], stream: _DriverStream, joints: int = 0
     ) -> Report | None:
-        """Return the next valid report, None where there is no more; what is not valid is left aside."""
+        """Return the next report, None where there is no more; what is none is left aside."""
         try:
             for content in asked:
                 try:
-                    return read_report(content, joints)
+                    report = read_report(content, joints)
                 except MessageError as error:
-                    _log.warning("%s: left aside: %s", peer, error)
+                    stream.refused += 1
+                    if stream.refused <= _MOST_REFUSED:
+                        peer, words = stream.context.peer(), plain_text(str(error))
+                        _log.warning("%s: left aside: %s", peer, words)
+                else:
+                    stream.heard_s = time.monotonic()
+                    return report
         except self._grpc.RpcError:
             pass  # the driver is gone, or its connection
         return None
+
+    def _make_room(self, stream: _DriverStream) -> None:
+        """Take a stream in; of those that have not named a robot, the oldest make room for it."""
+        with self._turn:
+            self._streams.append(stream)
+            unnamed = [own for own in self._streams if not own.robot]
+        for own in unnamed[:-_MOST_UNNAMED]:
+            own.context.cancel()
+
+    def _close_silent(self) -> None:
+        """Close streams in which nothing comes, until the service stops."""
+        while not self._over.wait(_SILENT_S / 10.0):
+            with self._turn:
+                streams = list(self._streams)
+            for own in streams:
+                if time.monotonic() - own.heard_s > _SILENT_S:
+                    words = f"no report for {_SILENT_S:g} s"
+                    _log.warning("%s: closed: %s", own.context.peer(), words)
+                    own.context.cancel()
+                    own.outbox.put(None)
 
 
 def certificates_of(folder: str | None, base: Path) -> Certificates | None:

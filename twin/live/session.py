@@ -70,6 +70,7 @@ class Session:
         service = self._service()
         for robot in cell.robots:
             link = Link(self.name, robot.name, robot.home, self.drivers.lease_s)
+            link.lower, link.upper = robot.model.lower, robot.model.upper
             links[robot.name] = link
             if isinstance(self.drivers.driver_of(robot.name), ServiceDriver):
                 assert service is not None

@@ -1,4 +1,4 @@
-"""Messages of a session as bytes, by ``cell.proto``; what is not valid is refused before anybody believes it.
+"""Messages of a session as bytes, by ``cell.proto``.
 
 What dispatcher and driver tell each other, whatever carries it.
 
@@ -9,17 +9,17 @@ once the driver has them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, cast
 
 import numpy as np
 
 from planning.errors import TwinError
 from planning.transforms import Array
-from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrder
+from twin.drivers.driver import ClearedNode, DriverState, Sample, ToolOrder
 from twin.host.extras import extra_module
 
 
@@ -90,7 +90,18 @@ class Report:
 DESCRIPTION = Path(__file__).with_name("cell.binpb")
 """``cell.proto`` as ``protoc --descriptor_set_out`` writes it."""
 
-_MODES = frozenset(get_args(Mode))
+LARGEST_NUMBER = 1e12
+"""Greatest absolute value of a number in a message."""
+
+MOST_BYTES = 4 << 20
+"""Longest message [B]."""
+
+MOST_SAMPLES = 20_000
+"""Most samples of a report."""
+
+_MOST_TEXT = 1000
+"""So many letters of a text of a report are read."""
+
 _ACTS = ("", "close", "open")
 
 
@@ -210,45 +221,39 @@ def report_bytes(report: Report) -> bytes:
     return cast(bytes, kind(**plain).SerializeToString())
 
 
-def read_report(content: bytes, joints: int | None = None) -> Report:
-    """Return the report that some bytes are.
+def read_report(content: bytes, joints: int = 0) -> Report:
+    """Return the report that some bytes are; whether it is possible is for ``report_fault`` to say.
 
     Args:
         content: the bytes.
-        joints: number of the robot's joints; where that is given, positions must be as many.
+        joints: number of the robot's joints. Of lists that are longer than it has, and of long texts, no more is
+            read than shows that.
 
     Raises:
         MessageError: they are none.
     """
+    if len(content) > MOST_BYTES:
+        raise MessageError(f"no report: {len(content)} bytes, {MOST_BYTES} at most")
     told = _parsed("Report", content)
-    if told.mode not in _MODES:
-        raise MessageError(f"unknown mode {told.mode!r}", choices=get_args(Mode))
-    q, dq = _numbers("q", told.q), _numbers("dq", told.dq)
     samples = tuple(
-        Sample(own.at_s, _numbers("q", own.q), own.begun, own.done)
-        for own in told.samples
+        Sample(own.at_s, _first(own.q, joints), own.begun, own.done)
+        for own in told.samples[: MOST_SAMPLES + 1]
     )
-    sizes = {len(q), len(dq), *(len(own.q) for own in samples)}
-    # One that has not been told where it stands need not know.
-    if sizes - {joints if joints is not None else len(q)} and told.session:
-        raise MessageError(f"positions of {sorted(sizes)} joints, not of {joints}")
-    times = [told.at_s, told.off, *(own.at_s for own in samples)]
-    _numbers("times", times)
     state = DriverState(
         told.begun,
         told.done,
-        told.mode,
-        q,
-        dq,
+        told.mode[:_MOST_TEXT],
+        _first(told.q, joints),
+        _first(told.dq, joints),
         told.off,
         told.failed if told.HasField("failed") else -1,
-        told.words,
+        told.words[:_MOST_TEXT],
         samples,
-        told.acted,
+        told.acted[:_MOST_TEXT],
     )
     return Report(
-        told.session,
-        told.robot,
+        told.session[:_MOST_TEXT],
+        told.robot[:_MOST_TEXT],
         told.instance,
         told.number,
         told.at_s,
@@ -259,6 +264,11 @@ def read_report(content: bytes, joints: int | None = None) -> Report:
         told.first,
         told.kept,
     )
+
+
+def _first(values: Sequence[float], count: int) -> Array:
+    """Return the first so many numbers, and one more where there is one."""
+    return np.array(values[: count + 1], dtype=float)
 
 
 def _parsed(name: str, content: bytes) -> Any:
@@ -272,6 +282,6 @@ def _parsed(name: str, content: bytes) -> Any:
 
 def _numbers(name: str, values: Iterable[float]) -> Array:
     found = np.array(values, dtype=float)
-    if not np.all(np.isfinite(found)) or np.any(np.abs(found) > 1e12):
+    if not np.all(np.isfinite(found)) or np.any(np.abs(found) > LARGEST_NUMBER):
         raise MessageError(f"{name}: no finite numbers")
     return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import queue
 import random
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -24,6 +23,7 @@ from twin.durations.model import NANOSECONDS
 from twin.engine.ending import PendingNode
 from twin.engine.execution_model import Messages
 from twin.live.driver_end import DriverEnd
+from twin.live.inbox import Inbox
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
 from twin.live.measured import history_of
@@ -88,20 +88,21 @@ class Ether:
         return self._due(self.reports)
 
 
-class Inbox(queue.SimpleQueue[Report]):
+class WaitingInbox(Inbox):
     """Reports of a dispatcher, whose waiting lets time pass."""
 
     def __init__(self, ether: Ether, dies: Callable[[], bool]) -> None:
+        super().__init__()
         self.ether, self.dies = ether, dies
 
-    def get(self, block: bool = True, timeout: float | None = None) -> Report:
-        if self.empty():
+    def get(self, timeout: float) -> Report:
+        if self._queue.empty():
             if self.dies():
                 raise KilledError
             assert self.ether.now_s < ENDLESS_S, "waits for ever"
-            for report in self.ether.pass_by(STEP_S if timeout is None else timeout):
+            for report in self.ether.pass_by(timeout):
                 self.put(report)
-        return super().get(block=False)
+        return super().get(timeout=0.0)
 
 
 @dataclass
@@ -153,7 +154,7 @@ class Cell:
                 self.kept = len(self.log)
                 wait(self.slow_s)
 
-        inbox = Inbox(ether, die)
+        inbox = WaitingInbox(ether, die)
 
         def wait(most_s: float) -> None:
             """Wait for the disk; reports come meanwhile, and are not heard."""

@@ -1,5 +1,6 @@
 """Drivers in processes of their own: whom the service lets in, and what it believes of them."""
 
+import itertools
 import random
 import shutil
 import socket
@@ -7,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,18 +21,21 @@ from hypothesis import strategies as st
 
 import twin
 from planning.errors import RequestError, TwinError
+from tests.twin.live.false_reports import FALSE
 from tests.twin.live.test_execution import PACE, placed, plan, require_order
 from tests.twin.live.test_messages import START, some_nodes
 from tests.twin.sockets import listening
 from twin.cluster.certificates import Certificates, make_certificates
 from twin.drivers.driver import ToolOrder
 from twin.drivers.simulated_arm import SimulatedArm
+from twin.live import service as live_service
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
 from twin.live.service import METHOD, Service, channel_to, drive_remotely
 from twin.live.wire_format import (
     DESCRIPTION,
+    MOST_BYTES,
     Command,
     MessageError,
     Report,
@@ -348,3 +352,93 @@ def test_what_cannot_be_served_is_refused_before_anything_is_planned(
     with pytest.raises(RequestError, match=words):
         twin.operate("cliff", drivers=file, out=out)
     assert not out.exists()
+
+
+def wait_for(met: Callable[[], bool], seconds: float = 20.0) -> bool:
+    deadline = time.monotonic() + seconds
+    while not met() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return met()
+
+
+def test_silent_streams_take_nobody_the_room(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_service, "_SILENT_S", 1.0)
+    wire, heard, over = service.wire("left", 6), list[Report](), threading.Event()
+    wire._deliver = heard.append
+    end = DriverEnd(SimulatedArm(stands=np.zeros(6)), "left", 1)
+
+    def nothing() -> Iterator[bytes]:
+        over.wait()
+        yield b""
+
+    def reports(robots: Sequence[str] = ("left",) * 20) -> Iterator[bytes]:
+        for robot in robots:
+            yield report_bytes(replace(end.report(), robot=robot))
+            time.sleep(0.02)
+
+    with channel_to(f"127.0.0.1:{service.port}", None) as channel:
+        ask = channel.stream_stream(METHOD)
+        silent = [ask(nothing()) for _ in range(60)]
+        assert list(ask(reports(), timeout=20.0)) == []
+        assert len(heard) == 19
+        assert wait_for(lambda: all(call.done() for call in silent))
+        assert wait_for(lambda: not service._streams)
+        # One that has been let in and says nothing more is closed as well.
+        first = report_bytes(end.report())
+        mute = ask(itertools.chain([first], nothing()))
+        assert wait_for(mute.done)
+        # A stream is of one robot, and that of who asks last.
+        with pytest.raises(grpc.RpcError) as error:
+            list(ask(reports(["left", "left", "right"]), timeout=20.0))
+        assert error.value.code() == grpc.StatusCode.INVALID_ARGUMENT
+        before = ask(itertools.chain([first], nothing()))
+        assert wait_for(lambda: bool(service._streams))
+        assert list(ask(reports(), timeout=20.0)) == []
+        assert before.done()
+        over.set()
+
+
+def test_a_message_that_is_too_long_ends_its_stream(service: Service) -> None:
+    service.wire("left", 6)
+    with channel_to(f"127.0.0.1:{service.port}", None) as channel:
+        told = channel.stream_stream(METHOD)(iter([bytes(MOST_BYTES + 1)]))
+        with pytest.raises(grpc.RpcError) as error:
+            list(told)
+    assert error.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", ["joints NaN", "all 2^32", "off -1"])
+def test_a_false_report_ends_a_run(
+    plan: PlanResult, service: Service, name: str
+) -> None:
+    address, chain = f"127.0.0.1:{service.port}", plan.tpg.chains[0]
+    honest, over = [len(chain)], [False]
+
+    class Lying(DriverEnd):
+        def report(self) -> Report:
+            report = super().report()
+            if report.state.done <= 5 or report.robot != chain.robot:
+                return report
+            honest[0] = min(honest[0], report.state.done)
+            return FALSE[name][1](report, chain)
+
+    def drive(robot: str) -> None:
+        end = Lying(SimulatedArm(pace=PACE), robot, 1)
+        drive_remotely(end, address, over=lambda: over[0])
+
+    threads = [
+        threading.Thread(target=drive, args=(own.robot,)) for own in plan.tpg.chains
+    ]
+    for thread in threads:
+        thread.start()
+    done = operated(plan, service)
+    over[0] = True
+    for thread in threads:
+        thread.join(20.0)
+    assert done.record.outcome == "failed"
+    completed = sum(end >= 0 for end in done.record.end_ns[0].tolist())
+    assert completed <= honest[0] < len(chain)
+    require_order(done)

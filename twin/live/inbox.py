@@ -1,0 +1,67 @@
+"""The reports that wait for the dispatcher, a bounded number of each robot."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import Counter
+
+from twin.live.wire_format import Report
+
+_REPORT_WEIGHT = 50
+"""Memory of a report without samples, in samples."""
+
+_MOST_WEIGHT = 200_000
+"""Most memory of the reports of one robot that wait, in samples."""
+
+_MOST_HEARD = _MOST_WEIGHT // _REPORT_WEIGHT
+"""So many reports of each robot are heard in a row at most."""
+
+
+class Inbox:
+    """A queue of reports that drops what a robot sends faster than it is heard.
+
+    A report says how a robot is as a whole, and samples are told again until they have been heard of: so nothing is
+    lost by a report that is dropped.
+    """
+
+    def __init__(self) -> None:
+        self._queue: queue.SimpleQueue[Report] = queue.SimpleQueue()
+        self._weight: Counter[str] = Counter()
+        self._turn = threading.Lock()
+        self._heard = 0
+
+    def put(self, report: Report) -> None:
+        """Append a report, unless too much of its robot waits; it returns at once."""
+        with self._turn:
+            if self._weight[report.robot] < _MOST_WEIGHT:
+                self._weight[report.robot] += _weight(report)
+                self._queue.put(report)
+
+    def get(self, timeout: float) -> Report:
+        """Return the report that has waited longest.
+
+        Args:
+            timeout: how long to wait for one [s].
+
+        Raises:
+            queue.Empty: there was none.
+        """
+        report = self._queue.get(timeout=timeout)
+        with self._turn:
+            self._weight[report.robot] -= _weight(report)
+        return report
+
+    def is_behind(self) -> bool:
+        """Tell whether reports wait that are to be heard before anything else.
+
+        Where one robot sends them faster than they are heard, this is false from time to time nevertheless.
+        """
+        behind = self._heard < _MOST_HEARD * len(self._weight)
+        behind = behind and not self._queue.empty()
+        self._heard = self._heard + 1 if behind else 0
+        return behind
+
+
+def _weight(report: Report) -> int:
+    return _REPORT_WEIGHT + len(report.state.samples)
