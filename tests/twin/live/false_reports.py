@@ -238,7 +238,7 @@ CLOCKS: dict[str, Falsify] = {
 
 @dataclass
 class ModelClock:
-    """A clock that goes on when it is told; it stands in for the module time."""
+    """A clock that goes on when it is told."""
 
     now: float = 100.0
     wires: list[ModelWire] = field(default_factory=list)
@@ -255,7 +255,9 @@ class ModelClock:
 class ModelInbox(Inbox):
     """An inbox for which the clock of a model goes on while nothing comes."""
 
-    clock: ModelClock
+    def __init__(self, clock: ModelClock) -> None:
+        super().__init__()
+        self.clock = clock
 
     def get(self, timeout: float) -> Report:
         if self._queue.empty() and timeout > 0.0:

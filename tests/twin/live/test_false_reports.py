@@ -29,7 +29,6 @@ from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.drivers.driver import ClearedNode, cleared_node
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.engine.execution_model import Messages
-from twin.live import live_execution
 from twin.live.driver_end import DriverEnd
 from twin.live.inbox import Inbox
 from twin.live.link import Link
@@ -73,6 +72,10 @@ TPG = toy()
 class SameAgain:
     """A planner that has no other plan."""
 
+    short = False
+
+    def begin(self, _: Any) -> None: ...
+
     def due(self, *_: Any) -> bool:
         return False
 
@@ -83,14 +86,9 @@ class SameAgain:
         return Version(tpg, tuple(map(len, tpg.chains)), (), nothing, 0, 0.0, "out")
 
 
-def driven(
-    monkeypatch: pytest.MonkeyPatch, falsify: Falsify | None
-) -> tuple[LiveExecution, list[Event], ModelWire]:
+def driven(falsify: Falsify | None) -> tuple[LiveExecution, list[Event], ModelWire]:
     """Execute the toy with a first driver that lies."""
     tpg, memory, clock = TPG, MemoryRecorder(), ModelClock()
-    monkeypatch.setattr(live_execution, "time", clock)
-    monkeypatch.setattr(ModelInbox, "clock", clock, raising=False)
-    monkeypatch.setattr(live_execution, "Inbox", ModelInbox)
     links = {}
     for robot, chain in zip(tpg.cell.robots, tpg.chains, strict=True):
         arm = SimulatedArm(clock.monotonic)
@@ -113,6 +111,8 @@ def driven(
         written=lambda: None,
         out_s=1.0,
         tolerance=TOLERANCE,
+        clock=clock.monotonic,
+        inbox=ModelInbox(clock),
     )
     execution.execute()
     return execution, memory.events, clock.wires[0]
@@ -166,16 +166,14 @@ def require_stopped(events: list[Event], wire: ModelWire, codes: str) -> None:
 
 
 @pytest.mark.parametrize("name", FALSE)
-def test_nothing_of_a_false_report_is_executed(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_of_a_false_report_is_executed(name: str) -> None:
     codes, falsify = FALSE[name]
-    _, events, wire = driven(monkeypatch, falsify)
+    _, events, wire = driven(falsify)
     require_stopped(events, wire, codes)
 
 
-def test_a_true_driver_is_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    _, events, _ = driven(monkeypatch, None)
+def test_a_true_driver_is_believed() -> None:
+    _, events, _ = driven(None)
     require_possible(TPG, events)
     assert events[-1].detail == "completed"
     assert counted(events, TPG.chains[0].robot) == len(TPG.chains[0])
@@ -183,11 +181,9 @@ def test_a_true_driver_is_believed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("name", CLOCKS)
-def test_a_clock_that_is_set_changes_nothing_that_was_measured(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    true, _, _ = driven(monkeypatch, None)
-    execution, events, wire = driven(monkeypatch, CLOCKS[name])
+def test_a_clock_that_is_set_changes_nothing_that_was_measured(name: str) -> None:
+    true, _, _ = driven(None)
+    execution, events, wire = driven(CLOCKS[name])
     require_possible(TPG, events)
     assert events[-1].detail == "completed"
     assert wire.honest >= LIES_FROM
@@ -282,12 +278,10 @@ def test_all_pairs_of_false_reports_are_refused() -> None:
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("seed", range(150))
-def test_nothing_of_pairs_of_false_reports_is_executed(
-    seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_of_pairs_of_false_reports_is_executed(seed: int) -> None:
     rng = np.random.default_rng(seed)
     one, other = (list(FALSE)[k] for k in rng.choice(len(FALSE), 2, replace=False))
-    _, events, wire = driven(monkeypatch, both(FALSE[one][1], FALSE[other][1]))
+    _, events, wire = driven(both(FALSE[one][1], FALSE[other][1]))
     require_possible(TPG, events)
     assert events[-1].detail == "failed", (one, other)
     assert counted(events, wire.chain.robot) <= wire.honest

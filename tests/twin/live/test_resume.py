@@ -190,7 +190,9 @@ class Cell:
             times,
             Dispatcher(self.tpg),
             Messages(),
-            planner=SimpleNamespace(due=lambda *_: False, given_up={}),
+            planner=SimpleNamespace(
+                begin=lambda _: None, due=lambda *_: False, given_up={}, short=False
+            ),
             observers=Observers((Log(),)),
             links={r.name: Link("run", r.name, r.home, LEASE_S) for r in robots},
             wires={r.name: Wire() for r in robots},
