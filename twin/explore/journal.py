@@ -37,7 +37,7 @@ class Tried:
         purpose: what it was tried for.
         values: what it has at each key that is varied.
         asked_after: how many designs of the search had been told when this one was chosen.
-        evaluation: what became of it; parcels are in files of their own.
+        evaluation: what became of it; workloads are not in the journal.
         same_as: the design that has the same values and was evaluated, None where this one was.
         about: what it is of, for those that are not of the search.
     """
