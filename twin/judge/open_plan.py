@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from planning.bounds import FASTEST, LONGEST_S
 from planning.files import read_file
 from twin.scenario.document.section import Section, Several
 from twin.scenario.document.validation import (
@@ -30,9 +31,9 @@ from twin.scenario.sections.shapes import PoseSection
 FORMAT: Literal["assembly-twin open plan"] = "assembly-twin open plan"
 VERSION: Literal[1] = 1
 
-Seconds = Annotated[float, Field(ge=0, le=1e6)]
+Seconds = Annotated[float, Field(ge=0, le=LONGEST_S)]
 _Joint = Annotated[float, Field(ge=-100, le=100)]
-_Rate = Annotated[float, Field(ge=-1e6, le=1e6)]
+_Rate = Annotated[float, Field(ge=-FASTEST, le=FASTEST)]
 _Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 VERBS = ("take", "put", "give", "appear", "leave")

@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
+from planning.bounds import LATEST_S
 from planning.errors import OutputError, TwinError
 from planning.files import read_file
 from planning.transforms import Array
@@ -67,9 +68,6 @@ class Event:
 
 
 _KINDS = frozenset(get_args(EventKind))
-
-LATEST_S = 9 * 10**9
-"""Latest time of an event [s]: what 64 bits of nanoseconds hold."""
 
 LARGEST_LOG = 4 << 30
 """Most bytes of an event log [B]."""

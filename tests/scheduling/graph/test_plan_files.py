@@ -209,7 +209,7 @@ def _replaced(name: str, make: Callable[[Any], Any]) -> Callable[[Numbers], None
         (_spoilt("chain_0_duration", 0, -50.0), r"duration\[0\] is -50.0: must be at"),
         (_spoilt("chain_0_waypoints", 1, np.nan), "is nan: is not finite"),
         (_spoilt("chain_0_waypoints", 1, 99.0), "is 99.0: is beyond a limit of"),
-        (_spoilt("chain_0_planned_start", 0, 1e300), "is beyond 1e"),
+        (_spoilt("chain_0_planned_start", 0, 1e300), "is beyond 9e"),
         (_spoilt("chain_0_first", 1, 0), "does not rise"),
         (_spoilt("chain_0_task", 0, 10**6), "must be 0 to"),
         (_spoilt("chain_0_fraction", 0, 1.5), "must be 0 to 1"),
