@@ -30,7 +30,15 @@ from pydantic import ValidationError
 from planning.bounds import LIMIT_SLACK
 from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError
-from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz, replacing
+from planning.files import (
+    NPZ_ERRORS,
+    arrays_text,
+    parse_json,
+    read_file,
+    read_npz,
+    replacing,
+    require_own_files,
+)
 from planning.robots.descriptions.xml_files import copy_description
 from planning.tasks.task import EARLIER, Handling, Task
 from scheduling.graph.columns import require
@@ -194,8 +202,8 @@ def _check_waypoints(
 FORMAT = "assembly-twin temporal plan graph"
 VERSION = 1
 
-LARGEST_BYTES = 2**30
-"""Most that the arrays of a plan may take in memory: 500 times the largest shipped one."""
+LARGEST_BYTES = 2**28
+"""Most that the arrays of a plan may take in memory: 100 times the largest shipped one."""
 
 _AGAIN = "it was written by another version of this program; plan again"
 
@@ -267,13 +275,14 @@ def load_plan(
         RobotModelError: a robot description is not there any more.
     """
     try:
-        text = read_file(folder / "plan.json", LARGEST_BYTES).decode("utf-8")
+        require_own_files(folder, ("plan.json", "plan.npz", "robots"))
+        text = read_file(folder / "plan.json").decode("utf-8")
         content = read_file(folder / "plan.npz", LARGEST_BYTES)
     except (OSError, UnicodeDecodeError) as error:
         raise OutputError(f"cannot read the plan in {folder}: {error}") from error
     try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        document = parse_json(text)
+    except ValueError as error:
         raise OutputError(f"{folder / 'plan.json'} is damaged: {error}") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise OutputError(f"{folder / 'plan.json'} holds no temporal plan graph")

@@ -18,7 +18,15 @@ import yaml
 from pydantic import ValidationError
 
 from planning.errors import OutputError, RequestError, ScenarioError
-from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replacing
+from planning.files import (
+    LARGEST,
+    NPZ_ERRORS,
+    read_file,
+    read_json,
+    read_npz,
+    replacing,
+    require_own_files,
+)
 from planning.transforms import Array
 from twin.explore.dimensions import dimensions_of, variant_of
 from twin.explore.journal import JOURNAL
@@ -177,7 +185,8 @@ def begin_design(target: Path, source: str) -> Path:
     folder, rank = Path(match[1]), int(match[2] or 1)
     path = folder / SUMMARY
     try:
-        best = json.loads(read_file(path))["best"]
+        require_own_files(folder, (SUMMARY,))
+        best = read_json(path)["best"]
         found = {int(row["rank"]): row for row in best}
     except (OSError, ValueError, KeyError, TypeError) as error:
         why = (

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from planning.errors import OutputError
-from planning.files import read_file
+from planning.files import parse_json, read_file
 from twin.explore.dimensions import Values
 from twin.explore.rungs import Evaluation
 
@@ -159,7 +159,7 @@ class Journal:
                 raise OutputError(f"{self._path}: cannot be mended: {error}") from error
         for number, line in enumerate(data[:whole].splitlines(), start=1):
             try:
-                self.rows.append(tried_of(json.loads(line)))
+                self.rows.append(tried_of(parse_json(line)))
             except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise OutputError(
                     f"{self._path}, line {number}: damaged: {error!r}"

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from planning.bounds import FASTEST, LONGEST_S
-from planning.files import read_file
+from planning.files import parse_json, read_file
 from twin.scenario.document.section import Section, Several
 from twin.scenario.document.validation import (
     FileProblem,
@@ -192,13 +192,12 @@ def read_open_plan(path: Path) -> OpenPlan:
         problem = FileProblem(Mark(1, 1), f"cannot be read: {error}")
         raise InvalidScenarioError(path, [problem]) from error
     try:
-        data = json.loads(text, object_pairs_hook=_once, parse_constant=_no_number)
+        data = parse_json(text)
     except json.JSONDecodeError as error:
         problem = FileProblem(Mark(error.lineno, error.colno), f"no JSON: {error.msg}")
         raise InvalidScenarioError(path, [problem], text.splitlines()) from error
-    except (ValueError, RecursionError) as error:
-        said = "nested too deeply" if isinstance(error, RecursionError) else error
-        problem = FileProblem(Mark(1, 1), f"no JSON of this kind: {said}")
+    except ValueError as error:
+        problem = FileProblem(Mark(1, 1), f"no JSON of this kind: {error}")
         raise InvalidScenarioError(path, [problem]) from error
     try:
         plan = OpenPlan.model_validate_json(text)
@@ -223,19 +222,6 @@ def require_none(path: Path, problems: Found) -> None:
         document = _document(path, text, json.loads(text))
         said = [document.problem(at, key_label(at) + words) for at, words in found]
         raise InvalidScenarioError(path, said, document.lines)
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    out = dict(pairs)
-    if len(out) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"key {twice!r} is given twice")
-    return out
-
-
-def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number")
 
 
 def _document(path: Path, text: str, data: Any) -> YamlDocument:
