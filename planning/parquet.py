@@ -15,11 +15,26 @@ MOST_CELLS = 50_000_000
 """Most values of a table, and one eighth of the bytes that its columns take."""
 
 
+_NAME = "dictionary<values=string, indices=int32, ordered=0>"
+_COLUMNS = {
+    "trajectory.parquet": {"t_s": "double", "robot": _NAME, "node": "int64"},
+    "objects.parquet": {
+        "t_s": "double",
+        "object": "string",
+        "parent": "string",
+        "xyz": "fixed_size_list<element: double>[3]",
+        "quat_wxyz": "fixed_size_list<element: double>[4]",
+    },
+}
+"""Columns that tables of a run have, without empty cells, and their types; others are of joints."""
+
+
 def read_parquet(path: Path) -> pa.Table:
     """Return the table of a Parquet file; its size is known before any of it is decoded.
 
     Raises:
-        OutputError: it cannot be read, is no Parquet file, or has more values than ``MOST_CELLS``.
+        OutputError: it cannot be read, is no Parquet file, has more values than ``MOST_CELLS``, or, by
+            the name of the file, other columns than a table of a run.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -37,6 +52,33 @@ def read_parquet(path: Path) -> pa.Table:
                 )
             table: pa.Table = file.read()
             table.validate()
-            return table
     except (OSError, ValueError, MemoryError, pa.ArrowException) as error:
         raise OutputError(f"{path}: cannot be read: {error}") from error
+    columns = _COLUMNS.get(path.name)
+    if columns is None:
+        return table
+    there = {field.name: str(field.type) for field in table.schema}
+    for name, kind in (dict.fromkeys(there, "double") | columns).items():
+        if there.get(name) != kind:
+            raise OutputError(
+                f"{path}: column {name} is {there.get(name, 'missing')}, not {kind}"
+            )
+        if name in columns and not _is_whole(table.column(name)):
+            raise OutputError(f"{path}: column {name} has cells without a value")
+    return table
+
+
+def _is_whole(column: pa.ChunkedArray) -> bool:
+    """Tell whether every cell of a column has a value, and every number is finite."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if column.null_count:
+        return False
+    if pa.types.is_fixed_size_list(column.type):
+        column = pc.list_flatten(column)
+    if not pa.types.is_floating(column.type):
+        return True
+    return bool(
+        not column.null_count and pc.all(pc.is_finite(column)).as_py() in (True, None)
+    )

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -365,15 +366,20 @@ def plan_folders(folder: Path, seed: int) -> Case:
 
 def study_folders(folder: Path, seed: int) -> Case:
     """Mutate the folder of a study that is then gone on with."""
+    import twin.api.studies as home
+
     source = folder / "source"
     few = ("-n", "20", "--policy", "asynchronous", "--workers", "0")
-    _app("study", _sliders(folder), *few, "--audit-sample", "1", "-q", "--out", source)
-    return folder_target(
-        folder,
-        seed,
-        source,
-        lambda copy: [("study", "--resume", str(copy), "--workers", "0", "-q")],
-    )
+    more = ("--audit-sample", "1", "-q", "--out", source)
+    with patch.object(home, "write_report"):
+        _app("study", _sliders(folder), *few, *more)
+
+    def commands(copy: Path) -> list[Command]:
+        # In the process of the worker: pictures would take most of the time.
+        patch.object(home, "write_report").start()
+        return [("study", "--resume", str(copy), "--workers", "0", "-q")]
+
+    return folder_target(folder, seed, source, commands)
 
 
 def exploration_folders(folder: Path, seed: int) -> Case:
@@ -388,13 +394,18 @@ def exploration_folders(folder: Path, seed: int) -> Case:
         def close(self) -> None:
             """Do nothing."""
 
-    home.Crew = lambda setting, workers, limit_s: OwnProcess(setting)  # type: ignore[assignment,misc]
+    def crew(setting: Any, workers: int, limit_s: float) -> OwnProcess:
+        return OwnProcess(setting)
+
+    own = {"Crew": crew, "write_report": lambda *_: None}
     source, copied = folder / "source", folder / "design.yaml"
     jitter = "execution: {jitter: {kind: uniform, low_s: 0, high_s: 0.02}}\n"
     file = _sliders(folder, jitter + EXPLORE)
-    _app("explore", file, "--designs", "4", "--workers", "1", "-q", "--out", source)
+    with patch.multiple(home, **own):
+        _app("explore", file, "--designs", "4", "--workers", "1", "-q", "--out", source)
 
     def commands(copy: Path) -> list[Command]:
+        patch.multiple(home, **own).start()  # in the process of the worker
         copied.unlink(missing_ok=True)
         return [
             ("init", str(copied), "--from", f"{copy}#1"),
