@@ -127,7 +127,7 @@ def _bomb(path: Path, rng: random.Random, outside: Path) -> None:
             for _ in range(64 if shape[0] == 1 << 27 else 1):
                 entry.write(b"\0" * (1 << 20))
     else:
-        path.write_bytes(rng.choice((b"[" + b"{}," * (8 << 20), b"\n" * (64 << 20))))
+        path.write_bytes(rng.choice((b"[" + b"{}," * (8 << 20), b"\n" * (16 << 20))))
 
 
 def _table(path: Path, rng: random.Random, outside: Path) -> None:
