@@ -1,6 +1,7 @@
 """Folders of results that somebody else made: nothing in them is executed, and reading them ends in a sentence."""
 
 import ast
+import re
 import resource
 from pathlib import Path
 
@@ -66,14 +67,17 @@ def test_only_what_was_never_in_a_file_is_unpickled() -> None:
     found = dict[str, set[str]]()
     for package in ("planning", "scheduling", "twin"):
         for path in sorted((ROOT / package).rglob("*.py")):
-            names = _executing(ast.parse(path.read_text(encoding="utf-8")))
-            if names:
+            text = path.read_text(encoding="utf-8")
+            if SUSPECT.search(text) and (names := _executing(ast.parse(text))):
                 found[path.relative_to(ROOT).as_posix()] = names
     assert found.keys() == UNPICKLED.keys(), found
     assert set().union(*found.values()) == {"pickle"}
 
 
 EXECUTING = {"pickle", "dill", "cloudpickle", "joblib", "shelve", "marshal", "numexpr"}
+SUSPECT = re.compile(
+    "|".join(EXECUTING) + r"|eval|exec|compile|fromfile|pickle|load\b|_load\b"
+)
 
 
 def _executing(tree: ast.Module) -> set[str]:
