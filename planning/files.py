@@ -24,10 +24,10 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from importlib.util import find_spec
-from io import BytesIO
+from io import BufferedReader, BytesIO
 from pathlib import Path
 from time import perf_counter
-from typing import Any, BinaryIO, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -46,7 +46,7 @@ MOST_VALUES = 4_000_000
 """Most values of a JSON document: they take some 100 bytes each in memory."""
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path) -> BufferedReader:
     """Open a regular file, or a pipe that the shell hands over, for reading.
 
     Named pipes, which would be waited for, and devices are errors of the operating system.
@@ -116,9 +116,12 @@ def parse_json(content: bytes | str) -> Any:
 
     Raises:
         ValueError: it is no JSON; it has too many values, is nested too deeply, names a key of an
-            object twice, or has a number that is not finite.
+            object twice, or says NaN or Infinity.
     """
-    text = content.decode("utf-8") if isinstance(content, bytes) else content
+    try:
+        text = content.decode("utf-8") if isinstance(content, bytes) else content
+    except UnicodeDecodeError as error:  # whose representation has the whole content
+        raise ValueError(f"not UTF-8 (byte {error.start})") from None
     if sum(map(text.count, ",[{")) > MOST_VALUES:
         raise ValueError(f"it has more than {MOST_VALUES} values")
     try:

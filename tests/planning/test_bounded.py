@@ -48,11 +48,12 @@ def test_only_regular_files_are_read_and_pipes_of_the_shell(tmp_path: Path) -> N
         ("[1, -Infinity]", "-Infinity is no number"),
         ("[1,,]", "Expecting value"),
         ("9" * 5000, "4300"),
+        (b"[1, \xff]", r"^not UTF-8 \(byte 4\)$"),
     ],
 )
-def test_json_of_no_bounds_is_refused(text: str, words: str) -> None:
+def test_json_of_no_bounds_is_refused(text: str | bytes, words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        parse_json(text.encode())
+        parse_json(text if isinstance(text, bytes) else text.encode())
 
 
 def test_json_is_what_the_library_makes_of_it() -> None:

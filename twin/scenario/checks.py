@@ -225,25 +225,20 @@ def _check_home(at: KeyPath, robot: RobotSection, model: RobotModel) -> Found:
         robot: whose HOME it is.
         model: of the robot.
     """
-    given: Sequence[float] = robot.home_rad_or_m or np.deg2rad(robot.home_deg or ())
+    given: Sequence[float] = robot.home_rad_or_m or np.deg2rad(robot.home_deg or ()).tolist()
     if robot.parked is not None:
         given = (*robot.parked.at_m, float(np.deg2rad(robot.parked.facing_deg)))
     for k, value in enumerate(given):
         lower, upper = model.lower[k], model.upper[k]
-        if not lower - HOME_SLACK <= value <= upper + HOME_SLACK:
-            slides = bool(model.chain.prismatic[k])
-            degrees = not slides and robot.home_rad_or_m is None
-            factor, unit = 1.0, "m" if slides else "rad"
-            if degrees:
-                factor, unit = 180.0 / np.pi, "deg"
-            here = at if robot.parked is not None else (*at, k)
-            yield (
-                here,
-                (
-                    f"{value * factor:.6g} {unit} is beyond the limits of {model.joint_names[k]}:"
-                    f" must be {lower * factor:.6g} to {upper * factor:.6g} {unit}"
-                ),
-            )
+        if lower - HOME_SLACK <= value <= upper + HOME_SLACK:
+            continue
+        factor, unit = 1.0, "m" if model.chain.prismatic[k] else "rad"
+        if unit == "rad" and robot.home_rad_or_m is None:
+            factor, unit = 180.0 / np.pi, "deg"
+        words = f"is beyond the limits of {model.joint_names[k]}: must be"
+        span = f"{lower * factor:.6g} to {upper * factor:.6g} {unit}"
+        here = at if robot.parked is not None else (*at, k)
+        yield here, f"{value * factor:.6g} {unit} {words} {span}"
 
 
 def _is_path(model: str) -> bool:
