@@ -209,6 +209,9 @@ def _new_log_folder(name: str) -> Path:
     return folder
 
 
+LARGEST_RESULT = 1 << 30
+"""Most bytes of a file of a run that is read back."""
+
 PLAN_FILES = ("plan.json", "plan.npz")
 _READ_BACK = (*PLAN_FILES, EVENTS, TRAJECTORY, OBJECTS)
 
@@ -244,6 +247,9 @@ def require_as_written(folder: Path, names: Iterable[str]) -> None:
     except (OSError, ValueError, AttributeError, TypeError) as error:
         raise OutputError(f"{path}: no summary of a run: {error!r}") from error
     for name, digest in asked.items():
+        path = folder / name
+        if path.is_file() and path.stat().st_size > LARGEST_RESULT:
+            raise OutputError(f"{path}: larger than {LARGEST_RESULT >> 20} MiB")
         if digest != _sha256(folder / name):
             raise OutputError(
                 f"{folder / name} is not as the run wrote it: its sha256 is not the one in {SUMMARY}"

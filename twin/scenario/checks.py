@@ -225,7 +225,9 @@ def _check_home(at: KeyPath, robot: RobotSection, model: RobotModel) -> Found:
         robot: whose HOME it is.
         model: of the robot.
     """
-    given: Sequence[float] = robot.home_rad_or_m or np.deg2rad(robot.home_deg or ()).tolist()
+    given: Sequence[float] = (
+        robot.home_rad_or_m or np.deg2rad(robot.home_deg or ()).tolist()
+    )
     if robot.parked is not None:
         given = (*robot.parked.at_m, float(np.deg2rad(robot.parked.facing_deg)))
     for k, value in enumerate(given):
