@@ -15,18 +15,22 @@ MOST_CELLS = 50_000_000
 """Most values of a table, and one eighth of the bytes that its columns take."""
 
 
-_NAME = "dictionary<values=string, indices=int32, ordered=0>"
+_NAMES = ("string", "dictionary<values=string, indices=int32, ordered=0>")
+_LIST, _FIXED = "list<element: double>", "fixed_size_list<element: double>"
 _COLUMNS = {
-    "trajectory.parquet": {"t_s": "double", "robot": _NAME, "node": "int64"},
+    "trajectory.parquet": {"t_s": ("double",), "robot": _NAMES, "node": ("int64",)},
     "objects.parquet": {
-        "t_s": "double",
-        "object": "string",
-        "parent": "string",
-        "xyz": "fixed_size_list<element: double>[3]",
-        "quat_wxyz": "fixed_size_list<element: double>[4]",
+        "t_s": ("double",),
+        "object": _NAMES,
+        "parent": _NAMES,
+        "xyz": (f"{_FIXED}[3]", _LIST),
+        "quat_wxyz": (f"{_FIXED}[4]", _LIST),
     },
 }
 """Columns that tables of a run have, without empty cells, and their types; others are of joints."""
+
+_LENGTHS = {"xyz": 3, "quat_wxyz": 4}
+"""Length of each list of a column."""
 
 
 def read_parquet(path: Path) -> pa.Table:
@@ -58,24 +62,26 @@ def read_parquet(path: Path) -> pa.Table:
     if columns is None:
         return table
     there = {field.name: str(field.type) for field in table.schema}
-    for name, kind in (dict.fromkeys(there, "double") | columns).items():
-        if there.get(name) != kind:
+    for name, kinds in (dict.fromkeys(there, ("double",)) | columns).items():
+        if there.get(name) not in kinds:
             raise OutputError(
-                f"{path}: column {name} is {there.get(name, 'missing')}, not {kind}"
+                f"{path}: column {name} is {there.get(name, 'missing')}, not {kinds[0]}"
             )
-        if name in columns and not _is_whole(table.column(name)):
+        if name in columns and not _is_whole(table.column(name), _LENGTHS.get(name, 0)):
             raise OutputError(f"{path}: column {name} has cells without a value")
     return table
 
 
-def _is_whole(column: pa.ChunkedArray) -> bool:
-    """Tell whether every cell of a column has a value, and every number is finite."""
+def _is_whole(column: pa.ChunkedArray, length: int) -> bool:
+    """Tell whether every cell of a column has a value, or so many, and every number is finite."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
     if column.null_count:
         return False
-    if pa.types.is_fixed_size_list(column.type):
+    if length:
+        if set(pc.list_value_length(column).unique().to_pylist()) - {length}:
+            return False
         column = pc.list_flatten(column)
     if not pa.types.is_floating(column.type):
         return True

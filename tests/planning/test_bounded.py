@@ -117,13 +117,27 @@ def test_tables_of_a_run_are_small_and_have_their_columns(tmp_path: Path) -> Non
         ("t_s", [0, 1], "column t_s is int64, not double"),
         ("t_s", [0.0, np.nan], "column t_s has cells without a value"),
         ("node", [0, None], "column node has cells without a value"),
-        ("robot", ["a", "a"], "column robot is string"),
+        ("robot", [1.0, 2.0], "column robot is double, not string"),
         ("q_0", ["a", "a"], "column q_0 is string, not double"),
         ("t_s", None, "column t_s is missing"),
     ):
         table = {k: v for k, v in (good | {name: values}).items() if v is not None}
         pq.write_table(pa.table(table), path)
         with pytest.raises(OutputError, match=words):
+            read_parquet(path)
+    path = tmp_path / "objects.parquet"
+    names, turns = ["a"], [[1.0, 0.0, 0.0, 0.0]]
+    good = {"t_s": [0.0], "object": names, "parent": names, "quat_wxyz": turns}
+    for place, words in (
+        ([0.0] * 3, ""),
+        ([0.0], "a value"),
+        ([np.inf] * 3, "a value"),
+    ):
+        pq.write_table(pa.table(good | {"xyz": [place]}), path)
+        if not words:
+            assert read_parquet(path).num_rows == 1
+            continue
+        with pytest.raises(OutputError, match=f"xyz has cells without {words}"):
             read_parquet(path)
     many = tmp_path / "many.parquet"
     pq.write_table(pa.table({"a": np.zeros(50_000_001, dtype=np.int8)}), many)

@@ -195,7 +195,8 @@ def read_open_plan(path: Path) -> OpenPlan:
         data = parse_json(text)
     except json.JSONDecodeError as error:
         problem = FileProblem(Mark(error.lineno, error.colno), f"no JSON: {error.msg}")
-        raise InvalidScenarioError(path, [problem], text.splitlines()) from error
+        lines = text.splitlines() if len(text) <= _QUOTED else []
+        raise InvalidScenarioError(path, [problem], lines) from error
     except ValueError as error:
         problem = FileProblem(Mark(1, 1), f"no JSON of this kind: {error}")
         raise InvalidScenarioError(path, [problem]) from error

@@ -304,7 +304,7 @@ def test_arrays_that_unpack_to_more_than_a_plan_has_are_not_unpacked(
     tpg: TemporalPlanGraph, tmp_path: Path
 ) -> None:
     vast = _replaced("edges", lambda _: np.zeros(2**27 + 1))
-    refused(tpg, tmp_path, "take more than 1024 MiB", arrays=vast)
+    refused(tpg, tmp_path, "take more than 256 MiB", arrays=vast)
 
 
 def test_the_hash_of_a_plan_is_that_of_its_content(
