@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from planning.errors import OutputError
 from twin.explore.crew import DesignTask, Evaluators, parallel
 from twin.explore.dimensions import Dimension, Values, base_values, key_of, variant_of
 from twin.explore.folder import SAMPLES
 from twin.explore.influence import front
-from twin.explore.journal import REPLANNED, SEARCH, Journal, Tried
+from twin.explore.journal import JOURNAL, REPLANNED, SEARCH, Journal, Tried
 from twin.explore.rungs import Evaluation
 from twin.explore.search import Search
 from twin.host.progress import Report
@@ -27,6 +28,13 @@ _TIMES = frozenset({"makespan_s", "mean_s", "p50_s", "p90_s"})
 
 _ENOUGH = 8
 """Designs that are planned in full before any is left behind."""
+
+
+def _fits(values: Values, dimensions: Sequence[Dimension]) -> bool:
+    """Tell whether there is a value for each dimension, and a number where it has a range."""
+    return values.keys() == {one.key for one in dimensions} and all(
+        one.low is None or type(values[one.key]) in (int, float) for one in dimensions
+    )
 
 
 class Exploration:
@@ -50,6 +58,11 @@ class Exploration:
     ) -> None:
         self.folder, self.section, self.dimensions = folder, section, dimensions
         self.journal = Journal(folder)
+        for number, row in enumerate(self.journal.rows, start=1):
+            if not _fits(row.values, dimensions):
+                raise OutputError(
+                    f"{folder / JOURNAL}, line {number}: values are not of what is varied"
+                )
         self._progress = progress
         self._search = Search(
             dimensions,
