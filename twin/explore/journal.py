@@ -77,6 +77,13 @@ class Tried:
         }
 
 
+def _number(value: Any) -> float:
+    """Return a finite number; ValueError for anything else, such as a text of one."""
+    if type(value) not in (int, float) or not math.isfinite(value):
+        raise ValueError(f"{str(value)[:40]!r} is no number")
+    return float(value)
+
+
 def tried_of(row: Mapping[str, Any]) -> Tried:
     """Return what a line says; KeyError, TypeError or ValueError where it is no such line."""
     turns_s = row["turns_s"]
@@ -89,12 +96,12 @@ def tried_of(row: Mapping[str, Any]) -> Tried:
             row["outcome"],
             str(row["rung"]),
             str(row["reason"]),
-            float(row["violation"]),
-            {str(k): float(v) for k, v in row["results"].items()},
-            tuple(map(float, row["goals"])),
+            _number(row["violation"]),
+            {str(k): _number(v) for k, v in row["results"].items()},
+            tuple(map(_number, row["goals"])),
             math.nan if turns_s is None else float(turns_s),
             tuple(math.nan if v is None else float(v) for v in row["makespans_s"]),
-            {str(k): float(v) for k, v in row["cpu_s"].items()},
+            {str(k): _number(v) for k, v in row["cpu_s"].items()},
         ),
         row["same_as"],
         str(row["about"]),
