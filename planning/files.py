@@ -6,15 +6,25 @@ Answers that take a while to find: kept while the program runs, or in the user's
 from __future__ import annotations
 
 import errno
+import json
 import os
+import stat
 import zipfile
 import zlib
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import (
+    Callable,
+    Hashable,
+    Iterable,
+    Iterator,
+    Mapping,
+    Sequence,
+)
 from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from importlib.util import find_spec
-from io import BytesIO
+from io import BufferedReader, BytesIO
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Generic, TypeVar
@@ -32,10 +42,45 @@ LARGEST = 64 << 20
 """Most bytes that a file of settings or of a robot is believed to have."""
 
 
+MOST_VALUES = 4_000_000
+"""Most values of a JSON document: they take some 100 bytes each in memory."""
+
+
+def open_regular(path: Path) -> BufferedReader:
+    """Open a regular file, or a pipe that the shell hands over, for reading.
+
+    Named pipes, which would be waited for, and devices are errors of the operating system.
+
+    Raises:
+        OSError: it cannot be opened, or is no regular file; ``strerror`` says why.
+    """
+    # Opening a named pipe waits for whoever writes to it, unless told not to.
+    try:
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    except ValueError as error:  # a NUL in the path
+        raise OSError(errno.EINVAL, str(error)) from None
+    try:
+        mode = os.fstat(handle).st_mode
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        handed = path == _STDIN or path.parent in _HANDLES
+        if stat.S_ISFIFO(mode) and handed:
+            os.set_blocking(handle, True)
+        elif not stat.S_ISREG(mode):
+            raise OSError(errno.EINVAL, "is no regular file")
+        return os.fdopen(handle, "rb")
+    except BaseException:
+        os.close(handle)
+        raise
+
+
+_STDIN, _HANDLES = Path("/dev/stdin"), (Path("/dev/fd"), Path("/proc/self/fd"))
+
+
 def read_file(path: Path, most: int = LARGEST) -> bytes:
     """Return the content of a file.
 
-    Devices that never end, paths that no file system takes and files of a size that makes no
+    Devices and named pipes, paths that no file system takes and files of a size that makes no
     sense are errors of the operating system like others.
 
     Args:
@@ -45,19 +90,99 @@ def read_file(path: Path, most: int = LARGEST) -> bytes:
     Raises:
         OSError: it cannot be read, or is larger; ``strerror`` says why.
     """
-    try:
-        with path.open("rb") as file:
-            # By pieces: a read of so many bytes takes as much memory before there is any.
-            pieces, left = [], most + 1
-            while left > 0 and (piece := file.read(min(left, _PIECE))):
-                pieces.append(piece)
-                left -= len(piece)
-    except ValueError as error:  # a NUL in the path
-        raise OSError(errno.EINVAL, str(error)) from None
+    with open_regular(path) as file:
+        # By pieces: a read of so many bytes takes as much memory before there is any.
+        pieces, left = [], most + 1
+        while left > 0 and (piece := file.read(min(left, _PIECE))):
+            pieces.append(piece)
+            left -= len(piece)
     if left <= 0:
-        raise OSError(errno.EFBIG, f"larger than {most >> 20} MiB")
+        raise OSError(errno.EMSGSIZE, f"larger than {most >> 20} MiB")
     return b"".join(pieces)
 
+
+def read_json(path: Path, most: int = LARGEST) -> Any:
+    """Return the value of a JSON file, see ``parse_json``.
+
+    Raises:
+        OSError: it cannot be read, or is larger than so many bytes.
+        ValueError: it is no JSON of bounded size.
+    """
+    return parse_json(read_file(path, most))
+
+
+def parse_json(content: bytes | str) -> Any:
+    """Return the value of a JSON document of bounded size.
+
+    Raises:
+        ValueError: it is no JSON; it has too many values, is nested too deeply, names a key of an
+            object twice, or says NaN or Infinity.
+    """
+    try:
+        text = content.decode("utf-8") if isinstance(content, bytes) else content
+    except UnicodeDecodeError as error:  # whose representation has the whole content
+        raise ValueError(f"not UTF-8 (byte {error.start})") from None
+    if sum(map(text.count, ",[{")) > MOST_VALUES:
+        raise ValueError(f"it has more than {MOST_VALUES} values")
+    try:
+        return json.loads(
+            text, object_pairs_hook=_with_keys_once, parse_constant=_no_number
+        )
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def _with_keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = Counter(name for name, _ in pairs)
+        twice = names.most_common(1)[0][0]
+        raise ValueError(f"key {twice[:100]!r} is given twice")
+    return found
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} is no number")
+
+
+def require_own_files(folder: Path, names: Iterable[str]) -> None:
+    """Refuse files of a folder that lie elsewhere, or are neither files nor folders.
+
+    A folder may come from someone else: through a symbolic link that leads out of it other files
+    would be read, written to or moved, and a named pipe would be waited for.
+
+    Args:
+        folder: of results; it may be a symbolic link itself.
+        names: files in it, and folders of which everything is looked at.
+
+    Raises:
+        OutputError: there is such a file; the message names it.
+    """
+    root, left = folder.resolve(), [folder / name for name in names]
+    while left:
+        path = left.pop()
+        try:
+            linked = path.is_symlink()
+            if linked and not path.resolve().is_relative_to(root):
+                raise OutputError(
+                    f"{path}: is a symbolic link that leads out of {folder}"
+                )
+            mode = path.stat().st_mode
+            if stat.S_ISDIR(mode) and not linked:
+                left += path.iterdir()
+            elif not stat.S_ISREG(mode):
+                raise OutputError(f"{path}: is no regular file")
+        except (FileNotFoundError, NotADirectoryError):
+            continue
+        except (OSError, RuntimeError) as error:  # a link to itself
+            raise OutputError(f"{path}: cannot be read: {error}") from error
+
+
+MOST_ARRAYS = 200_000
+"""Most arrays of an npz file."""
+
+_ENTRY_MARK = b"PK\x01\x02"
+"""What an entry of the directory of a zip file begins with."""
 
 NPZ_ERRORS = (
     *(OSError, ValueError, KeyError, TypeError, IndexError, EOFError, MemoryError),
@@ -79,8 +204,13 @@ def read_npz(content: bytes, *, kinds: str, most: int) -> dict[str, npt.NDArray[
         Exception: of NPZ_ERRORS: it is no npz file.
     """
     size = 0
+    if content.count(_ENTRY_MARK) > MOST_ARRAYS:  # zipfile reads all entries at once
+        raise ValueError(f"it has more than {MOST_ARRAYS} arrays")
     with zipfile.ZipFile(BytesIO(content)) as archive:
-        for item in archive.infolist():
+        items = archive.infolist()
+        if len({item.filename for item in items}) < len(items):
+            raise ValueError("an array is given twice")
+        for item in items:
             with archive.open(item) as file:
                 version = npy.read_magic(file)
                 read = (

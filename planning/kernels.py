@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import gc
+import logging
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from itertools import count
@@ -19,6 +20,8 @@ from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+
+_log = logging.getLogger(__name__)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -68,6 +71,7 @@ _UNREADABLE = (
     EOFError,
     ImportError,
     KeyError,
+    OSError,
     TypeError,
     UnpicklingError,
     ValueError,
@@ -78,7 +82,8 @@ _UNREADABLE = (
 class _Cache(FunctionCache):
     """Cache of compiled code on disk; what is out of date or unreadable is compiled anew.
 
-    Cached files name types and functions by their modules: some may be gone in another version.
+    The folder belongs to the installation, or to the user: numba unpickles the files in it. Where it
+    cannot be written to, code is compiled anew by every process. Cached files name types and functions by their modules: some may be gone in another version.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -93,8 +98,21 @@ class _Cache(FunctionCache):
         try:
             return super()._load_overload(*signature)  # type: ignore[no-untyped-call]
         except _UNREADABLE:
-            self.flush()  # type: ignore[no-untyped-call]
+            with suppress(OSError):
+                self.flush()  # type: ignore[no-untyped-call]
             return None
+
+    def _save_overload(self, *compiled: Any) -> None:
+        try:
+            super()._save_overload(*compiled)  # type: ignore[no-untyped-call]
+        except OSError as error:
+            _warn_of_no_cache(f"{self.cache_path}: {error.strerror or error}")
+
+
+@cache
+def _warn_of_no_cache(reason: str) -> None:
+    """Log once for each reason that compiled code is not kept."""
+    _log.warning("compiled code cannot be kept, the next start is slow: %s", reason)
 
 
 class _NoEngine:
@@ -162,7 +180,12 @@ def inner_kernel(function: Function) -> Function:
 
 def _compiled(function: Function, **options: Any) -> Function:
     dispatcher: Any = njit(nogil=True, **options)(function)
-    dispatcher._cache = _Cache(function)
+    try:
+        dispatcher._cache = _Cache(function)
+    except RuntimeError:  # no folder that numba knows can be written to
+        _warn_of_no_cache(
+            "no folder for it can be written to; NUMBA_CACHE_DIR names one"
+        )
     return cast(Function, dispatcher)
 
 

@@ -14,9 +14,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
+from planning.bounds import THINNEST_M
 from planning.cell.cover import directions, hull_vertices
 from planning.errors import ShapeError
-from planning.meshes.mesh_file import THINNEST, MeshTriangles
+from planning.meshes.mesh_file import MeshTriangles
 from planning.meshes.prisms import prism_pieces
 from planning.transforms import Array, Indices
 
@@ -201,7 +202,7 @@ def _thickened(points: Array) -> Array:
     middle = points.mean(axis=0)
     across = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
     corners = hull_vertices(points)
-    return np.vstack([corners + 0.5 * side * THINNEST * across for side in (-1, 1)])
+    return np.vstack([corners + 0.5 * side * THINNEST_M * across for side in (-1, 1)])
 
 
 def _fills(body: Any, hull: ConvexHull) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from planning.bounds import LARGEST_M, THINNEST_M
 from planning.errors import ShapeError
 from planning.files import read_file
 from planning.transforms import Array, Indices
@@ -20,11 +21,8 @@ MOST_BYTES = 256 << 20
 MOST_FACES = 500_000
 """Triangles of a file."""
 
-THINNEST = 1e-4
-"""Bodies thinner than a tenth of a millimetre have no volume that could be reckoned with [m]."""
-
-_LARGEST, _BELIEVED = 1000.0, 5.0
-"""Longest edge with a scale, and that which is believed to be in metres without one [m]."""
+_BELIEVED = 5.0
+"""Longest edge that is taken to be in metres where no scale is given [m]."""
 
 _SIMPLER = "simplify it (MeshLab, Blender), or describe the shape by a compound"
 
@@ -143,12 +141,12 @@ def _require_size(path: Path, triangles: MeshTriangles, scale: float | None) -> 
         )
     edges = np.ptp(triangles.vertices, axis=0)
     measures = " x ".join(f"{edge:.3g}" for edge in edges) + " m"
-    if edges.max() > (_BELIEVED if scale is None else _LARGEST):
+    if edges.max() > (_BELIEVED if scale is None else LARGEST_M):
         raise ShapeError(
             f"mesh {path} measures {measures}: if it is in millimetres, write scale: 0.001"
             + (" beside it; if it is so large, scale: 1" if scale is None else "")
         )
-    if edges.max() < THINNEST:
+    if edges.max() < THINNEST_M:
         raise ShapeError(
             f"mesh {path} measures {measures}, less than a tenth of a millimetre: leave scale"
             " away, or write a larger one"
@@ -156,7 +154,7 @@ def _require_size(path: Path, triangles: MeshTriangles, scale: float | None) -> 
     centred = triangles.vertices - triangles.vertices.mean(axis=0)
     across = np.linalg.svd(centred, full_matrices=False)[2][2]
     thick = float(np.ptp(centred @ across))
-    if thick < THINNEST:
+    if thick < THINNEST_M:
         raise ShapeError(
             f"mesh {path} is flat, {thick * 1e3:.2g} mm thick: a body has a volume; give the"
             " sheet a thickness, or describe it by a box"

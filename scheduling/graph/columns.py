@@ -12,16 +12,11 @@ from typing import Any, get_type_hints
 import numpy as np
 import numpy.typing as npt
 
+from planning.bounds import FARTHEST_COMPOSED, LATEST_S
 from planning.errors import OutputError
 from planning.transforms import Array
 
 Arrays = dict[str, npt.NDArray[Any]]
-
-FARTHEST = 1e4
-"""Greatest size, distance from the origin [m] and joint value [rad or m] that is believed."""
-
-LONGEST_S = 1e6
-"""Longest node, and latest start, that is believed [s]: eleven days."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +34,7 @@ class Column:
     dtype: type = np.float64
     least: float | None = None
     most: float | None = None
-    largest: float = FARTHEST
+    largest: float = FARTHEST_COMPOSED
 
     def read(
         self, name: str, arrays: Mapping[str, npt.NDArray[Any]], sizes: dict[str, int]
@@ -57,6 +52,11 @@ class Column:
             KeyError: it is missing.
         """
         values = arrays[name]
+        self.check(name, values, sizes)
+        return values
+
+    def check(self, name: str, values: npt.NDArray[Any], sizes: dict[str, int]) -> None:
+        """Raise an OutputError unless an array is as it should be, see ``read``."""
         if values.ndim == len(self.shape):
             for size, count in zip(self.shape, values.shape, strict=True):
                 if isinstance(size, str):
@@ -79,11 +79,10 @@ class Column:
             require((values >= least) & (values <= most), name, values, wrong)
         if self.shape[-2:] == (4, 4):
             _require_poses(name, values)
-        return values
 
 
 POSE, POSES = Column((4, 4)), Column(("rows", 4, 4))
-SECONDS = Column(("nodes",), least=0.0, largest=LONGEST_S)
+SECONDS = Column(("nodes",), least=0.0, largest=LATEST_S)
 
 
 def columns(kind: type) -> dict[str, Column]:
@@ -94,8 +93,17 @@ def columns(kind: type) -> dict[str, Column]:
 
 
 def write_columns(item: Any, prefix: str) -> Arrays:
-    """Return the arrays of a data class by their names in plan.npz."""
-    return {prefix + name: getattr(item, name) for name in columns(type(item))}
+    """Return the arrays of a data class by their names in plan.npz.
+
+    Raises:
+        OutputError: one has values that ``read_columns`` would refuse.
+    """
+    sizes: dict[str, int] = {}
+    arrays: Arrays = {}
+    for name, column in columns(type(item)).items():
+        arrays[prefix + name] = values = getattr(item, name)
+        column.check(prefix + name, values, sizes)
+    return arrays
 
 
 def read_columns(

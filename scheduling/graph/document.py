@@ -11,9 +11,11 @@ from pydantic import (
     Field,
     PlainSerializer,
     SerializerFunctionWrapHandler,
+    ValidationError,
     model_serializer,
 )
 
+from planning.bounds import DEEPEST_M, LATEST_S, LONGEST_NAME
 from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError, listed
 from planning.tasks.task import (
@@ -26,7 +28,6 @@ from planning.tasks.task import (
     TimeWindow,
 )
 from scheduling.graph.columns import (
-    LONGEST_S,
     POSES,
     Arrays,
     Column,
@@ -53,7 +54,8 @@ from scheduling.graph.temporal_plan_graph import (
 )
 
 _NUMBERS = Column(("rows",), np.int64, least=0)
-Seconds = Annotated[float, Field(ge=0, le=LONGEST_S)]
+Seconds = Annotated[float, Field(ge=0, le=LATEST_S)]
+_VALUES = Column(("values",))
 _SHAPES = Column(("rows", 2), np.int64, least=0, most=10**6)
 
 
@@ -73,7 +75,7 @@ class _Actuation(Entry):
 class _Task(Entry):
     index: Index
     robot: str
-    kind: Annotated[str, Field(min_length=1, max_length=64)]
+    kind: Annotated[str, Field(min_length=1, max_length=LONGEST_NAME)]
     step: Index
     label: str
     object: str | None
@@ -92,7 +94,9 @@ class _Allowed(Entry):
     second: str
     tasks: Annotated[frozenset[Index], PlainSerializer(sorted)]
     grazing: bool
-    depth: Annotated[float, Field(ge=0, le=0.1)] | None = Field(None, alias="depth_m")
+    depth: Annotated[float, Field(ge=0, le=DEEPEST_M)] | None = Field(
+        None, alias="depth_m"
+    )
 
     @model_serializer(mode="wrap")
     def _what_is_said(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -172,7 +176,11 @@ def _check_name(place: str, name: str, known: Collection[str]) -> None:
 
 
 def write_graph(tpg: TemporalPlanGraph) -> tuple[PlanDocument, Arrays]:
-    """Return a graph as what plan.json and plan.npz have, see the head of plan_files."""
+    """Return a graph as what plan.json and plan.npz have, see the head of plan_files.
+
+    Raises:
+        OutputError: a quantity is beyond the bounds of ``planning.bounds``; the message names it.
+    """
     tasks, arrays = tpg.tasks, write_columns(tpg, "")
     if len(tpg.products):
         arrays["products"] = tpg.products
@@ -183,6 +191,9 @@ def write_graph(tpg: TemporalPlanGraph) -> tuple[PlanDocument, Arrays]:
         "task_path": np.concatenate([*(t.path.ravel() for t in tasks), np.empty(0)]),
         "task_shape": np.array([t.path.shape for t in tasks], int).reshape(-1, 2),
     }
+    for name in ("handling_pose", "task_handling_pose"):
+        POSES.check(name, arrays[name], {})
+    _VALUES.check("task_path", arrays["task_path"], {})
     for i, chain in enumerate(tpg.chains):
         arrays |= write_columns(chain, f"chain_{i}_")
         if chain.drive is not None:
@@ -190,8 +201,17 @@ def write_graph(tpg: TemporalPlanGraph) -> tuple[PlanDocument, Arrays]:
         if chain.corners is not None:
             arrays |= write_columns(chain.corners, f"chain_{i}_rounded_")
     names = tuple(chain.robot for chain in tpg.chains)
-    cell = write_cell(tpg.cell, arrays)
-    return told(PlanDocument, tpg, cell=cell, chains=names), arrays
+    try:
+        cell = write_cell(tpg.cell, arrays)
+        return told(PlanDocument, tpg, cell=cell, chains=names), arrays
+    except ValidationError as error:
+        raise OutputError(first_problem(error)) from None
+
+
+def first_problem(error: ValidationError) -> str:
+    """Return the place and the message of the first problem of a document."""
+    first = error.errors()[0]
+    return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
 
 
 def read_graph(
@@ -245,7 +265,7 @@ def _read_tasks(
     of_path = shape[:, 1]
     require(of_path == dof, "task_shape", of_path, "is not the number of joints")
     ends = np.cumsum(shape.prod(axis=1))
-    values = Column(("values",)).read(
+    values = _VALUES.read(
         "task_path", arrays, {"values": int(ends[-1]) if len(ends) else 0}
     )
     paths = map(np.reshape, np.split(values, ends[:-1]), shape)

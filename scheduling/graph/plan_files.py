@@ -27,13 +27,27 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
+from planning.bounds import LIMIT_SLACK
 from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError
-from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz, replacing
+from planning.files import (
+    NPZ_ERRORS,
+    arrays_text,
+    parse_json,
+    read_file,
+    read_npz,
+    replacing,
+    require_own_files,
+)
 from planning.robots.descriptions.xml_files import copy_description
 from planning.tasks.task import EARLIER, Handling, Task
 from scheduling.graph.columns import require
-from scheduling.graph.document import PlanDocument, read_graph, write_graph
+from scheduling.graph.document import (
+    PlanDocument,
+    first_problem,
+    read_graph,
+    write_graph,
+)
 from scheduling.graph.temporal_plan_graph import (
     BY_EFFORT,
     Drive,
@@ -42,8 +56,6 @@ from scheduling.graph.temporal_plan_graph import (
     RoundedCorners,
     TemporalPlanGraph,
 )
-
-_SLACK = 1e-6  # of joint limits, for values that were rounded [rad or m]
 
 
 def check_plan(tpg: TemporalPlanGraph) -> None:
@@ -61,7 +73,7 @@ def check_plan(tpg: TemporalPlanGraph) -> None:
             _check_corners(f"{prefix}rounded_", chain, chain.corners)
         model = tpg.cell.robot(chain.robot).model
         for name, q in (("start", chain.start[None]), ("waypoints", chain.waypoints)):
-            inside = (q >= model.lower - _SLACK) & (q <= model.upper + _SLACK)
+            inside = (q >= model.lower - LIMIT_SLACK) & (q <= model.upper + LIMIT_SLACK)
             require(inside, f"{prefix}{name}", q, f"is beyond a limit of {model.name}")
     _check_edges(tpg)
     _check_handlings(tpg)
@@ -190,8 +202,8 @@ def _check_waypoints(
 FORMAT = "assembly-twin temporal plan graph"
 VERSION = 1
 
-LARGEST_BYTES = 2**30
-"""Most that the arrays of a plan may take in memory: 500 times the largest shipped one."""
+LARGEST_BYTES = 2**28
+"""Most that the arrays of a plan may take in memory: 100 times the largest shipped one."""
 
 _AGAIN = "it was written by another version of this program; plan again"
 
@@ -204,9 +216,16 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
         folder: where the files go; older ones are replaced.
 
     Raises:
-        OutputError: the files cannot be written.
+        OutputError: the files cannot be written, or ``load_plan`` would refuse the plan.
     """
-    described, arrays = write_graph(tpg)
+    try:
+        check_plan(tpg)
+        described, arrays = write_graph(tpg)
+    except OutputError as error:
+        raise OutputError(
+            f"this plan cannot be kept: {error}; a duration, speed, size or place of the scenario is"
+            " out of proportion"
+        ) from None
     for robot, placed in zip(described.cell.robots, tpg.cell.robots, strict=True):
         if robot.model is None and robot.sha256 is not None:
             own = folder / "robots" / robot.sha256[:12]
@@ -256,13 +275,14 @@ def load_plan(
         RobotModelError: a robot description is not there any more.
     """
     try:
-        text = read_file(folder / "plan.json", LARGEST_BYTES).decode("utf-8")
+        require_own_files(folder, ("plan.json", "plan.npz", "robots"))
+        text = read_file(folder / "plan.json").decode("utf-8")
         content = read_file(folder / "plan.npz", LARGEST_BYTES)
     except (OSError, UnicodeDecodeError) as error:
         raise OutputError(f"cannot read the plan in {folder}: {error}") from error
     try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        document = parse_json(text)
+    except ValueError as error:
         raise OutputError(f"{folder / 'plan.json'} is damaged: {error}") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise OutputError(f"{folder / 'plan.json'} holds no temporal plan graph")
@@ -293,9 +313,7 @@ def load_plan(
     except OutputError as error:
         raise OutputError(f"the plan in {folder} is damaged: {error}") from None
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        wrong = f"{place}: {first['msg']}"
+        wrong = first_problem(error)
         raise OutputError(f"the plan in {folder} is damaged: {wrong}") from None
     except NPZ_ERRORS as error:
         raise OutputError(f"{folder / 'plan.npz'} holds no arrays: {error}") from error

@@ -16,6 +16,18 @@ from pydantic import (
     model_serializer,
 )
 
+from planning.bounds import (
+    DEEPEST_M,
+    FASTEST_DESCRIBED,
+    HEAVIEST_COMPOSED_KG,
+    LARGEST_ERROR,
+    LARGEST_M,
+    LONGEST_COPY_NAME,
+    MOST_ELEMENTS,
+    MOST_JOINTS,
+    MOST_ROBOTS,
+    THINNEST_M,
+)
 from planning.cell.robot_model import MotionLimits, RobotModel
 from planning.cell.shape import (
     Box,
@@ -46,20 +58,20 @@ from planning.transforms import Array
 from scheduling.graph.columns import POSE, POSES, Arrays, Column, require
 
 Index = Annotated[int, Field(ge=0, lt=2**31)]
-Metres = Annotated[float, Field(ge=0, le=1000)]
-Length = Annotated[float, Field(gt=0, le=1000)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=128)]
+Metres = Annotated[float, Field(ge=0, le=LARGEST_M)]
+Length = Annotated[float, Field(gt=0, le=LARGEST_M)]
+Name = Annotated[
+    str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=LONGEST_COPY_NAME)
+]
 """As in scenarios, with room for the number of a copy: names become parts of file names."""
 _Part = Annotated[int, Field(ge=0, le=255)]
 Colour = tuple[_Part, _Part, _Part]
 
-THINNEST = 1e-4
-"""Least edge of a box [m], as in scenarios: thinner ones are flat to collision libraries."""
-
-_SIZES = Column(("rows", 3), least=THINNEST)
-_RATES = Column((3, "joints"), least=0.0, largest=1e9)
-_CAPS = Column((3,), least=0.0, largest=1e9)
-_ERROR = Column((2,), least=0.0, largest=1.0)
+_SIZES = Column(("rows", 3), least=THINNEST_M)
+_HOME = Column(("joints",))
+_RATES = Column((3, "joints"), least=0.0, largest=FASTEST_DESCRIBED)
+_CAPS = Column((3,), least=0.0, largest=FASTEST_DESCRIBED)
+_ERROR = Column((2,), least=0.0, largest=LARGEST_ERROR)
 _DEVIATION = "skill_deviation_"
 """What the arrays of deviations are called: this, and the skill."""
 
@@ -105,7 +117,7 @@ class _Robot(Entry):
     model: str | None
     urdf: str
     sha256: str | None
-    joints: Annotated[tuple[str, ...], Field(min_length=1, max_length=100)]
+    joints: Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_JOINTS)]
     frames: tuple[str, ...]
 
 
@@ -129,7 +141,7 @@ class _Mesh(Entry):
     source: str
     volume: Annotated[float, Field(gt=0, alias="volume_m3")]
     missed: Annotated[Metres, Field(alias="missed_m")]
-    hulls: Annotated[tuple[Index, ...], Field(min_length=1, max_length=10_000)]
+    hulls: Annotated[tuple[Index, ...], Field(min_length=1, max_length=MOST_ELEMENTS)]
 
 
 _Element = Annotated[_Box | _Cylinder | _Capsule | _Mesh, Field(discriminator="form")]
@@ -139,7 +151,8 @@ class _Thing(Entry):
     name: Name
     body: str
     shape: (
-        Annotated[tuple[_Element, ...], Field(min_length=1, max_length=10_000)] | None
+        Annotated[tuple[_Element, ...], Field(min_length=1, max_length=MOST_ELEMENTS)]
+        | None
     )
 
 
@@ -149,7 +162,7 @@ class _Fixture(_Thing):
 
 class _Object(_Thing):
     kind: str
-    mass: Annotated[float, Field(ge=0, le=1e6, alias="mass_kg")]
+    mass: Annotated[float, Field(ge=0, le=HEAVIEST_COMPOSED_KG, alias="mass_kg")]
     fixed: bool
     colour: Colour
     later: bool
@@ -159,7 +172,7 @@ class _Clearance(Entry):
     robot_robot: Annotated[Metres, Field(alias="robot_robot_m")]
     robot_object: Annotated[Metres, Field(alias="robot_object_m")]
     contact_tolerance: Annotated[Metres, Field(alias="contact_tolerance_m")]
-    contact_depth: Annotated[float, Field(ge=0, le=0.1, alias="contact_depth_m")]
+    contact_depth: Annotated[float, Field(ge=0, le=DEEPEST_M, alias="contact_depth_m")]
 
 
 class _Begun(Entry):
@@ -172,7 +185,7 @@ class _Begun(Entry):
 class CellEntry(Entry):
     """What plan.json says of a cell."""
 
-    robots: Annotated[tuple[_Robot, ...], Field(min_length=1, max_length=1000)]
+    robots: Annotated[tuple[_Robot, ...], Field(min_length=1, max_length=MOST_ROBOTS)]
     fixtures: tuple[_Fixture, ...]
     objects: tuple[_Object, ...]
     clearance: _Clearance
@@ -190,6 +203,8 @@ def write_cell(cell: Workcell, arrays: Arrays) -> CellEntry:
     for what, pose, items in things:
         arrays[f"{what}_size"] = stack([item.size for item in items], 3)
         arrays[f"{what}_{pose}"] = stack([getattr(item, pose) for item in items], 4, 4)
+        _SIZES.check(f"{what}_size", arrays[f"{what}_size"], {})
+        POSES.check(f"{what}_{pose}", arrays[f"{what}_{pose}"], {})
     for skill, off in cell.deviations.items():
         arrays[_DEVIATION + skill] = np.array([off.m, off.rad])
     return CellEntry(
@@ -206,12 +221,15 @@ def _write_robot(i: int, robot: PlacedRobot, arrays: Arrays) -> _Robot:
     model, limits = robot.model, robot.limits
     arrays[f"robot_{i}_base"], arrays[f"robot_{i}_home"] = robot.base, robot.home
     arrays[f"robot_{i}_frames"] = stack(list(model.frames.values()), 4, 4)
+    for name, column in (("base", POSE), ("home", _HOME), ("frames", POSES)):
+        column.check(f"robot_{i}_{name}", arrays[f"robot_{i}_{name}"], {})
     if limits is not None:
         joints = np.array([limits.velocity, limits.acceleration, limits.jerk])
         caps = limits.sum_of_speeds, limits.tool_speed, limits.loaded_tool_speed
         # 0 stands for no limit.
         for name, values in (("limits", joints), ("caps", np.array(caps))):
             arrays[f"robot_{i}_{name}"] = np.where(np.isfinite(values), values, 0.0)
+        _RATES.check(f"robot_{i}_limits", arrays[f"robot_{i}_limits"], {})
     if robot.base_error:
         error = robot.base_error.m, robot.base_error.rad
         arrays[f"robot_{i}_base_error"] = np.array(error)
@@ -315,7 +333,7 @@ def _read_robot(
         entry.name,
         replace(model, frames=dict(zip(entry.frames, poses, strict=True))),
         POSE.read(f"{prefix}base", arrays, sizes),
-        Column(("joints",)).read(f"{prefix}home", arrays, sizes),
+        _HOME.read(f"{prefix}home", arrays, sizes),
         limits=limits,
         base_error=error,
     )

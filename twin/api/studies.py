@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planning.errors import RequestError
+from planning.parquet import read_parquet
 from twin.api.operations import operated_plan, require_operable
 from twin.api.runs import AnyPlan, scenario_of
 from twin.audit.worlds.engines import engine_named
@@ -149,9 +150,7 @@ class Study:
         return self._table(EDGES)
 
     def _table(self, name: str) -> pa.Table:
-        import pyarrow.parquet as pq
-
-        return pq.read_table(self.folder / name)
+        return read_parquet(self.folder / name)
 
     def _repr_html_(self) -> str:
         from twin.drawing.markup import card, shown

@@ -217,7 +217,10 @@ def export_files(
     if out is not None and len(names) > 1:
         if out.is_file():
             raise OutputError(f"{out}: several formats need a folder, this is a file")
-        out.mkdir(parents=True, exist_ok=True)
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{out}: cannot be made: {error.strerror}") from error
     if names == ["ldraw"] and run.is_file():
         typer.echo(_export_scenario(run, out))
         return

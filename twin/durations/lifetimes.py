@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.special import digamma, gamma, gammainc, gammaincinv, gammaln, polygamma
 
+from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
 from planning.transforms import Array, readonly
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
@@ -193,7 +194,7 @@ class Shifted(DurationModel):
 
     kind: Literal["shifted"] = "shifted"
     model: AnyDuration
-    offset_s: Annotated[float, Field(ge=-1e6, le=1e6)]
+    offset_s: Annotated[float, Field(ge=-LONGEST_S, le=LONGEST_S)]
 
     def located(self, folder: Path) -> Shifted:
         """Return the model with its files read; ScenarioError if durations are negative."""

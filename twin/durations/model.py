@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ConfigDict, Field
 
+from planning.bounds import LONGEST_S
 from planning.transforms import Array
 from twin.scenario.document.section import Name, Section
 
@@ -29,8 +30,8 @@ PackagedSkill = Literal[
 Skill = Name
 """Name of a skill: a packaged one, or a process of the scenario's own."""
 
-Seconds = Annotated[float, Field(ge=0, le=1e6)]
-PositiveSeconds = Annotated[float, Field(gt=0, le=1e6)]
+Seconds = Annotated[float, Field(ge=0, le=LONGEST_S)]
+PositiveSeconds = Annotated[float, Field(gt=0, le=LONGEST_S)]
 Factor = Annotated[float, Field(ge=0.001, le=1000)]
 Shape = Annotated[float, Field(ge=0.1, le=1e6)]
 

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.special import log_ndtr, ndtr, ndtri
 
+from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
 from planning.transforms import Array
 from twin.durations.fittable import (
@@ -45,7 +46,7 @@ class TruncatedNormal(FittableModel):
     takes_zero: ClassVar = True
 
     kind: Literal["normal"] = "normal"
-    mean_s: Annotated[float, Field(ge=-1e6, le=1e6)]
+    mean_s: Annotated[float, Field(ge=-LONGEST_S, le=LONGEST_S)]
     sd_s: PositiveSeconds
     low_s: Seconds = 0.0
     high_s: PositiveSeconds | None = None

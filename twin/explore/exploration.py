@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +12,11 @@ import numpy as np
 from planning.errors import OutputError
 from twin.explore.crew import DesignTask, Evaluators, parallel
 from twin.explore.dimensions import Dimension, Values, base_values, key_of, variant_of
-from twin.explore.folder import PARCELS
+from twin.explore.folder import SAMPLES
 from twin.explore.influence import front
-from twin.explore.journal import REPLANNED, SEARCH, Journal, Tried
+from twin.explore.journal import JOURNAL, REPLANNED, SEARCH, Journal, Tried
 from twin.explore.rungs import Evaluation
 from twin.explore.search import Search
-from twin.host.guard import replacing
 from twin.host.progress import Report
 from twin.scenario.sections.exploration import ExploreSection
 
@@ -30,6 +28,13 @@ _TIMES = frozenset({"makespan_s", "mean_s", "p50_s", "p90_s"})
 
 _ENOUGH = 8
 """Designs that are planned in full before any is left behind."""
+
+
+def _fits(values: Values, dimensions: Sequence[Dimension]) -> bool:
+    """Tell whether there is a value for each dimension, and a number where it has a range."""
+    return values.keys() == {one.key for one in dimensions} and all(
+        one.low is None or type(values[one.key]) in (int, float) for one in dimensions
+    )
 
 
 class Exploration:
@@ -53,6 +58,11 @@ class Exploration:
     ) -> None:
         self.folder, self.section, self.dimensions = folder, section, dimensions
         self.journal = Journal(folder)
+        for number, row in enumerate(self.journal.rows, start=1):
+            if not _fits(row.values, dimensions):
+                raise OutputError(
+                    f"{folder / JOURNAL}, line {number}: values are not of what is varied"
+                )
         self._progress = progress
         self._search = Search(
             dimensions,
@@ -63,6 +73,7 @@ class Exploration:
         )
         self._lost = self._search.replay(self.journal.searched)
         self._known: dict[str, Tried] = {}
+        self._parcels: dict[tuple[str, int], bytes] = {}
         for row in self.journal.rows:
             self._remember(row)
 
@@ -137,24 +148,20 @@ class Exploration:
         self._search.tell(row)
 
     def keep(self, row: Tried) -> None:
-        """Write down what became of a design; its work is kept while it is one of the best."""
-        parcel = row.evaluation.parcel
-        if row.done and parcel:
-            place = self.parcel_of(row)
-            try:
-                place.parent.mkdir(exist_ok=True)
-            except OSError as error:
-                raise OutputError(f"{place.parent}: cannot be made: {error}") from error
-            with replacing(place) as temporary:
-                temporary.write_bytes(parcel)
+        """Write down what became of a design; its workload stays in memory while it is one of the best.
+
+        A workload is pickled, so it goes to no file: an exploration that is resumed plans again what it needs.
+        """
+        if row.done and row.evaluation.parcel:
+            self._parcels[row.purpose, row.design] = row.evaluation.parcel
+        row = replace(row, evaluation=replace(row.evaluation, parcel=b""))
         self.journal.append(row)
         self._remember(row)
         if row.purpose == SEARCH:
             wanted = {0, *(r.design for r in self.finalists())}
-            for other in self.journal.searched:
-                if other.design not in wanted:
-                    with suppress(OSError):
-                        self.parcel_of(other).unlink(missing_ok=True)
+            for purpose, design in list(self._parcels):
+                if purpose == SEARCH and design not in wanted:
+                    del self._parcels[purpose, design]
 
     def _remember(self, row: Tried) -> None:
         """Know a design by its values; one that was taken further takes the place of one left behind."""
@@ -206,9 +213,18 @@ class Exploration:
             self.keep(Tried(task.number, purpose, values, 0, found, about=about))
         self._progress(stage, 1, 1)
 
-    def parcel_of(self, row: Tried) -> Path:
-        """Return the file with the work of a design."""
-        return self.folder / PARCELS / f"{row.purpose}-{row.design}.bin"
+    def parcel_of(self, row: Tried) -> bytes:
+        """Return the packed workload of a design; empty where this process has not evaluated it."""
+        design = row.design if row.same_as is None else row.same_as
+        return self._parcels.get((row.purpose, design), b"")
+
+    def keep_parcel(self, row: Tried, parcel: bytes) -> None:
+        """Keep the packed workload of a design in memory."""
+        self._parcels[row.purpose, row.design] = parcel
+
+    def samples_of(self, row: Tried) -> Path:
+        """Return the file with the makespans of a design in further replications."""
+        return self.folder / SAMPLES / f"{row.purpose}-{row.design}.npz"
 
     def best(self, most: int) -> list[Tried]:
         """Return the best designs by the first goal, each once, the best first."""

@@ -13,14 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from planning.errors import OutputError
 from planning.transforms import Array
 from twin.explore.crew import Evaluators
 from twin.explore.dimensions import variant_of
 from twin.explore.exploration import Exploration
+from twin.explore.folder import read_sample, write_sample
 from twin.explore.influence import spread
-from twin.explore.journal import REPLANNED, UNDONE, Tried
+from twin.explore.journal import JOURNAL, REPLANNED, UNDONE, Tried
 from twin.explore.rungs import Climb, Setting, judged, keys_of, replicated_results
-from twin.host.guard import replacing
 from twin.host.progress import Report
 from twin.scenario.sections.exploration import REPLICATED
 from twin.scenario.variations import Variant, varied
@@ -378,11 +379,10 @@ class Finals:
         """Return the first new replications of a design that is done; what was done before is in a file."""
         if not any(self._drawn):
             return np.empty(0)
-        place = self._exploration.parcel_of(row).with_suffix(".npy")
+        place = self._exploration.samples_of(row)
         name = place.stem
         if name not in self._samples:
-            there = place.exists()
-            self._samples[name] = np.load(place) if there else np.empty(0)
+            self._samples[name] = read_sample(place)
         have = self._samples[name]
         if len(have) < count:
             parcel, first = self._parcel(row), self._section.replications
@@ -391,21 +391,24 @@ class Finals:
                 block = Block(0, first + at, min(_AT_ONCE, count - at))
                 parts.append(compute_block(parcel, block).rows.makespans_s())
             self._samples[name] = have = np.concatenate(parts)
-            with replacing(place) as temporary, temporary.open("wb") as file:
-                np.save(file, have)
+            write_sample(place, have)
         return have[:count]
 
     def _parcel(self, row: Tried) -> bytes:
-        """Return the work of a design; it is planned again where that was not kept."""
-        place = self._exploration.parcel_of(row)
-        if place.exists():
-            return place.read_bytes()
-        seed = int(row.about) if row.purpose == REPLANNED else None
-        climb = Climb(self._setting, self._variant(row), planner_seed=seed)
-        found = climb.evaluate()
-        with replacing(place) as temporary:
-            temporary.write_bytes(found.parcel)
-        return found.parcel
+        """Return the packed workload of a design; it is planned again where it is not in memory."""
+        parcel = self._exploration.parcel_of(row)
+        if not parcel:
+            seed = int(row.about) if row.purpose == REPLANNED else None
+            climb = Climb(self._setting, self._variant(row), planner_seed=seed)
+            found = climb.evaluate()
+            if not found.parcel:
+                raise OutputError(
+                    f"{self._exploration.folder / JOURNAL}: design {row.design} is said to be possible,"
+                    f" and is not: {found.rung}: {found.reason}"
+                )
+            parcel = found.parcel
+            self._exploration.keep_parcel(row, parcel)
+        return parcel
 
 
 def _turned(found: Interval) -> Interval:

@@ -6,16 +6,28 @@ A scenario of one's own, begun with a design that an exploration has found.
 from __future__ import annotations
 
 import json
+import logging
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 from pydantic import ValidationError
 
 from planning.errors import OutputError, RequestError, ScenarioError
-from planning.files import read_file
+from planning.files import (
+    LARGEST,
+    NPZ_ERRORS,
+    read_file,
+    read_json,
+    read_npz,
+    replacing,
+    require_own_files,
+)
+from planning.transforms import Array
 from twin.explore.dimensions import dimensions_of, variant_of
 from twin.explore.journal import JOURNAL
 from twin.explore.rungs import Setting
@@ -33,7 +45,9 @@ from twin.scenario.shipped import write_beginning
 from twin.scenario.variations import varied
 from twin.trial.loaded_scenario import LoadedScenario
 
-SUMMARY, REPORT, PARCELS = "summary.json", "report.html", "parcels"
+SUMMARY, REPORT, SAMPLES = "summary.json", "report.html", "samples"
+
+_log = logging.getLogger(__name__)
 
 _ENTRY = "exploration"
 _CHOOSING = ("optuna", "cmaes")
@@ -108,6 +122,42 @@ def require_free(folder: Path | None) -> None:
         raise RequestError(f"{folder} holds other results: give another folder")
 
 
+def read_sample(path: Path) -> Array:
+    """Return the makespans that ``write_sample`` wrote; none where there is no such file, or a damaged one.
+
+    Returns:
+        NaN where a replication did not complete, shape (n,) [s].
+    """
+    if not os.path.lexists(path):
+        return np.empty(0)
+    try:
+        (values,) = read_npz(read_file(path), kinds="f", most=LARGEST).values()
+        if (
+            values.ndim != 1
+            or values.dtype != np.float64
+            or np.any((values < 0.0) | np.isinf(values))
+        ):
+            raise ValueError("these are no makespans")
+    except NPZ_ERRORS as error:
+        _log.warning("%s: cannot be read, is computed anew: %s", path, error)
+        return np.empty(0)
+    return values
+
+
+def write_sample(path: Path, makespans_s: Array) -> None:
+    """Write makespans of replications to a file.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    try:
+        path.parent.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path.parent}: cannot be made: {error}") from error
+    with replacing(path) as temporary:
+        np.savez_compressed(temporary, makespans_s=makespans_s)
+
+
 _DESIGN = re.compile(r"^([^#]*)(?:#(\d+))?$")
 
 
@@ -135,7 +185,8 @@ def begin_design(target: Path, source: str) -> Path:
     folder, rank = Path(match[1]), int(match[2] or 1)
     path = folder / SUMMARY
     try:
-        best = json.loads(read_file(path))["best"]
+        require_own_files(folder, (SUMMARY,))
+        best = read_json(path)["best"]
         found = {int(row["rank"]): row for row in best}
     except (OSError, ValueError, KeyError, TypeError) as error:
         why = (

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from planning.errors import OutputError
-from planning.files import read_file
+from planning.files import parse_json, read_file
 from twin.explore.dimensions import Values
 from twin.explore.rungs import Evaluation
 
@@ -37,7 +37,7 @@ class Tried:
         purpose: what it was tried for.
         values: what it has at each key that is varied.
         asked_after: how many designs of the search had been told when this one was chosen.
-        evaluation: what became of it; parcels are in files of their own.
+        evaluation: what became of it; workloads are not in the journal.
         same_as: the design that has the same values and was evaluated, None where this one was.
         about: what it is of, for those that are not of the search.
     """
@@ -77,6 +77,13 @@ class Tried:
         }
 
 
+def _number(value: Any) -> float:
+    """Return a finite number; ValueError for anything else, such as a text of one."""
+    if type(value) not in (int, float) or not math.isfinite(value):
+        raise ValueError(f"{str(value)[:40]!r} is no number")
+    return float(value)
+
+
 def tried_of(row: Mapping[str, Any]) -> Tried:
     """Return what a line says; KeyError, TypeError or ValueError where it is no such line."""
     turns_s = row["turns_s"]
@@ -89,12 +96,12 @@ def tried_of(row: Mapping[str, Any]) -> Tried:
             row["outcome"],
             str(row["rung"]),
             str(row["reason"]),
-            float(row["violation"]),
-            dict(row["results"]),
-            tuple(map(float, row["goals"])),
+            _number(row["violation"]),
+            {str(k): _number(v) for k, v in row["results"].items()},
+            tuple(map(_number, row["goals"])),
             math.nan if turns_s is None else float(turns_s),
             tuple(math.nan if v is None else float(v) for v in row["makespans_s"]),
-            dict(row["cpu_s"]),
+            {str(k): _number(v) for k, v in row["cpu_s"].items()},
         ),
         row["same_as"],
         str(row["about"]),
@@ -159,7 +166,7 @@ class Journal:
                 raise OutputError(f"{self._path}: cannot be mended: {error}") from error
         for number, line in enumerate(data[:whole].splitlines(), start=1):
             try:
-                self.rows.append(tried_of(json.loads(line)))
+                self.rows.append(tried_of(parse_json(line)))
             except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise OutputError(
                     f"{self._path}, line {number}: damaged: {error!r}"

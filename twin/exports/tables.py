@@ -87,7 +87,9 @@ def _csv(table: pa.Table) -> bytes:
             size = len(_PARTS[name])
             values = column.flatten()
             for k, part in enumerate(_PARTS[name]):
-                columns[part] = values.take(pa.array(range(k, len(values), size)))
+                columns[part] = values.take(
+                    pa.array(range(k, len(values), size), pa.int64())
+                )
         elif pa.types.is_dictionary(column.type):
             columns[name] = column.cast(pa.string())
         else:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from planning.errors import OutputError
+from planning.files import open_regular
 from twin.durations.model import NANOSECONDS
 from twin.follow.drift import Drift
 from twin.follow.forecast import Forecast, Forecaster
@@ -58,6 +59,8 @@ def growing_file(
             raise OutputError(f"{path}: cannot be read: {error}") from error
         position += len(content)
         *lines, rest = (rest + content).split(b"\n")
+        if len(rest) > _PIECE:
+            raise OutputError(f"{path}: a line is longer than {_PIECE >> 20} MiB")
         for line in lines:
             yield line.decode("utf-8", errors="replace")
         if content:
@@ -70,7 +73,7 @@ def growing_file(
 
 def _read_from(path: Path, position: int, inode: int) -> tuple[bytes, int]:
     """Return the next piece of a file and its inode, which must be the one of before if any."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         about = os.fstat(file.fileno())
         if position and about.st_ino != inode:
             raise OutputError(f"{path}: is another file now: another run began")

@@ -108,8 +108,9 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
         except BrokenPipeError:  # whoever read the output went away: main knows
             raise
         except Exception as error:
-            print_error(unforeseen(error))
-            code = UNFORESEEN
+            full = _ran_out_of_space(error)
+            print_error(f"no more room: {error}" if full else unforeseen(error))
+            code = FAILED if full else UNFORESEEN
         raise typer.Exit(code or COMPLETED)
 
     return run

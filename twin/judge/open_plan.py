@@ -14,7 +14,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from planning.files import read_file
+from planning.bounds import FASTEST, LONGEST_S
+from planning.files import parse_json, read_file
 from twin.scenario.document.section import Section, Several
 from twin.scenario.document.validation import (
     FileProblem,
@@ -30,9 +31,9 @@ from twin.scenario.sections.shapes import PoseSection
 FORMAT: Literal["assembly-twin open plan"] = "assembly-twin open plan"
 VERSION: Literal[1] = 1
 
-Seconds = Annotated[float, Field(ge=0, le=1e6)]
+Seconds = Annotated[float, Field(ge=0, le=LONGEST_S)]
 _Joint = Annotated[float, Field(ge=-100, le=100)]
-_Rate = Annotated[float, Field(ge=-1e6, le=1e6)]
+_Rate = Annotated[float, Field(ge=-FASTEST, le=FASTEST)]
 _Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 VERBS = ("take", "put", "give", "appear", "leave")
@@ -191,13 +192,13 @@ def read_open_plan(path: Path) -> OpenPlan:
         problem = FileProblem(Mark(1, 1), f"cannot be read: {error}")
         raise InvalidScenarioError(path, [problem]) from error
     try:
-        data = json.loads(text, object_pairs_hook=_once, parse_constant=_no_number)
+        data = parse_json(text)
     except json.JSONDecodeError as error:
         problem = FileProblem(Mark(error.lineno, error.colno), f"no JSON: {error.msg}")
-        raise InvalidScenarioError(path, [problem], text.splitlines()) from error
-    except (ValueError, RecursionError) as error:
-        said = "nested too deeply" if isinstance(error, RecursionError) else error
-        problem = FileProblem(Mark(1, 1), f"no JSON of this kind: {said}")
+        lines = text.splitlines() if len(text) <= _QUOTED else []
+        raise InvalidScenarioError(path, [problem], lines) from error
+    except ValueError as error:
+        problem = FileProblem(Mark(1, 1), f"no JSON of this kind: {error}")
         raise InvalidScenarioError(path, [problem]) from error
     try:
         plan = OpenPlan.model_validate_json(text)
@@ -222,19 +223,6 @@ def require_none(path: Path, problems: Found) -> None:
         document = _document(path, text, json.loads(text))
         said = [document.problem(at, key_label(at) + words) for at, words in found]
         raise InvalidScenarioError(path, said, document.lines)
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    out = dict(pairs)
-    if len(out) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"key {twice!r} is given twice")
-    return out
-
-
-def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number")
 
 
 def _document(path: Path, text: str, data: Any) -> YamlDocument:

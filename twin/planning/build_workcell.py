@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from planning.bounds import HOME_SLACK, LIMIT_SLACK
 from planning.cell.robot_model import RobotModel, limits_of
 from planning.cell.shape import (
     Box,
@@ -167,6 +168,10 @@ def _robot(
         x, y = section.parked.at_m
         stand = (x, y, np.deg2rad(section.parked.facing_deg))
         home = readonly((*stand, *home[3:]))
+    nearest = np.clip(home, model.lower, model.upper)
+    off = np.abs(home - nearest)
+    rounded = (off > LIMIT_SLACK) & (off <= HOME_SLACK)
+    home = readonly(np.where(rounded, nearest, home))
     base, first = build_transform(section.base), (*section.tools, section.tool)[0]
     robot = PlacedRobot(section.name, model, base, home, tool=first)
     if section.base_error is not None:

@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
+from planning.bounds import LATEST_S
 from planning.errors import OutputError, TwinError
 from planning.files import read_file
 from planning.transforms import Array
@@ -68,11 +69,11 @@ class Event:
 
 _KINDS = frozenset(get_args(EventKind))
 
-LATEST_S = 9 * 10**9
-"""Latest time of an event [s]: what 64 bits of nanoseconds hold."""
-
-LARGEST_LOG = 4 << 30
+LARGEST_LOG = 256 << 20
 """Most bytes of an event log [B]."""
+
+MOST_LINES = 4_000_000
+"""Most lines of an event log."""
 
 
 class EventLogError(TwinError):
@@ -100,6 +101,8 @@ def read_log(path: Path) -> tuple[str, ...]:
     """
     try:
         content = read_file(path, LARGEST_LOG)
+        if content.count(b"\n") > MOST_LINES:
+            raise OutputError(f"{path}: has more than {MOST_LINES} lines")
         text = content[: content.rfind(b"\n") + 1].decode("utf-8")
     except UnicodeDecodeError as error:
         raise OutputError(f"{path}: not UTF-8 (byte {error.start})") from error

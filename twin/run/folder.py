@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import shutil
 from collections.abc import Iterable, Iterator
@@ -13,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 
 from planning.errors import OutputError, RequestError
-from planning.files import read_file
+from planning.files import open_regular, read_json, require_own_files
 
 EVENTS = "events.jsonl"
 TRAJECTORY = "trajectory.parquet"
@@ -182,6 +181,11 @@ def recover(folder: Path) -> None:
     Only called while the folder is locked.
     """
     shutil.rmtree(folder / _GONE, ignore_errors=True)
+    for name in (TURNS, _BEFORE, _ASIDE):
+        if (folder / name).is_symlink():
+            raise OutputError(
+                f"{folder / name}: is a symbolic link; it is no work of this program"
+            )
     for place in (folder, folder / TURNS):
         for part in place.glob(".*.part*"):
             part.unlink(missing_ok=True)
@@ -210,6 +214,9 @@ def _new_log_folder(name: str) -> Path:
     return folder
 
 
+LARGEST_RESULT = 1 << 30
+"""Most bytes of a file of a run that is read back."""
+
 PLAN_FILES = ("plan.json", "plan.npz")
 _READ_BACK = (*PLAN_FILES, EVENTS, TRAJECTORY, OBJECTS)
 
@@ -235,15 +242,20 @@ def require_as_written(folder: Path, names: Iterable[str]) -> None:
     Raises:
         OutputError: a file has changed, is of another run, or cannot be read.
     """
-    path = folder / SUMMARY
+    path, names = folder / SUMMARY, tuple(names)
+    require_own_files(folder, (SUMMARY, *names))
     try:
-        files = json.loads(read_file(path)).get("files", {})
+        files = read_json(path).get("files", {})
+        asked = {name: files[name] for name in names if name in files}
     except FileNotFoundError:
         return
-    except (OSError, ValueError, RecursionError, AttributeError) as error:
+    except (OSError, ValueError, AttributeError, TypeError) as error:
         raise OutputError(f"{path}: no summary of a run: {error!r}") from error
-    for name in names:
-        if name in files and files[name] != _sha256(folder / name):
+    for name, digest in asked.items():
+        path = folder / name
+        if path.is_file() and path.stat().st_size > LARGEST_RESULT:
+            raise OutputError(f"{path}: larger than {LARGEST_RESULT >> 20} MiB")
+        if digest != _sha256(folder / name):
             raise OutputError(
                 f"{folder / name} is not as the run wrote it: its sha256 is not the one in {SUMMARY}"
             )
@@ -251,7 +263,7 @@ def require_as_written(folder: Path, names: Iterable[str]) -> None:
 
 def _sha256(path: Path) -> str:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise OutputError(f"{path}: cannot be read: {error}") from error

@@ -140,16 +140,22 @@ def render_stills(
         ViewerError: the viewer does not start, or draws nothing.
         OutputError: the folder cannot be written.
     """
+    made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot hold stills: {error}") from error
-    with _headless_viewer(recording) as client:
-        client.open(str(recording.resolve()))
-        return [
-            _render_still(client, time_s, folder, first=k == 0)
-            for k, time_s in enumerate(times_s)
-        ]
+    try:
+        with _headless_viewer(recording) as client:
+            client.open(str(recording.resolve()))
+            return [
+                _render_still(client, time_s, folder, first=k == 0)
+                for k, time_s in enumerate(times_s)
+            ]
+    finally:
+        if made:
+            with suppress(OSError):  # there are stills in it
+                folder.rmdir()
 
 
 def _render_still(client: Any, time_s: float, folder: Path, *, first: bool) -> Path:
@@ -202,20 +208,33 @@ def _headless_viewer(recording: Path) -> Iterator[Any]:
         log = Path(home) / "viewer.log"
         with log.open("wb") as output:
             process = _started(command, output, environment)
+        begin = time.monotonic()
         try:
             yield _connected(process, port)
-        except TwinError:
-            raise
         except Exception as error:
-            lines = log.read_text(errors="replace").splitlines()
-            said = next((line for line in lines if "panicked" in line), "nothing")
             raise ViewerError(
-                f"the viewer broke off: {error}; it needs a Vulkan driver, a software one such"
-                f" as Mesa's lavapipe (mesa-vulkan-drivers) is enough. It said: {said}"
+                f"no picture was drawn: {' '.join(command)} {_state(process)} after"
+                f" {time.monotonic() - begin:.0f} s: {error}. Its last words: {_last_words(log)}. It needs a"
+                " Vulkan driver, of which a software one such as Mesa's lavapipe (mesa-vulkan-drivers)"
+                f" is enough; 'rerun {recording}' on a computer with a display shows the recording"
             ) from error
         finally:
             _end(process)
             process.wait(timeout=20)
+
+
+def _state(process: subprocess.Popen[bytes]) -> str:
+    code = process.poll()
+    return "did not answer" if code is None else f"ended with exit code {code}"
+
+
+def _last_words(log: Path) -> str:
+    """Return why a viewer panicked, else the last line of its log."""
+    lines = [
+        line for line in log.read_text(errors="replace").splitlines() if line.strip()
+    ]
+    panic = next((line for line in lines if "panicked" in line), None)
+    return panic or (lines[-1].strip() if lines else "none")
 
 
 def _connected(process: subprocess.Popen[bytes], port: int) -> Any:
@@ -228,7 +247,7 @@ def _connected(process: subprocess.Popen[bytes], port: int) -> Any:
             return ViewerClient.connect(_proxy(port))
         except Exception as error:
             if process.poll() is not None or time.monotonic() > until:
-                raise ConnectionError("it did not start") from error
+                raise ConnectionError("no connection") from error
             time.sleep(0.3)
 
 

@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from planning.bounds import HOME_SLACK
+from planning.cell.robot_model import RobotModel
 from planning.errors import FittingError, RobotModelError, ScenarioError, ShapeError
 from planning.files import file_named
 from planning.tasks.task import (
@@ -215,14 +219,46 @@ def _check_robots(cell: CellSection, folder: Path) -> Found:
             in_team = i >= len(cell.listed)
             place = _place(cell, i, "ring" if in_team else "parked")
             yield place, f"{robot.model} cannot park: its first joints do not drive it"
+        elif robot.parked is not None:
+            at = _place(cell, i, "ring" if i >= len(cell.listed) else "parked")
+            for own in cell.robots[i:] if i >= len(cell.listed) else (robot,):
+                yield from _check_home(at, own, model)
         home = robot.home_deg or robot.home_rad_or_m
         at = _place(cell, i, "home_deg" if robot.home_deg else "home_rad_or_m")
         if home is not None and len(home) != model.dof:
             joints = ", ".join(model.joint_names)
             words = f"the {model.dof} joints of {robot.model} ({joints})"
             yield at, f"{len(home)} values for {words}"
+        elif home is not None:
+            yield from _check_home(at, robot, model)
         if robot.home_deg and model.chain.prismatic.any():
             yield at, f"{robot.model} has sliding joints: use home_rad_or_m"
+
+
+def _check_home(at: KeyPath, robot: RobotSection, model: RobotModel) -> Found:
+    """Yield the joint values of HOME that are beyond the limits of their joints.
+
+    Args:
+        at: the key that gives HOME.
+        robot: whose HOME it is.
+        model: of the robot.
+    """
+    given: Sequence[float] = (
+        robot.home_rad_or_m or np.deg2rad(robot.home_deg or ()).tolist()
+    )
+    if robot.parked is not None:
+        given = (*robot.parked.at_m, float(np.deg2rad(robot.parked.facing_deg)))
+    for k, value in enumerate(given):
+        lower, upper = model.lower[k], model.upper[k]
+        if lower - HOME_SLACK <= value <= upper + HOME_SLACK:
+            continue
+        factor, unit = 1.0, "m" if model.chain.prismatic[k] else "rad"
+        if unit == "rad" and robot.home_rad_or_m is None:
+            factor, unit = 180.0 / np.pi, "deg"
+        words = f"is beyond the limits of {model.joint_names[k]}: must be"
+        span = f"{lower * factor:.6g} to {upper * factor:.6g} {unit}"
+        here = at if robot.parked is not None else (*at, k)
+        yield here, f"{value * factor:.6g} {unit} {words} {span}"
 
 
 def _is_path(model: str) -> bool:

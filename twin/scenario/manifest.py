@@ -16,7 +16,7 @@ from typing import Any
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import OutputError, RequestError, ScenarioError, listed
-from planning.files import read_file
+from planning.files import read_file, read_json, require_own_files
 from planning.robots.descriptions.xml_files import description_sha256
 from planning.transforms import Transform, quat_wxyz
 from twin.durations.measured import Empirical
@@ -35,6 +35,14 @@ from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.scenario.sections.shapes import StructureSection
 
 MANIFEST = "manifest.json"
+
+RESULTS = (
+    *(MANIFEST, "plan.json", "plan.npz", "robots", "in-turns", "first-plan"),
+    *("events.jsonl", "trajectory.parquet", "objects.parquet", "measured.csv"),
+    *("plans", "blocks", "prevented", "audits", "journal.jsonl", "samples"),
+    *("summary.json", "compare.json"),
+)
+"""Files and folders of results that are read back, or gone on with."""
 
 
 def write_manifest(
@@ -76,10 +84,11 @@ def read_manifest(folder: Path, what: str) -> tuple[Scenario, dict[str, Any]]:
         OutputError: there is no manifest, or it is damaged.
     """
     path = folder / MANIFEST
+    require_own_files(folder, RESULTS)
     try:
-        content: dict[str, Any] = json.loads(read_file(path))
+        content: dict[str, Any] = read_json(path)
         scenario, digest = content["scenario"], content["scenario_sha256"]
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise OutputError(f"{path}: no {what}: {error}") from error
     except (KeyError, TypeError) as error:
         raise OutputError(f"{path}: damaged: {error!r}") from error

@@ -107,7 +107,14 @@ def write_beginning(target: Path, text: str, folder: Path) -> Path:
         for _, named in parts_of(read_yaml(file, text).data)
         if isinstance(named, str) and Path(named).suffix and is_file(folder / named)
     }
+    own_folder = file.parent.resolve()
     for path, content in {file: None, **beside}.items():
+        there = path.exists() and path.read_bytes() == content
+        if not (there or path.resolve().is_relative_to(own_folder)):
+            raise OutputError(
+                f"{path}: is not written, as it lies outside of {file.parent}: put what the scenario"
+                " names there first"
+            )
         if path.exists() and (content is None or path.read_bytes() != content):
             raise OutputError(f"{path}: is there already, and stays as it is")
     own = target.stem if single else target.resolve().name

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from planning.errors import RequestError
+from planning.errors import OutputError, RequestError
+from planning.files import read_json
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import audit_off_bases, audit_run
 from twin.audit.motion.deviated import deviated
@@ -343,7 +343,7 @@ def _audit_cell(
     for replication in range(count):
         path = folder / f"{replication}.json"
         if path.exists():
-            yield int(json.loads(path.read_text())["violations"])
+            yield _violations(path)
             continue
         run = simulator.run(seed=load.seed, replication=replication)
         if run.outcome != "completed":
@@ -375,6 +375,17 @@ def _audit_cell(
         write_json(path, found)
         yield len(report.violations)
     shutil.rmtree(replay, ignore_errors=True)
+
+
+def _violations(path: Path) -> int:
+    """Return how many collisions the audit of a replication found before."""
+    try:
+        found = read_json(path)["violations"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise OutputError(f"{path}: is no audit of a study: {error!r}") from error
+    if type(found) is not int or found < 0:
+        raise OutputError(f"{path}: violations must be a whole number")
+    return found
 
 
 def _check_possible(deadline_s: float | None, loads: Sequence[Workload]) -> None:

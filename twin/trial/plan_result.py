@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from planning.cell.differences import cell_differences
 from planning.errors import OutputError, RequestError, ScenarioError, listed
-from planning.files import read_file
+from planning.files import read_json
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -233,10 +232,10 @@ def require_plan_of(plan: PlanResult, scenario: LoadedScenario) -> None:
 def _about(folder: Path) -> dict[str, Any] | None:
     """Return what a manifest says of its run; None where there is none, or none of a run."""
     try:
-        found = json.loads(read_file(folder / MANIFEST))["run"]
+        found = read_json(folder / MANIFEST)["run"]
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, RecursionError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise OutputError(
             f"{folder / MANIFEST}: no manifest of a run: {error!r}"
         ) from error

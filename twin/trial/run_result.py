@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from planning.errors import OutputError, RequestError, TwinError
+from planning.files import read_json, require_own_files
+from planning.parquet import read_parquet
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.host.arguments import checks_arguments
@@ -277,6 +278,7 @@ class RunResult:
 
     def _there(self, name: str) -> Path:
         path = self.files / name
+        require_own_files(self.files, (name, SUMMARY))
         if not path.is_file():
             raise OutputError(f"{self.folder}: this run has no {name}")
         return path
@@ -289,7 +291,7 @@ class RunResult:
     def _json(self, name: str) -> dict[str, Any]:
         path = self._as_written(name)
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
+            content = read_json(path)
         except (OSError, ValueError) as error:
             raise OutputError(f"{path}: cannot be read: {error}") from error
         if not isinstance(content, dict):
@@ -298,14 +300,7 @@ class RunResult:
 
     def _table(self, name: str) -> pa.Table:
         """Return one of the tables ``trajectory.parquet`` and ``objects.parquet``."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        path = self._as_written(name)
-        try:
-            return pq.read_table(path)
-        except (OSError, pa.ArrowException) as error:
-            raise OutputError(f"{path}: cannot be read: {error}") from error
+        return read_parquet(self._as_written(name))
 
     def __repr__(self) -> str:
         """Return what it is in a line, whatever is left of its folder."""

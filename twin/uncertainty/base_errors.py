@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
+from planning.bounds import LARGEST_ERROR
 from planning.cell.workcell import PlacedRobot, PoseError
 from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -25,8 +26,8 @@ class PoseErrorSection(Section):
         rad: it is turned about any axis by up to this.
     """
 
-    m: Annotated[float, Field(ge=0, le=0.1)] = 0.0
-    rad: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    m: Annotated[float, Field(ge=0, le=LARGEST_ERROR)] = 0.0
+    rad: Annotated[float, Field(ge=0, le=LARGEST_ERROR)] = 0.0
 
     @property
     def planned(self) -> PoseError:

@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from planning.bounds import LONGEST_S
 from planning.cell.workcell import PlacedRobot, PoseError, Workcell
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.lifetimes import AnyDuration
@@ -143,7 +144,7 @@ class MachineBreakdowns(Section):
     """
 
     mtbf_s: Annotated[float, Field(gt=0, le=1e9)]
-    mttr_s: Annotated[float, Field(ge=0, le=1e6)]
+    mttr_s: Annotated[float, Field(ge=0, le=LONGEST_S)]
     clock: Literal["busy", "run"] = "busy"
 
     def affects(self, name: str, clock: Literal["busy", "run"]) -> bool:
@@ -222,8 +223,8 @@ class EmergencyStop(Section):
     """
 
     robot: Name | None = None
-    at_s: Annotated[float, Field(ge=0, le=1e6)]
-    duration_s: Annotated[float, Field(gt=0, le=1e6)]
+    at_s: Annotated[float, Field(ge=0, le=LONGEST_S)]
+    duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)]
 
 
 class Outage(Section):
@@ -235,7 +236,7 @@ class Outage(Section):
     """
 
     robot: Name
-    at_s: Annotated[float, Field(ge=0, le=1e6)]
+    at_s: Annotated[float, Field(ge=0, le=LONGEST_S)]
 
 
 class LatePart(Section):
@@ -247,7 +248,7 @@ class LatePart(Section):
     """
 
     part: Name
-    at_s: Annotated[float, Field(ge=0, le=1e6)]
+    at_s: Annotated[float, Field(ge=0, le=LONGEST_S)]
 
 
 class OrderChange(Section):
@@ -259,7 +260,7 @@ class OrderChange(Section):
         more: how many products more are wanted, of those that are spare.
     """
 
-    at_s: Annotated[float, Field(ge=0, le=1e6)]
+    at_s: Annotated[float, Field(ge=0, le=LONGEST_S)]
     drop: tuple[Annotated[int, Field(ge=1)], ...] = ()
     more: Annotated[int, Field(ge=0, le=100_000)] = 0
 

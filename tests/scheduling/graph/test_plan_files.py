@@ -209,7 +209,7 @@ def _replaced(name: str, make: Callable[[Any], Any]) -> Callable[[Numbers], None
         (_spoilt("chain_0_duration", 0, -50.0), r"duration\[0\] is -50.0: must be at"),
         (_spoilt("chain_0_waypoints", 1, np.nan), "is nan: is not finite"),
         (_spoilt("chain_0_waypoints", 1, 99.0), "is 99.0: is beyond a limit of"),
-        (_spoilt("chain_0_planned_start", 0, 1e300), "is beyond 1e"),
+        (_spoilt("chain_0_planned_start", 0, 1e300), "is beyond 9e"),
         (_spoilt("chain_0_first", 1, 0), "does not rise"),
         (_spoilt("chain_0_task", 0, 10**6), "must be 0 to"),
         (_spoilt("chain_0_fraction", 0, 1.5), "must be 0 to 1"),
@@ -304,7 +304,7 @@ def test_arrays_that_unpack_to_more_than_a_plan_has_are_not_unpacked(
     tpg: TemporalPlanGraph, tmp_path: Path
 ) -> None:
     vast = _replaced("edges", lambda _: np.zeros(2**27 + 1))
-    refused(tpg, tmp_path, "take more than 1024 MiB", arrays=vast)
+    refused(tpg, tmp_path, "take more than 256 MiB", arrays=vast)
 
 
 def test_the_hash_of_a_plan_is_that_of_its_content(

@@ -14,7 +14,7 @@ from tests.twin.program import invoke
 from twin.explore.crew import DesignTask
 from twin.explore.dimensions import Dimension
 from twin.explore.finals import Finals
-from twin.explore.folder import scenario_text
+from twin.explore.folder import scenario_text, write_sample
 from twin.explore.influence import front, importances
 from twin.explore.journal import SEARCH, Tried
 from twin.explore.page_words import verdict, worth_words
@@ -200,8 +200,7 @@ def test_compromises_are_told_from_those_that_draws_flattered(tmp_path: Path) ->
     # Where draws hide what differs, it is said to be open.
     rng = np.random.default_rng(0)
     for row in exploration.journal.searched[:2]:
-        place = exploration.parcel_of(row).with_suffix(".npy")
-        np.save(place, rng.normal(1.0, 0.1, 80))
+        write_sample(exploration.samples_of(row), rng.normal(1.0, 0.1, 80))
     race = Finals(exploration, setting, report_nothing).race()
     assert {item.row.design for item in race if item.unsure} == {0, 1}
     found = summary_of("sliders", exploration, race, (), 0)

@@ -14,6 +14,7 @@ from tests.twin.recorders.recorded_toys import recorded_run
 from tests.twin.simulated import NOMINAL
 from tests.twin.sockets import listening
 from tests.twin.twin_toys import random_tpg, toy_cell
+from twin.run import viewer
 from twin.run.viewer import ViewerError, render_stills
 
 ARM = """<robot name="toy">
@@ -52,6 +53,38 @@ def test_stills_show_the_robot_where_it_is(tmp_path: Path) -> None:
     arm = [(s[..., 2] > 0.4) & (s[..., 0] < 0.2) for s in scenes]
     assert all(np.count_nonzero(mask) > 500 for mask in arm)
     assert np.count_nonzero(arm[0] != arm[1]) > 500
+
+
+@pytest.mark.parametrize(
+    ("script", "state", "words"),
+    [
+        ("echo starting; echo no device >&2; exit 3", "exit code 3", "no device"),
+        ("exec sleep 60", "did not answer after 1 s", "none"),
+    ],
+)
+def test_a_viewer_that_draws_nothing_is_told_and_leaves_no_folder(
+    script: str,
+    state: str,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    program = tmp_path / "viewer"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(viewer, "_program", lambda remark="": str(program))
+    monkeypatch.setattr(viewer, "_START_S", 0.6)
+    recording, folder = tmp_path / "run.rrd", tmp_path / "stills"
+    recording.write_bytes(b"")
+    with pytest.raises(ViewerError) as found:
+        render_stills(recording, (0.0,), folder)
+    said = str(found.value)
+    assert all(part in said for part in (str(program), state, words, "Vulkan")), said
+    assert not folder.exists()
+    folder.mkdir()
+    with pytest.raises(ViewerError):
+        render_stills(recording, (0.0,), folder)
+    assert folder.exists(), "it was there before"
 
 
 CODE = """

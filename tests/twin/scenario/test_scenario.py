@@ -92,7 +92,7 @@ two rotations                                | {xyz_m: [0, 0, 0]}            | {
 zero quaternion                              | {xyz_m: [0, 0, 0]}            | {xyz_m: [0, 0, 0], quat_wxyz: [0, 0, 0, 0]}  | {xyz_m: [0, 0,   | must not be zero
 text for a number                            | [1, 1, 0.1]                   | [1, on, 0.1]                                 | on, 0.1], pose   | a number expected
 neither a number nor a list                  | "      model: gp4\n"          | "      model: gp4\n      limits: {velocity: fast}\n" | fast}            | velocity: a list [..] or a number expected, not 'fast'
-a number out of bounds where a list may stand | "      model: gp4\n"          | "      model: gp4\n      limits: {velocity: 0}\n" | 0}               | velocity: must be greater than 0, not 0
+a number out of bounds where a list may stand | "      model: gp4\n"          | "      model: gp4\n      limits: {velocity: 0}\n" | 0}               | velocity: must be at least 0.001, not 0
 an entry where a number may stand            | "      model: gp4\n"          | "      model: gp4\n      limits: {velocity: [1, fast]}\n" | fast]            | velocity[1]: a number expected, not 'fast'
 not finite                                   | [1, 1, 0.1]                   | [1, .nan, 0.1]                               | .nan, 0.1], po   | finite number expected
 flat box                                     | [1, 1, 0.1]                   | [1, 1, 0]                                    | 0], pose: {xyz   | must be at least 0.0001, not 0

@@ -16,6 +16,7 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import OutputError
+from planning.parquet import read_parquet
 from planning.tasks.task import GONE
 from planning.transforms import Array, Indices, Transform, from_quat_wxyz
 
@@ -287,7 +288,7 @@ def read_recording(folder: Path, cell: Workcell) -> Recording:
         OutputError: a table is missing, or does not fit the cell.
     """
     known = {robot.name for robot in cell.robots}
-    moves = _read(folder / "trajectory.parquet")
+    moves = read_parquet(folder / "trajectory.parquet")
     names = moves["robot"].to_numpy()
     _reject(folder, set(names.tolist()) - known, "robot", known)
     measured = (moves.schema.metadata or {}).get(b"measured", b"").decode().split(",")
@@ -301,7 +302,7 @@ def read_recording(folder: Path, cell: Workcell) -> Recording:
         for robot in cell.robots
     }
     columns = ("t_s", "object", "parent", "xyz", "quat_wxyz")
-    table = _read(folder / "objects.parquet").select(columns).to_pylist()
+    table = read_parquet(folder / "objects.parquet").select(columns).to_pylist()
     boxes = {box.name for box in cell.objects}
     _reject(folder, {row["object"] for row in table} - boxes, "object", boxes)
     rows = []
@@ -338,17 +339,6 @@ def _rows_of(folder: Path, robot: PlacedRobot, table: Any, still: float) -> Robo
         at = t[:-1][jump][0]
         raise OutputError(f"{folder}: robot {robot.name!r} jumps at {at:.6f} s")
     return RobotRows(t, values[0], node, *values[1:], still=still)
-
-
-def _read(path: Path) -> Any:
-    """Return a table of pyarrow."""
-    import pyarrow
-    import pyarrow.parquet
-
-    try:
-        return pyarrow.parquet.read_table(path)
-    except (OSError, pyarrow.ArrowException) as error:
-        raise OutputError(f"cannot read {path}: {error}") from error
 
 
 def _reject(folder: Path, unknown: set[str], what: str, known: set[str]) -> None:

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, model_v
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from planning.bounds import LONGEST_NAME
 from twin.scenario.document.yaml_text import KeyPath
 
 _ATTRIBUTES = re.compile(r"^Attributes:\n((?:[ ]+.*\n?|\n)*)", re.MULTILINE)
@@ -72,7 +73,7 @@ def _plain(text: str) -> str:
 
 
 NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
-Name = Annotated[str, Field(pattern=NAME, max_length=64)]
+Name = Annotated[str, Field(pattern=NAME, max_length=LONGEST_NAME)]
 """Names become parts of file names and of paths in a recording."""
 
 

@@ -32,6 +32,9 @@ _PLAIN_TAGS = ("tag:yaml.org,2002:map", "tag:yaml.org,2002:seq")
 _DEEPEST = 60
 
 # Longer ones are no quantity, and Python refuses to parse them from 4300 digits on.
+LARGEST_TEXT = 8 << 20
+"""Most characters of a document, which takes about a minute to parse."""
+
 _LONGEST_INT = 40
 
 _BOOL = re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$")
@@ -146,6 +149,10 @@ class YamlDocument:
 
 def read_yaml(path: Path, text: str) -> YamlDocument:
     """Parse ``text`` strictly; problems are listed in the result, never raised."""
+    if len(text) > LARGEST_TEXT:
+        words = f"the file has more than {LARGEST_TEXT >> 20} million characters"
+        problem = FileProblem(Mark(1, 1), words)
+        return YamlDocument(path, ("",), None, problems=(problem,))
     lines = tuple(text.splitlines()) or ("",)
     try:
         nodes = list(yaml.compose_all(text, Loader=yaml.SafeLoader))

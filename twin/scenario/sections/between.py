@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from planning.bounds import LONGEST_S
 from twin.scenario.document.section import Name, Section, Two, with_tuples
 
 
@@ -54,7 +55,7 @@ JoinedParts = Annotated[
 """Two names, or a section in full."""
 
 
-Lag = Annotated[float, Field(ge=0, le=1e6)]
+Lag = Annotated[float, Field(ge=0, le=LONGEST_S)]
 
 
 class AfterSection(Section):

@@ -7,6 +7,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from planning.bounds import (
+    FASTEST,
+    HEAVIEST_KG,
+    LARGEST_M,
+    LONGEST_S,
+    MOST_OF_TEAM,
+    MOST_ROBOTS,
+    SLOWEST,
+)
 from planning.cell.robot_model import ToolGrip
 from planning.cell.workcell import Clearances
 from planning.errors import ScenarioError
@@ -28,7 +37,7 @@ from twin.uncertainty.base_errors import PoseErrorSection
 Opening = Annotated[float, Field(ge=0, le=10)]
 JointName = Annotated[str, Field(min_length=1, max_length=256)]
 HeldJoints = dict[JointName, Coordinate]
-ActuationTime = AnyDuration | Annotated[float, Field(ge=0, le=1e6)]
+ActuationTime = AnyDuration | Annotated[float, Field(ge=0, le=LONGEST_S)]
 
 FINGERS_S, SUCTION_S = 0.4, 0.2
 """What fingers take to close or to open, and suction to come on or to go off, where nobody says: an
@@ -43,8 +52,9 @@ def actuation_model(given: ActuationTime | None, *, suction: bool) -> DurationMo
     return Fixed(value_s=usual if given is None else given)
 
 
-_Limit = Annotated[float, Field(gt=0, le=1e6)]
-_ToolSpeed = Annotated[float, Field(ge=0.001, le=1000)]
+_Limit = Annotated[float, Field(ge=SLOWEST, le=FASTEST)]
+_Effort = Annotated[float, Field(gt=0, le=1e6)]
+_ToolSpeed = Annotated[float, Field(ge=SLOWEST, le=1000)]
 
 
 class RackSection(PoseSection):
@@ -57,7 +67,7 @@ class RackSection(PoseSection):
     """
 
     approach_m: Annotated[float, Field(ge=0.001, le=1)] = 0.1
-    change_s: Annotated[float, Field(ge=0, le=1e6)] = 2.0
+    change_s: Annotated[float, Field(ge=0, le=LONGEST_S)] = 2.0
     change: AnyDuration | None = None
 
     not_both = (("change_s", "change"),)
@@ -109,7 +119,7 @@ class ToolSection(Section):
     force_n: Annotated[float, Field(gt=0, le=1e6)] | None = None
     close_s: ActuationTime | None = None
     open_s: ActuationTime | None = None
-    mass_kg: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    mass_kg: Annotated[float, Field(gt=0, le=HEAVIEST_KG)] | None = None
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
     rack: RackSection | None = None
 
@@ -171,8 +181,8 @@ class LimitsSection(Section):
     velocity: Several[_Limit] | _Limit | None = None
     acceleration: Several[_Limit] | _Limit | None = None
     jerk: Several[_Limit] | _Limit | None = None
-    effort: Several[_Limit] | _Limit | None = None
-    payload_kg: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    effort: Several[_Effort] | _Effort | None = None
+    payload_kg: Annotated[float, Field(gt=0, le=HEAVIEST_KG)] | None = None
     tool_speed_m_s: _ToolSpeed | None = None
     loaded_tool_speed_m_s: _ToolSpeed | None = None
 
@@ -260,7 +270,7 @@ class RingSection(Section):
         start_deg: direction of the first robot, seen from the middle.
     """
 
-    radius_m: Annotated[float, Field(ge=0.001, le=1000)]
+    radius_m: Annotated[float, Field(ge=0.001, le=LARGEST_M)]
     centre_m: Vector2 = (0.0, 0.0)
     start_deg: Coordinate = 0.0
 
@@ -284,7 +294,7 @@ class TeamSection(Section):
     """
 
     model: Annotated[str, Field(min_length=1, max_length=4096)]
-    count: Annotated[int, Field(ge=1, le=100)]
+    count: Annotated[int, Field(ge=1, le=MOST_OF_TEAM)]
     name: Name = "robot"
     ring: RingSection
     tool: Name | None = None
@@ -357,7 +367,10 @@ class CellSection(Section):
     """
 
     tools: dict[Name, ToolSection] = Field(default_factory=dict)
-    listed: Annotated[tuple[RobotSection, ...], Field(alias="robots")] = ()
+    listed: Annotated[
+        tuple[RobotSection, ...],
+        Field(alias="robots", max_length=MOST_ROBOTS - MOST_OF_TEAM),
+    ] = ()
     team: TeamSection | None = None
     fixtures: tuple[FixtureSection, ...] = ()
     clearance: ClearanceSection = ClearanceSection()

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import AnyDuration, Distribution, SkillOverride
@@ -66,7 +67,7 @@ class AskSection(Section):
         times: most times that somebody is asked for one step.
     """
 
-    answer_s: Annotated[float, Field(ge=0, le=1e6)] = 60.0
+    answer_s: Annotated[float, Field(ge=0, le=LONGEST_S)] = 60.0
     answer: AnyDuration | None = None
     helps: Probability = 1.0
     times: Annotated[int, Field(ge=1, le=1000)] = 3

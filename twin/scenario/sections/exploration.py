@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
+from planning.bounds import LONGEST_S
 from twin.scenario.document.expressions import Expression, Inequality
 from twin.scenario.document.section import Section
 
@@ -168,7 +169,7 @@ class ExploreSection(Section):
     efforts: dict[Kind, Annotated[float, Field(gt=0, le=1e9)]] = Field(
         default_factory=dict
     )
-    design_limit_s: Annotated[float, Field(ge=1, le=1e6)] = 900.0
+    design_limit_s: Annotated[float, Field(ge=1, le=LONGEST_S)] = 900.0
 
     @model_validator(mode="after")
     def _consistent(self) -> ExploreSection:

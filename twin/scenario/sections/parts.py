@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from planning.bounds import DENSEST_KG_M3
 from twin.durations.lifetimes import AnyDuration
 from twin.scenario.document.section import Name, Section, Several, with_tuples
 from twin.scenario.sections.between import AfterSection, FitSection, JoinedParts
@@ -107,7 +108,7 @@ class PartSection(ShapedSection):
     starts: Places | None = None
     goals: Places | None = None
     mass_kg: Mass = 0.0
-    density_kg_m3: Annotated[float, Field(gt=0, le=1e5)] | None = None
+    density_kg_m3: Annotated[float, Field(gt=0, le=DENSEST_KG_M3)] | None = None
     centre_of_mass_m: Vector3 | None = None
     colour: Colour = (190, 140, 90)
     frames: dict[Name, PoseSection] = Field(default_factory=dict)

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, ValidationError, model_validator
 
+from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
 from planning.tasks.task import CLOSE, LEAVE_TOOL, OPEN, TAKE_TOOL, ActuationKey
 from twin.durations.lifetimes import AnyDuration, SkillOverride
@@ -137,7 +138,7 @@ class PlanningSection(Section):
     sidestep_candidates: (
         Annotated[int, Field(ge=0, le=10_000_000)] | Literal["auto"]
     ) = "auto"
-    shortcut_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    shortcut_s: Annotated[float, Field(ge=0, le=LONGEST_S)] = 0.0
     deviation: dict[Skill, PoseErrorSection] = Field(default_factory=dict)
 
     @property

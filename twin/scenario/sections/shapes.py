@@ -16,6 +16,14 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeV
 import numpy as np
 from pydantic import Field, model_validator
 
+from planning.bounds import (
+    FARTHEST,
+    HEAVIEST_KG,
+    LARGEST_M,
+    MOST_ELEMENTS,
+    MOST_JOINTS,
+    THINNEST_M,
+)
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, Cell, PlacedBrick
 from planning.lego.bricks.drawing import (
     Drawing,
@@ -25,22 +33,22 @@ from planning.lego.bricks.drawing import (
     read_layer,
 )
 from planning.transforms import Transform, from_quat_wxyz, from_rpy, quat_wxyz, readonly
-from twin.scenario.document.section import Name, Section, Several, Three, Two
+from twin.scenario.document.section import Name, Section, Three, Two
 from twin.scenario.document.validation import unknown_name
 from twin.scenario.document.yaml_text import KeyPath
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-# No cell reaches ten kilometres: what is beyond is a slip of the pen or of the unit.
-Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
+Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 Vector3 = Three[Coordinate]
 Vector4 = Annotated[tuple[Coordinate, ...], Field(min_length=4, max_length=4)]
-# Bodies thinner than a tenth of a millimetre have no volume that could be reckoned with.
-Size3 = Three[Annotated[float, Field(ge=1e-4, le=1000)]]
+Size3 = Three[Annotated[float, Field(ge=THINNEST_M, le=LARGEST_M)]]
 Colour = Three[Annotated[int, Field(ge=0, le=255)]]
-Mass = Annotated[float, Field(ge=0, le=1e6)]
-Configuration = Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=100)]
+Mass = Annotated[float, Field(ge=0, le=HEAVIEST_KG)]
+Configuration = Annotated[
+    tuple[Coordinate, ...], Field(min_length=1, max_length=MOST_JOINTS)
+]
 
 
 class PoseSection(Section):
@@ -126,7 +134,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-Length = Annotated[float, Field(ge=1e-4, le=1000)]
+Length = Annotated[float, Field(ge=THINNEST_M, le=LARGEST_M)]
 FORMS = ("box", "cylinder", "capsule", "mesh", "compound")
 """Keys of a shape, of which one is given."""
 
@@ -152,7 +160,7 @@ class CapsuleSection(Section):
     """
 
     radius_m: Length
-    length_m: Annotated[float, Field(ge=0, le=1000)]
+    length_m: Annotated[float, Field(ge=0, le=LARGEST_M)]
 
 
 class ShapeSection(Section):
@@ -176,7 +184,13 @@ class ShapeSection(Section):
     mesh: Annotated[str, Field(min_length=1, max_length=4096)] | None = None
     scale: Annotated[float, Field(gt=0, le=1e6)] | None = None
     within_m: Length | None = None
-    compound: Several[PlacedShapeSection] | None = None
+    compound: (
+        Annotated[
+            tuple[PlacedShapeSection, ...],
+            Field(min_length=1, max_length=MOST_ELEMENTS),
+        ]
+        | None
+    ) = None
 
     @model_validator(mode="after")
     def _one_form(self) -> ShapeSection:

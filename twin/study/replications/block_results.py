@@ -48,7 +48,7 @@ KEPT = 500
 _FEWEST, _MOST_KEPT = 50, 4_000_000
 """Fewest of these, and starts of tasks in all of them where a plan is so long that it would be more."""
 
-_LARGEST = 1 << 30  # bytes of a block: some thousand times the largest one
+_LARGEST = 1 << 28  # bytes of a block: some hundred times the largest one
 
 _SEAL = "made_from_and_sha256"
 _NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.npz")
