@@ -142,7 +142,7 @@ class ReportedExecution(RollingExecution):
         rows = self._rows[name]
         now_s = self._wall_s()
         if (samples := self._links[name].samples(report)) is not None:
-            self._keep(name, samples)
+            self._keep_samples(name, samples)
             self._missing_s.pop(name, None)
         elif now_s - self._missing_s.setdefault(name, now_s) <= _MISSING_S:
             return
@@ -152,7 +152,7 @@ class ReportedExecution(RollingExecution):
         rows.begin_ns += [now] * (begun - len(rows.begin_ns))
         rows.end_ns += [now] * (state.done - len(rows.end_ns))
 
-    def _keep(self, name: str, samples: Sequence[Sample]) -> None:
+    def _keep_samples(self, name: str, samples: Sequence[Sample]) -> None:
         """Keep samples, with the corners of the path between those that were lost."""
         link, rows = self._links[name], self._rows[name]
         path = link.cleared, rows.cleared_ns, link.start
