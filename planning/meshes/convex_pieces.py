@@ -297,12 +297,14 @@ def _mass(
     import trimesh
 
     meshes = [trimesh.Trimesh(*_closed(*body), process=False) for body in bodies]
-    volumes = np.array([float(mesh.volume) for mesh in meshes])
     if all(m.is_watertight and m.is_winding_consistent for m in meshes):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            volumes = np.array([float(mesh.volume) for mesh in meshes])
+            # A body that is flat has no centre of mass.
+            centres = np.nan_to_num([mesh.center_mass for mesh in meshes])
         if volumes.sum() < 0.0:
             volumes = -volumes  # inside out
         if volumes.sum() > 0.0:
-            centres = np.array([mesh.center_mass for mesh in meshes])
             return float(volumes.sum()), volumes @ centres / volumes.sum()
     meshes = [trimesh.Trimesh(hull, ConvexHull(hull).simplices) for hull in hulls]
     solids = [mesh.convex_hull for mesh in meshes]
