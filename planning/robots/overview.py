@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -159,15 +160,11 @@ def description_doubts(model: RobotModel) -> list[str]:
                 f"joint {model.joint_names[k]!r} has a {what} of {values[k]:g} {unit}: is that in {other}?"
             )
     root = read_xml(model.urdf)
-    angles = [
-        float(angle)
-        for origin in root.iter("origin")
-        for angle in origin.get("rpy", "").split()
-    ]
+    angles = _numbers(origin.get("rpy", "") for origin in root.iter("origin"))
     if max(map(abs, angles), default=0.0) > 2.0 * np.pi + 0.01:
         worst = max(angles, key=abs)
         out.append(f"an <origin> has rpy {worst:g} rad: is that in degrees?")
-    masses = [float(own.get("value", "0")) for own in root.iter("mass")]
+    masses = _numbers(own.get("value", "") for own in root.iter("mass"))
     if min(masses, default=0.0) < 0.0:
         out.append(f"a link has a mass of {min(masses):g} kg, which no body has")
     sizes = [
@@ -186,6 +183,15 @@ def description_doubts(model: RobotModel) -> list[str]:
             f" {1e3 * length:.3g} mm apart: is the scale of its meshes right?"
         )
     return out
+
+
+def _numbers(texts: Iterable[str]) -> list[float]:
+    """Return the words of texts that are numbers; others are refused where they are needed."""
+    found = []
+    for word in " ".join(texts).split():
+        with suppress(ValueError):
+            found.append(float(word))
+    return found
 
 
 def flange_doubt(model: RobotModel) -> str | None:

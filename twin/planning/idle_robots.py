@@ -56,6 +56,16 @@ class IdleRobot:
         return f"{self.robot} gets no task:{able} {_WORDS[self.reason]}"
 
 
+def known_idle(content: object) -> tuple[IdleRobot, ...]:
+    """Return the robots without a task as the manifest of a run has them; without what is damaged."""
+    entries = content.items() if isinstance(content, dict) else ()
+    return tuple(
+        IdleRobot(name, own["reason"], own.get("serves"), own.get("steps"))
+        for name, own in entries
+        if isinstance(own, dict) and own.get("reason") in [*_WORDS]
+    )
+
+
 def find_idle(tpg: TemporalPlanGraph, first: PlannedMotions) -> tuple[IdleRobot, ...]:
     """Return the robots that get no task, and why.
 
