@@ -19,7 +19,7 @@ from planning.errors import (
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import robot_grips
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
-from planning.lego.bricks.assembly import LegoAssembly, PlacedBrick
+from planning.lego.bricks.assembly import LegoAssembly, PlacedBrick, Plate
 from planning.lego.bricks.grid import grip_pose, presses, top_pose
 from planning.parts.assembly import PartHandling, PlacePart
 from planning.parts.part_skills import pick_targets, place_targets, process_targets
@@ -358,7 +358,9 @@ def _handles_bricks(
     model = robot.model
     if "tool" not in model.frames:
         return True  # said elsewhere
-    items = [(assembly.plate_of(item), item) for item in assembly.stock]
+    items: list[tuple[Plate, PlacedBrick]] = [
+        (assembly.plate_of(item), item) for item in assembly.stock
+    ]
     items += [(assembly.plate, item) for item in (*structure, *assembly.structure)]
     poses = (
         grip_pose(top_pose(plate, item), item.brick, press)

@@ -135,8 +135,8 @@ def check_usual(subject: Subject) -> Findings:
                     f"{_name(place)} {', '.join(f'{v:g}' for v in numbers.values())} is in degrees, and has values of"
                     " right angles or their parts in radians; if it is in radians, write it in degrees",
                 )
-            for at, value in numbers.items() if usual else ():
-                if words := usual.words(value):
+            for at, value in numbers.items():
+                if usual is not None and (words := usual.words(value)):
                     yield Finding(at, f"{_name(at)} {words}")
 
 
