@@ -18,7 +18,7 @@ from planning.tasks.work import AssemblyWork
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.supply import without_chains
 from tests.twin.twin_toys import random_tpg
-from twin.planning.idle_robots import find_idle
+from twin.planning.idle_robots import find_idle, known_idle
 
 SOLO = """\
 version: 1
@@ -150,3 +150,14 @@ def test_a_run_names_robots_without_tasks(tmp_path: Path) -> None:
     kept = plan.save(tmp_path / "plan")
     read = twin.simulate(twin.read_plan(kept, path))
     assert read.summary["idle"]["spare"]["reason"] == "unknown"
+    done = twin.run(path, out=tmp_path / "run", recording=False, audit=False)
+    again = twin.simulate(twin.read_plan(done.folder or ""))
+    assert again.summary["idle"] == {"spare": expected}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [None, [], {"a": 1}, {"a": {}}, {"a": {"reason": "moon"}}, {"a": {"reason": []}}],
+)
+def test_damaged_reasons_are_left_out(content: object) -> None:
+    assert known_idle(content) == ()
