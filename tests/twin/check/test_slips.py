@@ -102,16 +102,18 @@ def test_descriptions_in_wrong_units_are_told(says: str, tmp_path: Path) -> None
     assert any(says in message for message in found) if says else found == []
 
 
-FAR = {
-    "lego/stairs": (("[0.88, 0, 0.9246]", "[3.1, 0, 0.9246]"), "right will get no task"),
-    "lego/cliff": (("[0.88, 0, 0.9246]", "[0.9, 0, 0.9246]"), ""),
-    "construction/relay": (("middle", "centre"), ""),
-}  # fmt: skip
+FAR = [
+    ("lego/stairs", ("[0.88, 0, 0.9246]", "[3.1, 0, 0.9246]"), "right will get no task"),
+    ("lego/stairs", ("[0.44, 0, 1.1045]", "[0.44, 0, 1.1345]"), "goes where table stands"),
+    ("lego/stairs", ("[0.44, 0, 1.1045]", "[0.44, 0, 1.1044]"), ""),
+    ("construction/relay", ("middle", "centre"), ""),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", FAR)
-def test_robots_that_can_do_nothing_are_named_before(name: str, tmp_path: Path) -> None:
-    change, says = FAR[name]
+@pytest.mark.parametrize(("name", "change", "says"), FAR)
+def test_robots_and_fixtures_that_are_out_of_place_are_named(
+    name: str, change: Change, says: str, tmp_path: Path
+) -> None:
     found = told(tmp_path, (ROOT / f"scenarios/{name}.yaml").read_text(), change)
     assert any(says in message for message in found) if says else found == []
 
