@@ -17,6 +17,7 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 from planning.bounds import THINNEST_M
 from planning.cell.cover import directions, hull_vertices
 from planning.errors import ShapeError
+from planning.meshes.holes import closed_surface
 from planning.meshes.mesh_file import MeshTriangles
 from planning.meshes.prisms import prism_pieces
 from planning.transforms import Array, Indices
@@ -123,28 +124,6 @@ def _edges(faces: Indices) -> tuple[Indices, Indices]:
     return np.sort(edges, axis=1), np.tile(np.arange(len(faces)), 3)
 
 
-def _closed(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
-    """Return a body whose holes are closed, each by triangles around its middle."""
-    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    _, inverse, count = np.unique(
-        np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    rim = directed[count[inverse.reshape(-1)] == 1]
-    if len(rim) == 0:
-        return vertices, faces
-    links = coo_array(
-        (np.ones(len(rim)), (rim[:, 0], rim[:, 1])), shape=(len(vertices),) * 2
-    )
-    label = connected_components(links, directed=False)[1][rim[:, 0]]
-    points, more = [vertices], [faces]
-    for hole, number in enumerate(np.unique(label)):
-        own = rim[label == number]
-        middle = np.full(len(own), len(vertices) + hole)
-        points.append(vertices[np.unique(own)].mean(axis=0)[None])
-        more.append(np.column_stack([own[:, 1], own[:, 0], middle]))
-    return np.vstack(points), np.vstack(more)
-
-
 def _require_few(count: int, most: int, within: float) -> None:
     """Raise TooManyPiecesError where there are more pieces than there may be."""
     if count > most:
@@ -163,7 +142,7 @@ def _pieces(vertices: Array, faces: Indices, within: float, most: int) -> list[A
         return [_thickened(vertices)]
     if _fills(trimesh.Trimesh(vertices, faces, process=False), hull):
         return [hull_vertices(vertices)]
-    closed = _closed(vertices, faces)
+    closed = closed_surface(vertices, faces)
     prisms = prism_pieces(*closed, within, MOST_PIECES)
     if prisms is not None:
         return prisms
@@ -296,13 +275,15 @@ def _mass(
     """Return volume and centre of mass: of the mesh where its holes can be closed, else of the hulls."""
     import trimesh
 
-    meshes = [trimesh.Trimesh(*_closed(*body), process=False) for body in bodies]
-    volumes = np.array([float(mesh.volume) for mesh in meshes])
+    meshes = [trimesh.Trimesh(*closed_surface(*body), process=False) for body in bodies]
     if all(m.is_watertight and m.is_winding_consistent for m in meshes):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            volumes = np.array([float(mesh.volume) for mesh in meshes])
+            # A body that is flat has no centre of mass.
+            centres = np.nan_to_num([mesh.center_mass for mesh in meshes])
         if volumes.sum() < 0.0:
             volumes = -volumes  # inside out
         if volumes.sum() > 0.0:
-            centres = np.array([mesh.center_mass for mesh in meshes])
             return float(volumes.sum()), volumes @ centres / volumes.sum()
     meshes = [trimesh.Trimesh(hull, ConvexHull(hull).simplices) for hull in hulls]
     solids = [mesh.convex_hull for mesh in meshes]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -102,6 +103,7 @@ def _words(model: RobotModel, links: tuple[LinkRow, ...]) -> list[str]:
         out[0] = f"flange: link {model.flange_link!r}"
         out.append(f"doubtful: {doubt}")
     out += [f"left out: {text}" for text in empty_shapes(model)]
+    out += [f"doubtful: {text}" for text in description_doubts(model)]
     tip = tip_link(tuple(row.name for row in links if row.group == "tool"))
     if tip is not None:
         out.append(f"the link {tip!r} is named as a tool's tip")
@@ -133,6 +135,63 @@ def empty_shapes(model: RobotModel) -> list[str]:
         for link in read_xml(model.urdf).findall("link")
         if (kinds := link.get(EMPTY))
     ]
+
+
+_MOST_TURNED, _FASTEST, _LONGEST = 60.0, 30.0, 50.0
+"""Range of a joint that turns [rad], its speed [rad/s], and range of one that slides [m]: arms have less."""
+
+_SMALLEST = 0.01
+"""The largest body of an arm is longer than this share of the arm."""
+
+
+def description_doubts(model: RobotModel) -> list[str]:
+    """Return in words what is likely in a wrong unit in the description of a robot, or missing."""
+    out, span = [], model.upper - model.lower
+    slides = model.chain.prismatic
+    checks = (
+        (~slides & (span > _MOST_TURNED), span, "range", "rad", "degrees"),
+        (~slides & (model.velocity > _FASTEST), model.velocity, "velocity", "rad/s", "degrees per second"),
+        (slides & (span > _LONGEST) & (not model.is_mobile), span, "range", "m", "millimetres"),
+    )  # fmt: skip
+    for odd, values, what, unit, other in checks:
+        if odd.any():
+            k = int(np.argmax(odd))
+            out.append(
+                f"joint {model.joint_names[k]!r} has a {what} of {values[k]:g} {unit}: is that in {other}?"
+            )
+    root = read_xml(model.urdf)
+    angles = _numbers(origin.get("rpy", "") for origin in root.iter("origin"))
+    if max(map(abs, angles), default=0.0) > 2.0 * np.pi + 0.01:
+        worst = max(angles, key=abs)
+        out.append(f"an <origin> has rpy {worst:g} rad: is that in degrees?")
+    masses = _numbers(own.get("value", "") for own in root.iter("mass"))
+    if min(masses, default=0.0) < 0.0:
+        out.append(f"a link has a mass of {min(masses):g} kg, which no body has")
+    sizes = [
+        float(np.ptp(p.body.vertices, axis=0).max())
+        for p in model.parts
+        if p.group == "arm" and p.joint >= 0
+    ]
+    length = float(np.linalg.norm(model.chain.placement[:, :3, 3], axis=1).sum())
+    if not sizes:
+        out.append(
+            "no link that moves has a collision shape: nothing notices what the arm passes through"
+        )
+    elif max(sizes) < _SMALLEST * length:
+        out.append(
+            f"its largest collision shape measures {1e3 * max(sizes):.2g} mm, and its joints are"
+            f" {1e3 * length:.3g} mm apart: is the scale of its meshes right?"
+        )
+    return out
+
+
+def _numbers(texts: Iterable[str]) -> list[float]:
+    """Return the words of texts that are numbers; others are refused where they are needed."""
+    found = []
+    for word in " ".join(texts).split():
+        with suppress(ValueError):
+            found.append(float(word))
+    return found
 
 
 def flange_doubt(model: RobotModel) -> str | None:

@@ -9,6 +9,9 @@ import numpy as np
 
 from planning.cell.cover import box_body
 from planning.cell.robot_model import RobotModel
+from planning.cell.shape import Shape
+from planning.cell.workcell import Fixture
+from planning.contacts.touching import near_to
 from planning.geometry.exact import Solid, distance_at
 from planning.grips.tool_grips import tool_bodies
 from planning.lego.bricks.assembly import (
@@ -66,6 +69,31 @@ def check_brick_tools(subject: Subject) -> Findings:
                 " to, or the frames of this one",
                 error=gap > most or gap < 0.0,
             )
+
+
+def check_brick_places(subject: Subject) -> Findings:
+    """Yield fixtures that are in the way of bricks in their places: all bricks of a structure, or of steps."""
+    if not isinstance(subject.kind, LegoKind):
+        return
+    section = subject.kind.section
+    assembly = build_lego(section)
+    fixtures = {
+        item.name: (item, item.pose)
+        for item in subject.cell.fixtures
+        if item.name in subject.own_fixtures
+    }
+    for item in build_structure(section) or assembly.structure:
+        pose = box_pose(assembly.plate, item)
+        size = tuple(box_size(item.brick).tolist())
+        brick = Fixture(item.name, Shape((), (box_body(item.name, size),)), pose)
+        for name, gap in near_to((brick, pose), fixtures, 0.0).items():
+            if gap < -CONTACT_DEPTH:
+                yield Finding(
+                    subject.thing_at(name, "pose"),
+                    f"{item.name} ({item.brick.name} at {item.cell.words}) goes where {name} stands: they would overlap by"
+                    f" {millimetres(-gap)}; move {name}, or the plate",
+                    error=True,
+                )
 
 
 def _bricks_at(

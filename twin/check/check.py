@@ -9,7 +9,7 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
 
-from twin.check.bricks import check_brick_tools
+from twin.check.bricks import check_brick_places, check_brick_tools
 from twin.check.finding import Finding, Findings, Subject
 from twin.check.fits import KnownFit, known_fits
 from twin.check.gripping import (
@@ -128,6 +128,7 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_turning,
     check_flanges,
     check_tool_frames,
+    check_brick_places,
     check_brick_tools,
     check_openings,
     check_pads,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -19,6 +19,8 @@ from planning.errors import (
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import robot_grips
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
+from planning.lego.bricks.assembly import LegoAssembly, PlacedBrick, Plate
+from planning.lego.bricks.grid import grip_pose, presses, top_pose
 from planning.parts.assembly import PartHandling, PlacePart
 from planning.parts.part_skills import pick_targets, place_targets, process_targets
 from planning.parts.part_steps import steps_in_order
@@ -48,7 +50,7 @@ def check_reach(subject: Subject) -> Findings:
         yield from _check_parts(subject, subject.parts)
     elif isinstance(section, GoalsSection):
         yield from _check_moves(subject, section)
-    elif isinstance(section, LegoSection) and section.structure is None:
+    elif isinstance(section, LegoSection):
         yield from _check_bricks(subject, section)
     elif isinstance(section, ConstructionSection):
         yield from _check_construction(subject)
@@ -129,14 +131,19 @@ def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
             ):
                 continue
         yield from found
-    for number, robot in enumerate(cell.robots):
+    for robot in cell.robots:
         if not _serves(robot, legs, parts):
-            count = len(assembly.steps)
-            yield Finding(
-                ("cell", "robots", number),
-                f"{robot.name} will get no task: it neither picks nor places a part in any of the {count} steps, nor"
-                " does it reach a place of work; move it nearer, give it another tool, or leave it out",
-            )
+            yield _idle(subject, robot, len(assembly.steps))
+
+
+def _idle(subject: Subject, robot: PlacedRobot, steps: int) -> Finding:
+    """Return that a robot can do nothing in any step."""
+    at = subject.robot_at(robot.name)
+    return Finding(
+        at[:3],
+        f"{robot.name} will get no task: it neither picks nor places a part in any of the {steps} steps, nor"
+        " does it reach a place of work; move it nearer, give it another tool, or leave it out",
+    )
 
 
 def _serves(robot: PlacedRobot, legs: list[_PartLeg], parts: OrderedParts) -> bool:
@@ -320,10 +327,17 @@ def _check_moves(subject: Subject, section: GoalsSection) -> Findings:
 
 def _check_bricks(subject: Subject, section: LegoSection) -> Findings:
     from planning.lego.sequencing.blocking import check_reach as check_steps
-    from twin.planning.lego import build_lego
+    from twin.planning.lego import build_lego, build_structure
 
+    assembly, cell = build_lego(section), subject.cell
+    structure = build_structure(section) or ()
+    for robot in cell.robots:
+        if not _handles_bricks(robot, assembly, structure):
+            yield _idle(subject, robot, subject.kind.steps())
+    if structure:
+        return  # the planner finds the steps
     try:
-        check_steps(subject.cell, build_lego(section))
+        check_steps(cell, assembly)
     except RobotModelError as error:  # a frame of the LEGO tool is missing
         yield Finding(("assembly", "kind"), error.args[0], error=True)
     except InfeasibleStepError as error:
@@ -337,15 +351,43 @@ def _check_bricks(subject: Subject, section: LegoSection) -> Findings:
             yield Finding(("assembly", "steps", last), line, error=True)
 
 
+def _handles_bricks(
+    robot: PlacedRobot, assembly: LegoAssembly, structure: Sequence[PlacedBrick]
+) -> bool:
+    """Tell whether a robot comes to a brick of the stock, or to the place of one, with a tool for bricks."""
+    model = robot.model
+    if "tool" not in model.frames:
+        return True  # said elsewhere
+    items: list[tuple[Plate, PlacedBrick]] = [
+        (assembly.plate_of(item), item) for item in assembly.stock
+    ]
+    items += [(assembly.plate, item) for item in (*structure, *assembly.structure)]
+    poses = (
+        grip_pose(top_pose(plate, item), item.brick, press)
+        for plate, item in items
+        for press in presses(item.brick)
+    )
+    return any(
+        inverse_kinematics(robot, "tool", pose, robot.home)
+        for pose in poses
+        if not too_far(robot, "tool", pose)
+    )
+
+
 def _check_construction(subject: Subject) -> Findings:
     """Ask the planner of constructions for the first thing that its lower bounds rule out."""
+    from planning.construction.problem.reach_bounds import reach_bounds
     from twin.planning.construction import ConstructionKind
     from twin.planning.pipeline import motion_settings
 
     kind, cell = subject.kind, subject.cell
     assert isinstance(kind, ConstructionKind)
     try:
-        kind.problem(cell, motion_settings(subject.scenario, cell, subject.folder))
+        settings = motion_settings(subject.scenario, cell, subject.folder)
+        bounds = reach_bounds(kind.problem(cell, settings))
+        for robot in cell.robots:
+            if not any(bounds.serves(robot.name)):
+                yield _idle(subject, robot, kind.steps())
     except (ConstructionError, ScenarioError) as error:
         names = {item.name for item in cell.objects}
         named = next(

@@ -272,7 +272,8 @@ def check_standing_times(subject: Subject) -> Findings:
     used += subject.scenario.processes
     given = [execution.skills.get(name) for name in used]
     given += [item.duration for item in execution.skill_overrides if item.skill in used]
-    known = [item.mean for item in given if isinstance(item, DurationModel)]
+    models = [item for item in given if isinstance(item, DurationModel)]
+    known = [item.located(subject.folder).mean for item in models]
     if subject.cell.objects and len(known) == len(given) and not any(known):
         yield Finding(
             ("execution", "skills"),

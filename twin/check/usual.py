@@ -6,53 +6,22 @@ compared: a default is usual.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from typing import get_args
 
 import numpy as np
 from pydantic import BaseModel
 
 from twin.check.finding import Finding, Findings, Subject
-from twin.durations.model import DurationModel, PackagedSkill
+from twin.durations.model import DurationModel
+from twin.durations.normal import TruncatedNormal
+from twin.durations.usual_range import UsualRange, usual_duration
 from twin.planning.build_workcell import fitted_model
 from twin.scenario.document.section import parts_of
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import LimitsSection
-
-
-@dataclass(frozen=True)
-class UsualRange:
-    """Range of the values that a key has in practice.
-
-    Attributes:
-        low, high: least and greatest size; a value may be negative.
-        unit: of both.
-        why: what has such values.
-        zero: whether 0 is usual, too, such as for what takes no time.
-    """
-
-    low: float
-    high: float
-    unit: str
-    why: str
-    zero: bool = True
-
-    def words(self, value: float) -> str | None:
-        """Return how a value is unusual, in words; None where it is usual."""
-        size = abs(value)
-        if self.low <= size <= self.high or (self.zero and size == 0.0):
-            return None
-        side, unit = "below" if size < self.low else "above", f" {self.unit}".rstrip()
-        return (
-            f"{value:g}{unit} is far {side} what is usual, {self.low:g} to {self.high:g}{unit}"
-            f" ({self.why}): correct it, unless it is meant"
-        )
-
-
-_SKILL = UsualRange(0.05, 600, "s", "a robot grips and places within minutes")
-_WORK = UsualRange(1e-3, 1e5, "s", "work in a cell takes up to a day")
+from twin.scenario.sections.line import ConveyorSection
+from twin.scenario.sections.parts import PartsSection
 
 _RANGES: Mapping[str, UsualRange] = {
     # Robots, tools and grips.
@@ -122,6 +91,12 @@ _RANGES: Mapping[str, UsualRange] = {
     "shortcut_s improve_s": UsualRange(1e-3, 86_400, "s", "planning takes up to hours"),
 }  # fmt: skip
 
+_ROUNDED = 1.7e-3
+"""Angles in radians are written with two decimals or more."""
+
+_CUT = 1.5
+"""The mean of a normal distribution may be so many times that of the one that is not cut off."""
+
 USUAL = {key: own for keys, own in _RANGES.items() for key in keys.split()}
 """Usual values by key, and by class of the section and key where keys of several sections have one name."""
 
@@ -140,19 +115,50 @@ def check_usual(subject: Subject) -> Findings:
             continue
         seen.add(id(section))
         if isinstance(section, DurationModel):
-            skill = not {*map(str, path)}.isdisjoint(get_args(PackagedSkill))
             mean = section.located(subject.folder).mean
-            if words := (_SKILL if skill else _WORK).words(mean):
+            if words := usual_duration([*map(str, path)]).words(mean):
                 yield Finding(path, f"the mean of {_name(path)}, {words}")
+            yield from _check_cut(section, mean, path)
         for key in sorted(section.model_fields_set):
             usual, given = usual_range(type(section), key), getattr(section, key)
-            if usual is None or isinstance(given, BaseModel):
+            if isinstance(given, BaseModel):
                 continue
-            for at, value in parts_of(given, (*path, key)):
-                number = isinstance(value, int | float) and not isinstance(value, bool)
-                words = usual.words(float(str(value))) if number else None
-                if words:
+            place = (*path, type(section).model_fields[key].alias or key)
+            numbers = {
+                at: float(value)
+                for at, value in parts_of(given, place)
+                if isinstance(value, int | float) and not isinstance(value, bool)
+            }
+            if key.endswith("_deg") and _in_radians([*numbers.values()]):
+                yield Finding(
+                    place,
+                    f"{_name(place)} {', '.join(f'{v:g}' for v in numbers.values())} is in degrees, and has values of"
+                    " right angles or their parts in radians; if it is in radians, write it in degrees",
+                )
+            for at, value in numbers.items():
+                if usual is not None and (words := usual.words(value)):
                     yield Finding(at, f"{_name(at)} {words}")
+
+
+def _check_cut(model: DurationModel, mean: float, at: KeyPath) -> Findings:
+    """Yield a normal distribution of which so much is cut off that its mean is another one."""
+    if isinstance(model, TruncatedNormal) and mean > _CUT * model.mean_s * model.scale:
+        yield Finding(
+            at,
+            f"{_name(at)} has mean_s {model.mean_s:g} and sd_s {model.sd_s:g}: cut off at low_s {model.low_s:g}, its mean"
+            f" is {mean:.3g} s; give a smaller sd_s, or a distribution that has no values below 0, such as a lognormal",
+        )
+
+
+def _in_radians(angles: list[float]) -> bool:
+    """Tell whether angles are likely in radians: right angles or their halves and thirds, and none above a turn."""
+    sizes = np.abs([angle for angle in angles if angle])
+    if len(sizes) == 0 or sizes.max() > 2.0 * np.pi + _ROUNDED:
+        return False
+    parts = np.concatenate([np.arange(1, 9) * np.pi / 4, np.arange(1, 13) * np.pi / 6])
+    hits = np.abs(sizes[:, None] - parts).min(axis=1) < _ROUNDED
+    # Of the joints of a robot at HOME, only some are at such angles.
+    return bool(hits.all() or (hits.any() and len(angles) > 3))
 
 
 def _name(at: KeyPath) -> str:
@@ -161,7 +167,7 @@ def _name(at: KeyPath) -> str:
 
 
 def check_rates(subject: Subject) -> Findings:
-    """Yield what stands still for longer than it works, and times at which products are due that fall."""
+    """Yield what stands still for longer than it works, and due times that fall or cannot be kept."""
     execution, assembly = subject.scenario.execution, subject.scenario.assembly
     for path, own in parts_of(execution, ("execution",)):
         mtbf, mttr = getattr(own, "mtbf_s", None), getattr(own, "mttr_s", None)
@@ -179,14 +185,44 @@ def check_rates(subject: Subject) -> Findings:
             f"rate_per_h {stalls.rate_per_h:g} makes robots stand still for {stood:.3g} h in an hour of work; usual is"
             " less than 0.1 h",
         )
-    due = getattr(getattr(assembly, "products", None), "due", None)
-    for k, (first, then) in enumerate(pairwise(due if isinstance(due, tuple) else ())):
+    products = getattr(assembly, "products", None)
+    due = products.due_s() if products is not None else ()
+    for who, first, each in _paces(subject) if due else ():
+        late = first + each * np.arange(len(due)) - np.array(due)
+        if late.max() > 0.0:
+            k = int(np.argmax(late > 0.0))
+            yield Finding(
+                ("assembly", "products", "due"),
+                f"due: product {k + 1} is due at {due[k]:g} s, and {who} takes {each:g} s for each product, so that it is"
+                f" not complete before {first + k * each:g} s; let products be due later",
+            )
+    for k, (first, then) in enumerate(pairwise(due)):
         if then < first:
             yield Finding(
                 ("assembly", "products", "due", k + 1),
                 f"due: product {k + 2} is due at {then:g} s, before product {k + 1} at {first:g} s, and products are"
                 " finished in their order; usual are times that rise",
             )
+
+
+def _paces(subject: Subject) -> Iterator[tuple[str, float, float]]:
+    """Yield conveyors and machines of a line: in words, and the time until the first product has its parts, and for each further one [s].
+
+    By the mean of their times; nothing else takes any time.
+    """
+    section, folder = subject.scenario.assembly, subject.folder
+    assert isinstance(section, PartsSection)
+    for name, source in section.sources.items():
+        count = sum(part.count or 1 for part in section.parts if part.source == name)
+        if isinstance(source, ConveyorSection) and count:
+            every = source.interval.located(folder).mean
+            yield f"source {name}", (count - 1) * every, count * every
+    models = subject.scenario.execution.skill_models(folder)
+    for name in section.machines:
+        own = [step.process or "" for step in section.steps]
+        own = [k for k in own if k and section.processes[k].machine == name]
+        takes = sum(models[k].mean for k in own if k in models)
+        yield f"machine {name}", takes, takes
 
 
 _FASTER = 2.0

@@ -24,6 +24,7 @@ from twin.durations.measured import (
     read_durations,
 )
 from twin.durations.model import NANOSECONDS
+from twin.durations.usual_range import usual_duration
 from twin.run.activities import RobotProgress
 from twin.run.events import Event, EventLogError, parse_event, read_log
 from twin.run.folder import EVENTS, require_as_written
@@ -252,10 +253,6 @@ def _columns_of(path: Path) -> Columns:
     return durations[0] if durations else stamps[0]
 
 
-_PLAUSIBLE_S = (1e-3, 3600.0)
-"""Medians of durations of skills outside of these are doubtful [s]."""
-
-
 def unit_notes(
     paths: Sequence[Path],
     samples: Sequence[FitSample],
@@ -278,12 +275,10 @@ def unit_notes(
             yield f"{path}: {first!r} has no unit in its name and is read in s: {choices}"
         elif known not in (None, "s"):
             yield f"{path}: {first!r} is read in {known}"
-    low, high = _PLAUSIBLE_S
     for sample in samples:
-        median_s = float(np.median(sample.values_s))
-        if not low <= median_s <= high:
-            words = f"a median of {median_s:.4g} s is implausible for a skill"
-            yield f"warning: {sample.name}: {words}: is the unit right? {choices}"
+        usual = usual_duration([v for k, v in sample.labels.items() if k == "skill"])
+        if words := usual.words(float(np.median(sample.values_s))):
+            yield f"warning: {sample.name}: the median, {words}: is the unit right? {choices}"
 
 
 def _logged(path: Path, keys: Sequence[str], skill: str | None) -> _Rows:

@@ -56,6 +56,16 @@ class IdleRobot:
         return f"{self.robot} gets no task:{able} {_WORDS[self.reason]}"
 
 
+def known_idle(content: object) -> tuple[IdleRobot, ...]:
+    """Return the robots without a task as the manifest of a run has them; without what is damaged."""
+    entries = content.items() if isinstance(content, dict) else ()
+    return tuple(
+        IdleRobot(name, own["reason"], own.get("serves"), own.get("steps"))
+        for name, own in entries
+        if isinstance(own, dict) and own.get("reason") in [*_WORDS]
+    )
+
+
 def find_idle(tpg: TemporalPlanGraph, first: PlannedMotions) -> tuple[IdleRobot, ...]:
     """Return the robots that get no task, and why.
 
@@ -64,7 +74,7 @@ def find_idle(tpg: TemporalPlanGraph, first: PlannedMotions) -> tuple[IdleRobot,
         first: the motions of all robots, before those of fewer robots were compared with them.
     """
     if first.work is None:
-        return tuple(IdleRobot(name, "search") for name in idle_robots(tpg))
+        return tuple(_idle_builder(name, first) for name in idle_robots(tpg))
     found, problem = [], first.work.problem
     for name in idle_robots(tpg):
         steps = {c.step for c in problem.primaries if name in (c.robot, c.partner)}
@@ -76,6 +86,16 @@ def find_idle(tpg: TemporalPlanGraph, first: PlannedMotions) -> tuple[IdleRobot,
             reason = "makespan"
         found.append(IdleRobot(name, reason, len(steps), len(problem.steps)))
     return tuple(found)
+
+
+def _idle_builder(name: str, first: PlannedMotions) -> IdleRobot:
+    """Return what a robot without a task in a construction could do: fetch, hand over or place parts, by reach alone."""
+    from planning.construction.problem.reach_bounds import reach_bounds
+
+    problem = first.assembly.problem
+    able = len(list(reach_bounds(problem).serves(name)))
+    reason: IdleReason = "search" if able else "no reach"
+    return IdleRobot(name, reason, able, len(problem.parts))
 
 
 def _why_none(robot: PlacedRobot, first: PlannedMotions) -> IdleReason:

@@ -15,7 +15,7 @@ from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.arguments import checks_arguments
 from twin.planning.build_workcell import build_workcell
-from twin.planning.idle_robots import IdleRobot
+from twin.planning.idle_robots import IdleRobot, known_idle
 from twin.planning.kind import PlannedMotions
 from twin.run.folder import FIRST, PLAN_FILES, TURNS, VERSIONS, require_as_written
 from twin.run.policies import IN_SLOTS, IN_TURNS
@@ -41,7 +41,7 @@ class PlanResult:
             [s], None where that was not worked out.
         warnings: what the check of the cell found doubtful.
         fits: how parts fit where they are put, step by step, as the check found it.
-        idle: robots that get no task, and why; empty for a plan that was read.
+        idle: robots that get no task, and why; empty for a plan that was read from a folder without a manifest.
         made_of: the motions before robots may move at once; None for a plan that was read.
         folder: of the run that it was read from; None where it was planned.
     """
@@ -147,16 +147,17 @@ def read_plan(folder: PathOrName, scenario: AnyScenario | None = None) -> PlanRe
         )
     alone, about = given_plan(loaded, tpg), _about(place)
     turns, name = None, alone.name
+    idle: tuple[IdleRobot, ...] = ()
     # A plan alone, or one that was put there later: nothing says what it was made of.
     if about is not None and about.get("plan_sha256") == plan_sha256(tpg):
-        name = str(about.get("plan", name))
+        name, idle = str(about.get("plan", name)), known_idle(about.get("idle"))
         if (digest := about.get("turns_sha256")) is not None:
             turns = load_plan(place / TURNS)
             if plan_sha256(turns) != digest:
                 raise OutputError(
                     f"{place / TURNS}: is not the plan in turns of the manifest beside it"
                 )
-    return PlanResult(loaded, tpg, name, turns, folder=place)
+    return PlanResult(loaded, tpg, name, turns, idle=idle, folder=place)
 
 
 def plan_of_run(folder: Path) -> TemporalPlanGraph:

@@ -8,7 +8,7 @@ all failed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -88,6 +88,13 @@ class ReachBounds:
     def place_grips(self, robot: str, part: Part) -> tuple[int, ...]:
         """Return the numbers of the grips by which a robot reaches a part in its place."""
         return self._grips("place", robot, part, part.goal)
+
+    def serves(self, robot: str) -> Iterator[Part]:
+        """Yield the parts that a robot reaches in the supply or in place, or that pass through its hands."""
+        for part in self.problem.parts:
+            ends = self.pick_grips(robot, part) or self.place_grips(robot, part)
+            if ends or robot in (self.chain(part) or ()):
+                yield part
 
     def pickers(self, part: Part) -> tuple[str, ...]:
         """Return the robots that reach a part in the supply."""

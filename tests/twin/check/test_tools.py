@@ -18,6 +18,8 @@ from tests.planted import planted, rows
 from tests.twin.check.test_check import CELL, ROOT
 from tests.twin.written import Change, checked, written
 from twin.check.tools import misplaced
+from twin.scenario.document.validation import InvalidScenarioError
+from twin.scenario.manifest import read_scenario
 
 LINK = (
     '<link name="l{0}"><collision><origin xyz="0 0 0.05"/><geometry>'
@@ -271,6 +273,9 @@ def test_what_is_wrong_with_every_product_is_said_once_at_its_source(
 
 def test_a_robot_that_cannot_drive_to_where_it_is_parked(tmp_path: Path) -> None:
     old, new = "at_m: [1.6, 0.1]", "at_m: [1600, 0.1]"
-    (found,) = checked(tended(tmp_path, old, new)).errors
-    assert "HOME of cart: joint base_x is at 1600.000" in found.message
-    assert found.at == ("cell", "robots", 1, "parked")
+    file = tended(tmp_path, old, new)
+    with pytest.raises(InvalidScenarioError) as caught:
+        read_scenario(file)
+    (found,) = caught.value.problems
+    assert "1600 m is beyond the limits of base_x" in found.message
+    assert "parked" in file.read_text().splitlines()[found.mark.line - 1]

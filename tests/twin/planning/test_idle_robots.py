@@ -18,7 +18,7 @@ from planning.tasks.work import AssemblyWork
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.supply import without_chains
 from tests.twin.twin_toys import random_tpg
-from twin.planning.idle_robots import find_idle
+from twin.planning.idle_robots import find_idle, known_idle
 
 SOLO = """\
 version: 1
@@ -118,10 +118,20 @@ def test_why_a_robot_gets_no_task(first: Any, reason: str, serves: int) -> None:
     assert f"of 2 steps it can serve {serves}" in found.message
 
 
-def test_of_a_construction_it_is_known_that_nobody_missed_it() -> None:
-    first: Any = SimpleNamespace(work=None)
+@pytest.mark.parametrize(
+    ("reached", "reason"), [(("a", "c"), "search"), ((), "no reach")]
+)
+def test_of_a_construction_the_parts_that_an_idle_robot_reaches_are_counted(
+    reached: tuple[str, ...], reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = SimpleNamespace(parts=("a", "b", "c"))
+    bounds = SimpleNamespace(serves=lambda robot: iter(reached))
+    monkeypatch.setattr(
+        "planning.construction.problem.reach_bounds.reach_bounds", lambda _: bounds
+    )
+    first: Any = SimpleNamespace(work=None, assembly=SimpleNamespace(problem=problem))
     (found,) = find_idle(without_last(), first)
-    assert (found.reason, found.serves) == ("search", None)
+    assert (found.reason, found.serves, found.steps) == (reason, len(reached), 3)
 
 
 def test_a_run_names_robots_without_tasks(tmp_path: Path) -> None:
@@ -140,3 +150,14 @@ def test_a_run_names_robots_without_tasks(tmp_path: Path) -> None:
     kept = plan.save(tmp_path / "plan")
     read = twin.simulate(twin.read_plan(kept, path))
     assert read.summary["idle"]["spare"]["reason"] == "unknown"
+    done = twin.run(path, out=tmp_path / "run", recording=False, audit=False)
+    again = twin.simulate(twin.read_plan(done.folder or ""))
+    assert again.summary["idle"] == {"spare": expected}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [None, [], {"a": 1}, {"a": {}}, {"a": {"reason": "moon"}}, {"a": {"reason": []}}],
+)
+def test_damaged_reasons_are_left_out(content: object) -> None:
+    assert known_idle(content) == ()

@@ -130,7 +130,7 @@ def with_tuples(value: Any) -> Any:
 
 
 def parts_of(value: object, at: KeyPath = ()) -> Iterator[tuple[KeyPath, object]]:
-    """Yield whatever is in a section, in a list or in a mapping, and that itself last.
+    """Yield whatever is in a section, in a list or in a mapping, and that itself last; keys are those of the file.
 
     Args:
         value: where to look.
@@ -138,7 +138,8 @@ def parts_of(value: object, at: KeyPath = ()) -> Iterator[tuple[KeyPath, object]
     """
     entries: Any = ()
     if isinstance(value, BaseModel):
-        entries = value
+        fields = type(value).model_fields
+        entries = ((fields[key].alias or key, part) for key, part in value)
     elif isinstance(value, Mapping):
         entries = value.items()
     elif isinstance(value, tuple | list):
