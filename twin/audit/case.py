@@ -5,7 +5,6 @@ The order of what was executed is one of them: nobody moves before what type-2 e
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,6 +23,8 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.motion.executed import Recording, ReplayedRun, RobotRows
 from twin.audit.wanted import ChangedTool, Wanted
 from twin.audit.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
+from twin.durations.model import NANOSECONDS
+from twin.run.events import EventLogError, parse_event, read_log
 
 ViolationKind = Literal[
     "contact",
@@ -189,20 +190,21 @@ def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
         chain.robot: NodeSpans(np.full(len(chain), np.inf), np.full(len(chain), np.inf))
         for chain in tpg.chains
     }
-    with path.open(encoding="utf-8") as lines:
-        for number, line in enumerate(lines, 1):
-            if not any(f'"{kind}"' in line for kind in _TOLD):
-                continue
-            try:
-                event = json.loads(line)
-                if event["kind"] in _TOLD and event["robot"]:
-                    own = out[event["robot"]]
-                    times = own.begin if event["kind"] == "started" else own.end
-                    times[int(event["node"])] = float(event["t_s"])
-            except (ValueError, KeyError, IndexError, TypeError) as error:
-                raise OutputError(
-                    f"{path}:{number}: is no event of this plan: {error}"
-                ) from error
+    for number, line in enumerate(read_log(path), 1):
+        if not any(f'"{kind}"' in line for kind in _TOLD):
+            continue
+        try:
+            event = parse_event(line)
+            if event.kind in _TOLD and event.robot:
+                own = out[event.robot]
+                times = own.begin if event.kind == "started" else own.end
+                if event.node < 0:
+                    raise IndexError(f"node {event.node}")
+                times[event.node] = event.t_ns / NANOSECONDS
+        except (EventLogError, KeyError, IndexError) as error:
+            raise OutputError(
+                f"{path}:{number}: is no event of this plan: {error}"
+            ) from error
     return out
 
 

@@ -30,13 +30,6 @@ _ENOUGH = 8
 """Designs that are planned in full before any is left behind."""
 
 
-def _fits(values: Values, dimensions: Sequence[Dimension]) -> bool:
-    """Tell whether there is a value for each dimension, and a number where it has a range."""
-    return values.keys() == {one.key for one in dimensions} and all(
-        one.low is None or type(values[one.key]) in (int, float) for one in dimensions
-    )
-
-
 class Exploration:
     """An exploration under way in its folder.
 
@@ -59,10 +52,14 @@ class Exploration:
         self.folder, self.section, self.dimensions = folder, section, dimensions
         self.journal = Journal(folder)
         for number, row in enumerate(self.journal.rows, start=1):
-            if not _fits(row.values, dimensions):
-                raise OutputError(
-                    f"{folder / JOURNAL}, line {number}: values are not of what is varied"
-                )
+            place = f"{folder / JOURNAL}, line {number}"
+            if row.values.keys() != {one.key for one in dimensions}:
+                raise OutputError(f"{place}: values are not of what is varied")
+            for one in dimensions:
+                if (value := row.values[one.key]) != one.base and not one.holds(value):
+                    raise OutputError(f"{place}: {one.key} has no such value")
+            if row.done and len(row.evaluation.goals) != len(section.goals):
+                raise OutputError(f"{place}: goals are {len(section.goals)} numbers")
         self._progress = progress
         self._search = Search(
             dimensions,

@@ -94,7 +94,7 @@ def read_request(folder: Path) -> ExploreRequest:
         base = unchanged_base(folder, manifest, scenario)
         if entry["packages"] != (now := versions_of(_CHOOSING)):
             raise RequestError(
-                f"{folder} was begun with other versions: {entry['packages']}, now {now}"
+                f"{path}: begun with other versions: {entry['packages']}, now {now}"
             )
         section = ExploreSection.model_validate_json(json.dumps(entry["section"]))
         singles = int(entry["single_changes"])
