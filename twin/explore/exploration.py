@@ -26,6 +26,9 @@ SEARCHING = "designs"
 _TIMES = frozenset({"makespan_s", "mean_s", "p50_s", "p90_s"})
 """Goals that a long plan without shortcuts tells something about."""
 
+_MOST_AT_ONCE = 1000
+"""Designs that can be under way while others are told; more are taken for a damaged journal."""
+
 _ENOUGH = 8
 """Designs that are planned in full before any is left behind."""
 
@@ -53,6 +56,8 @@ class Exploration:
         self.journal = Journal(folder)
         for number, row in enumerate(self.journal.rows, start=1):
             place = f"{folder / JOURNAL}, line {number}"
+            if row.design >= len(self.journal.rows) + _MOST_AT_ONCE:
+                raise OutputError(f"{place}: too few designs came before this one")
             if row.values.keys() != {one.key for one in dimensions}:
                 raise OutputError(f"{place}: values are not of what is varied")
             for one in dimensions:
@@ -87,7 +92,7 @@ class Exploration:
         twins: dict[int, tuple[Values, int]] = {}
         taken = {row.design for row in self.journal.searched}
         begun = max((*taken, *self._lost, -1)) + 1
-        again = [n for n in range(begun) if n not in taken]
+        again = [n for n in range(min(begun, designs)) if n not in taken]
         following = begun
         self._tell_progress(designs)
         while True:

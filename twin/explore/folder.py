@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from pydantic import ValidationError
 
 from planning.errors import OutputError, RequestError, ScenarioError
 from planning.files import (
@@ -99,7 +98,7 @@ def read_request(folder: Path) -> ExploreRequest:
         section = ExploreSection.model_validate_json(json.dumps(entry["section"]))
         singles = int(entry["single_changes"])
         return ExploreRequest(scenario, base, section, singles)
-    except (ValueError, KeyError, TypeError, ValidationError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise OutputError(
             f"{path}: is no manifest of an exploration: {error!r}"
         ) from error

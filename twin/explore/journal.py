@@ -185,7 +185,9 @@ class Journal:
         for number, line in enumerate(data[:whole].splitlines(), start=1):
             try:
                 self.rows.append(tried_of(parse_json(line)))
-            except (ValueError, KeyError, TypeError, AttributeError) as error:
+            except (
+                *(ValueError, KeyError, TypeError, AttributeError, OverflowError),
+            ) as error:
                 raise OutputError(
                     f"{self._path}, line {number}: damaged: {error!r}"
                 ) from None
