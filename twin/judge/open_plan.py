@@ -115,10 +115,10 @@ class OpenMotion(Section):
     """
 
     id: _Name
-    t_s: Several[Seconds]
-    q: tuple[Several[_Joint], ...] = ()
-    v: tuple[Several[_Rate], ...] | None = None
-    a: tuple[Several[_Rate], ...] | None = None
+    t_s: Annotated[Several[Seconds], Field(fail_fast=True)]
+    q: Annotated[tuple[Several[_Joint], ...], Field(fail_fast=True)] = ()
+    v: Annotated[tuple[Several[_Rate], ...], Field(fail_fast=True)] | None = None
+    a: Annotated[tuple[Several[_Rate], ...], Field(fail_fast=True)] | None = None
     task: _Name | None = None
     skill: _Name | None = None
     object: _Name | None = None
@@ -136,7 +136,7 @@ class OpenRobot(Section):
     """
 
     joints: Several[_Name]
-    motions: tuple[OpenMotion, ...] = ()
+    motions: Annotated[tuple[OpenMotion, ...], Field(fail_fast=True)] = ()
 
 
 class OpenPlan(Section):
