@@ -17,14 +17,13 @@ import numpy.typing as npt
 from planning.cell.robot_model import ToolGrip
 from planning.cell.workcell import PlacedRobot
 from planning.errors import OutputError
+from planning.files import parse_json, read_file
 from planning.transforms import Array, Transform
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.motion.executed import Recording, ReplayedRun, RobotRows
 from twin.audit.wanted import ChangedTool, Wanted
 from twin.audit.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
-from twin.durations.model import NANOSECONDS
-from twin.run.events import EventLogError, parse_event, read_log
 
 ViolationKind = Literal[
     "contact",
@@ -176,6 +175,9 @@ def _standing(rows: RobotRows, way: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(found & (way <= rows.still))
 
 
+_LARGEST_LOG = 256 << 20
+"""Most bytes of an event log."""
+
 _TOLD = ("started", "completed", "recovered")
 """Kinds of events with which nodes begin or are over."""
 
@@ -190,18 +192,22 @@ def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
         chain.robot: NodeSpans(np.full(len(chain), np.inf), np.full(len(chain), np.inf))
         for chain in tpg.chains
     }
-    for number, line in enumerate(read_log(path), 1):
+    try:
+        lines = read_file(path, _LARGEST_LOG).decode("utf-8").split("\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise OutputError(f"{path}: cannot be read: {error}") from error
+    for number, line in enumerate(lines, 1):
         if not any(f'"{kind}"' in line for kind in _TOLD):
             continue
         try:
-            event = parse_event(line)
-            if event.kind in _TOLD and event.robot:
-                own = out[event.robot]
-                times = own.begin if event.kind == "started" else own.end
-                if event.node < 0:
-                    raise IndexError(f"node {event.node}")
-                times[event.node] = event.t_ns / NANOSECONDS
-        except (EventLogError, KeyError, IndexError) as error:
+            event = parse_json(line)
+            if event["kind"] in _TOLD and event["robot"]:
+                own, node = out[event["robot"]], event["node"]
+                times = own.begin if event["kind"] == "started" else own.end
+                if type(node) is not int or node < 0:
+                    raise ValueError("node must be a whole number of at least 0")
+                times[node] = float(event["t_s"])
+        except (ValueError, LookupError, TypeError, OverflowError) as error:
             raise OutputError(
                 f"{path}:{number}: is no event of this plan: {error}"
             ) from error

@@ -120,7 +120,8 @@ def test_of_a_standstill_the_first_and_the_last_sample_are_written(
         log.write("left", round(own.at_s), own)
     log.close()
     written = [
-        own.at_s for _, _, own in MeasuredLog(tmp_path / "measured.csv").before({"left": (2, 2)})
+        own.at_s
+        for _, _, own in MeasuredLog(tmp_path / "measured.csv").before({"left": (2, 2)})
     ]
     kept = [*moves, held[0], held[-1], *ends, stands[-1], *begins, rests[0], rests[-1]]
     assert written == [own.at_s for own in kept]
