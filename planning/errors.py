@@ -90,6 +90,13 @@ def in_a_line(message: str) -> str:
     return "; ".join(filter(None, lines)).replace(":; ", ": ")
 
 
+def printable(text: str) -> str:
+    """Return a text with every character that a terminal would obey replaced by a question mark."""
+    if not isinstance(text, str):
+        raise TypeError(f"{text!r} is no text")
+    return "".join(c if c.isprintable() or c in "\n\t" else "?" for c in text)
+
+
 def listed(names: Sequence[str], most: int = 6) -> str:
     """Return names for a message, and how many are left out where there are too many."""
     shown = ", ".join(names[:most])

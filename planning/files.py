@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import stat
 import zipfile
 import zlib
@@ -111,12 +112,16 @@ def read_json(path: Path, most: int = LARGEST) -> Any:
     return parse_json(read_file(path, most))
 
 
-def parse_json(content: bytes | str) -> Any:
+def parse_json(content: bytes | str, parse_float: Callable[[str], Any] = float) -> Any:
     """Return the value of a JSON document of bounded size.
+
+    Args:
+        content: the document.
+        parse_float: returns the value of a number that is not whole.
 
     Raises:
         ValueError: it is no JSON; it has too many values, is nested too deeply, names a key of an
-            object twice, or says NaN or Infinity.
+            object twice, says NaN or Infinity, or has half of a surrogate pair.
     """
     try:
         text = content.decode("utf-8") if isinstance(content, bytes) else content
@@ -125,11 +130,23 @@ def parse_json(content: bytes | str) -> Any:
     if sum(map(text.count, ",[{")) > MOST_VALUES:
         raise ValueError(f"it has more than {MOST_VALUES} values")
     try:
-        return json.loads(
-            text, object_pairs_hook=_with_keys_once, parse_constant=_no_number
+        found = json.loads(
+            text,
+            object_pairs_hook=_with_keys_once,
+            parse_float=parse_float,
+            parse_constant=_no_number,
         )
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
+    if _SURROGATE.search(text) is not None:
+        try:
+            json.dumps(found, ensure_ascii=False, default=str).encode()
+        except UnicodeEncodeError:  # no file and no terminal takes it
+            raise ValueError("a text has half of a surrogate pair") from None
+    return found
+
+
+_SURROGATE = re.compile(r"\\ud[89a-f]", re.IGNORECASE)
 
 
 def _with_keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

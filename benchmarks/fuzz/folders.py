@@ -24,6 +24,9 @@ import numpy as np
 from benchmarks.fuzz.mutation import mutate_array, mutate_bytes, mutate_document
 from benchmarks.fuzz.worker import Case, Command
 
+MUTATED = "mutated"
+"""File in the folder of a target that has the name of the file that the last case mutated."""
+
 CANARY = "canary"
 """File in the folder of a target that only code from a mutated file would write."""
 
@@ -292,6 +295,8 @@ def folder_target(
         kind = list(KINDS)[case % len(KINDS)]
         path = copy / rng.choice(names)
         KINDS[kind](path, rng, outside)
+        named = path.parent if kind == "linked folder" and path.parent != copy else path
+        (folder / MUTATED).write_text(named.name, encoding="utf-8")
         if rng.random() < 0.8:
             _made_good(copy)
         return commands(copy)

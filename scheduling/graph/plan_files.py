@@ -276,19 +276,21 @@ def load_plan(
     """
     try:
         require_own_files(folder, ("plan.json", "plan.npz", "robots"))
-        text = read_file(folder / "plan.json").decode("utf-8")
-        content = read_file(folder / "plan.npz", LARGEST_BYTES)
-    except (OSError, UnicodeDecodeError) as error:
-        raise OutputError(f"cannot read the plan in {folder}: {error}") from error
-    try:
+        text = read_file(path := folder / "plan.json")
         document = parse_json(text)
+        content = read_file(path := folder / "plan.npz", LARGEST_BYTES)
+    except OSError as error:
+        raise OutputError(
+            f"cannot read the plan in {folder}: {path.name}: {error}"
+        ) from error
     except ValueError as error:
-        raise OutputError(f"{folder / 'plan.json'} is damaged: {error}") from error
+        raise OutputError(f"{path} is damaged: {error}") from error
+    path = folder / "plan.json"
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise OutputError(f"{folder / 'plan.json'} holds no temporal plan graph")
+        raise OutputError(f"{path} holds no temporal plan graph")
     if document.get("version") != VERSION:
         raise OutputError(
-            f"{folder / 'plan.json'} has format version {document.get('version')}: {_AGAIN}",
+            f"{path} has format version {document.get('version')}: {_AGAIN}",
             choices=(str(VERSION),),
         )
     if sha256(content).hexdigest() != document.get("arrays_sha256"):
@@ -308,13 +310,12 @@ def load_plan(
     except KeyError as error:
         # The arrays are those that belong to it, so what is missing was not written.
         raise OutputError(
-            f"the plan in {folder} has no {error.args[0]!r}: {_AGAIN}"
+            f"{folder / 'plan.npz'} has no {error.args[0]!r}: {_AGAIN}"
         ) from error
     except OutputError as error:
-        raise OutputError(f"the plan in {folder} is damaged: {error}") from None
+        raise OutputError(f"{path} with plan.npz is damaged: {error}") from None
     except ValidationError as error:
-        wrong = first_problem(error)
-        raise OutputError(f"the plan in {folder} is damaged: {wrong}") from None
+        raise OutputError(f"{path} is damaged: {first_problem(error)}") from None
     except NPZ_ERRORS as error:
         raise OutputError(f"{folder / 'plan.npz'} holds no arrays: {error}") from error
     return tpg

@@ -44,6 +44,8 @@ def test_only_regular_files_are_read_and_pipes_of_the_shell(tmp_path: Path) -> N
         ("[" + "{}," * (MOST_VALUES // 2) + "1]", "more than"),
         ("[" * 100_000, "nested too deeply"),
         ('{"a": 1, "b": {"c": 1, "c": 2}}', "key 'c' is given twice"),
+        (r'["\ud800"]', "half of a surrogate pair"),
+        (r'{"\\\uDC00": 1}', "half of a surrogate pair"),
         ("[NaN]", "NaN is no number"),
         ("[1, -Infinity]", "-Infinity is no number"),
         ("[1,,]", "Expecting value"),

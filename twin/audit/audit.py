@@ -15,6 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from planning.files import require_own_files
 from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -141,6 +142,7 @@ def audit_run(
         OutputError: a file is missing or does not fit the others.
     """
     tpg = load_plan(folder)
+    require_own_files(folder, (_EVENTS, "trajectory.parquet", "objects.parquet"))
     recording = read_recording(folder, tpg.cell)
     log = folder / _EVENTS
     spans = logged_spans(tpg, log) if log.exists() else {}

@@ -5,7 +5,6 @@ The order of what was executed is one of them: nobody moves before what type-2 e
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +17,7 @@ import numpy.typing as npt
 from planning.cell.robot_model import ToolGrip
 from planning.cell.workcell import PlacedRobot
 from planning.errors import OutputError
+from planning.files import parse_json, read_file
 from planning.transforms import Array, Transform
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -175,6 +175,9 @@ def _standing(rows: RobotRows, way: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(found & (way <= rows.still))
 
 
+_LARGEST_LOG = 256 << 20
+"""Most bytes of an event log."""
+
 _TOLD = ("started", "completed", "recovered")
 """Kinds of events with which nodes begin or are over."""
 
@@ -189,20 +192,25 @@ def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
         chain.robot: NodeSpans(np.full(len(chain), np.inf), np.full(len(chain), np.inf))
         for chain in tpg.chains
     }
-    with path.open(encoding="utf-8") as lines:
-        for number, line in enumerate(lines, 1):
-            if not any(f'"{kind}"' in line for kind in _TOLD):
-                continue
-            try:
-                event = json.loads(line)
-                if event["kind"] in _TOLD and event["robot"]:
-                    own = out[event["robot"]]
-                    times = own.begin if event["kind"] == "started" else own.end
-                    times[int(event["node"])] = float(event["t_s"])
-            except (ValueError, KeyError, IndexError, TypeError) as error:
-                raise OutputError(
-                    f"{path}:{number}: is no event of this plan: {error}"
-                ) from error
+    try:
+        lines = read_file(path, _LARGEST_LOG).decode("utf-8").split("\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise OutputError(f"{path}: cannot be read: {error}") from error
+    for number, line in enumerate(lines, 1):
+        if not any(f'"{kind}"' in line for kind in _TOLD):
+            continue
+        try:
+            event = parse_json(line)
+            if event["kind"] in _TOLD and event["robot"]:
+                own, node = out[event["robot"]], event["node"]
+                times = own.begin if event["kind"] == "started" else own.end
+                if type(node) is not int or node < 0:
+                    raise ValueError("node must be a whole number of at least 0")
+                times[node] = float(event["t_s"])
+        except (ValueError, LookupError, TypeError, OverflowError) as error:
+            raise OutputError(
+                f"{path}:{number}: is no event of this plan: {error}"
+            ) from error
     return out
 
 

@@ -98,7 +98,13 @@ class Dimension:
         if self.low is not None and self.high is not None:
             number = isinstance(value, int | float) and not isinstance(value, bool)
             return number and self.low <= value <= self.high
-        return value in self.choices if self.choices else isinstance(value, list)
+        if self.choices:
+            return value in self.choices
+        return (
+            isinstance(value, list)
+            and len(value) == len(self.base)
+            and all(value.count(entry) == self.base.count(entry) for entry in value)
+        )
 
     def change(self, value: Any) -> Variant:
         """Return what a value changes about the scenario; nothing where it is the scenario's."""

@@ -26,15 +26,11 @@ SEARCHING = "designs"
 _TIMES = frozenset({"makespan_s", "mean_s", "p50_s", "p90_s"})
 """Goals that a long plan without shortcuts tells something about."""
 
+_MOST_AT_ONCE = 1000
+"""Designs that can be under way while others are told; more are taken for a damaged journal."""
+
 _ENOUGH = 8
 """Designs that are planned in full before any is left behind."""
-
-
-def _fits(values: Values, dimensions: Sequence[Dimension]) -> bool:
-    """Tell whether there is a value for each dimension, and a number where it has a range."""
-    return values.keys() == {one.key for one in dimensions} and all(
-        one.low is None or type(values[one.key]) in (int, float) for one in dimensions
-    )
 
 
 class Exploration:
@@ -59,10 +55,16 @@ class Exploration:
         self.folder, self.section, self.dimensions = folder, section, dimensions
         self.journal = Journal(folder)
         for number, row in enumerate(self.journal.rows, start=1):
-            if not _fits(row.values, dimensions):
-                raise OutputError(
-                    f"{folder / JOURNAL}, line {number}: values are not of what is varied"
-                )
+            place = f"{folder / JOURNAL}, line {number}"
+            if row.design >= len(self.journal.rows) + _MOST_AT_ONCE:
+                raise OutputError(f"{place}: too few designs came before this one")
+            if row.values.keys() != {one.key for one in dimensions}:
+                raise OutputError(f"{place}: values are not of what is varied")
+            for one in dimensions:
+                if (value := row.values[one.key]) != one.base and not one.holds(value):
+                    raise OutputError(f"{place}: {one.key} has no such value")
+            if row.done and len(row.evaluation.goals) != len(section.goals):
+                raise OutputError(f"{place}: goals are {len(section.goals)} numbers")
         self._progress = progress
         self._search = Search(
             dimensions,
@@ -90,7 +92,7 @@ class Exploration:
         twins: dict[int, tuple[Values, int]] = {}
         taken = {row.design for row in self.journal.searched}
         begun = max((*taken, *self._lost, -1)) + 1
-        again = [n for n in range(begun) if n not in taken]
+        again = [n for n in range(min(begun, designs)) if n not in taken]
         following = begun
         self._tell_progress(designs)
         while True:

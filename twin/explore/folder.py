@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from pydantic import ValidationError
 
 from planning.errors import OutputError, RequestError, ScenarioError
 from planning.files import (
@@ -94,12 +93,12 @@ def read_request(folder: Path) -> ExploreRequest:
         base = unchanged_base(folder, manifest, scenario)
         if entry["packages"] != (now := versions_of(_CHOOSING)):
             raise RequestError(
-                f"{folder} was begun with other versions: {entry['packages']}, now {now}"
+                f"{path}: begun with other versions: {entry['packages']}, now {now}"
             )
         section = ExploreSection.model_validate_json(json.dumps(entry["section"]))
         singles = int(entry["single_changes"])
         return ExploreRequest(scenario, base, section, singles)
-    except (ValueError, KeyError, TypeError, ValidationError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise OutputError(
             f"{path}: is no manifest of an exploration: {error!r}"
         ) from error

@@ -9,12 +9,12 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from planning.errors import OutputError
 from planning.files import parse_json, read_file
 from twin.explore.dimensions import Values
-from twin.explore.rungs import Evaluation
+from twin.explore.rungs import Evaluation, Outcome
 
 JOURNAL = "journal.jsonl"
 
@@ -84,26 +84,44 @@ def _number(value: Any) -> float:
     return float(value)
 
 
+def _count(value: Any) -> int:
+    """Return a whole number of at least 0; ValueError for anything else."""
+    if type(value) is not int or value < 0:
+        raise ValueError(f"{str(value)[:40]!r} is no whole number of at least 0")
+    return value
+
+
+def _one_of(value: Any, choices: Sequence[str]) -> Any:
+    """Return one of some words; ValueError for anything else."""
+    if value not in choices:
+        raise ValueError(f"{str(value)[:40]!r} is none of {', '.join(choices)}")
+    return value
+
+
 def tried_of(row: Mapping[str, Any]) -> Tried:
     """Return what a line says; KeyError, TypeError or ValueError where it is no such line."""
-    turns_s = row["turns_s"]
+    turns_s, same_as = row["turns_s"], row["same_as"]
+    # A file of samples is named after the purpose, and a seed is what REPLANNED is about.
+    purpose = _one_of(row["purpose"], (SEARCH, UNDONE, SINGLE, REPLANNED))
+    if purpose == REPLANNED:
+        int(row["about"])
     return Tried(
-        int(row["design"]),
-        str(row["purpose"]),
+        _count(row["design"]),
+        purpose,
         dict(row["values"]),
-        int(row["asked_after"]),
+        _count(row["asked_after"]),
         Evaluation(
-            row["outcome"],
+            _one_of(row["outcome"], get_args(Outcome)),
             str(row["rung"]),
             str(row["reason"]),
             _number(row["violation"]),
             {str(k): _number(v) for k, v in row["results"].items()},
             tuple(map(_number, row["goals"])),
-            math.nan if turns_s is None else float(turns_s),
-            tuple(math.nan if v is None else float(v) for v in row["makespans_s"]),
+            math.nan if turns_s is None else _number(turns_s),
+            tuple(math.nan if v is None else _number(v) for v in row["makespans_s"]),
             {str(k): _number(v) for k, v in row["cpu_s"].items()},
         ),
-        row["same_as"],
+        None if same_as is None else _count(same_as),
         str(row["about"]),
     )
 
@@ -167,7 +185,9 @@ class Journal:
         for number, line in enumerate(data[:whole].splitlines(), start=1):
             try:
                 self.rows.append(tried_of(parse_json(line)))
-            except (ValueError, KeyError, TypeError, AttributeError) as error:
+            except (
+                *(ValueError, KeyError, TypeError, AttributeError, OverflowError),
+            ) as error:
                 raise OutputError(
                     f"{self._path}, line {number}: damaged: {error!r}"
                 ) from None

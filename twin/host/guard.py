@@ -31,6 +31,7 @@ from planning.errors import (
     RobotModelError,
     ScenarioError,
     TwinError,
+    printable,
 )
 from planning.files import replacing as replacing
 
@@ -142,7 +143,7 @@ def print_error(message: str) -> None:
     from rich.text import Text
 
     console = Console(stderr=True, soft_wrap=True, highlight=False)
-    first, _, rest = message.partition("\n")
+    first, _, rest = printable(message).partition("\n")
     label = Text("error: ", style="bold red") if not _has_place(first) else Text("")
     console.print(label + Text(first))
     if rest:

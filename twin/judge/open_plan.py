@@ -7,10 +7,12 @@ of docs/reference/formats.md. Nothing in it depends on a planner.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -38,6 +40,12 @@ _Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 VERBS = ("take", "put", "give", "appear", "leave")
 """What can happen to an object."""
+
+_MOST_ERRORS, _MOST_PROBLEMS = 1000, 100
+"""Most errors of the schema that are told one by one, and most other problems."""
+
+_MOST_COMPARED = 1000
+"""Most ids that an unknown one is compared with."""
 
 _QUOTED = 400_000
 """Characters up to which a file is read a second time, slowly, for the lines of what is wrong in it."""
@@ -107,10 +115,10 @@ class OpenMotion(Section):
     """
 
     id: _Name
-    t_s: Several[Seconds]
-    q: tuple[Several[_Joint], ...] = ()
-    v: tuple[Several[_Rate], ...] | None = None
-    a: tuple[Several[_Rate], ...] | None = None
+    t_s: Annotated[Several[Seconds], Field(fail_fast=True)]
+    q: Annotated[tuple[Several[_Joint], ...], Field(fail_fast=True)] = ()
+    v: Annotated[tuple[Several[_Rate], ...], Field(fail_fast=True)] | None = None
+    a: Annotated[tuple[Several[_Rate], ...], Field(fail_fast=True)] | None = None
     task: _Name | None = None
     skill: _Name | None = None
     object: _Name | None = None
@@ -128,7 +136,7 @@ class OpenRobot(Section):
     """
 
     joints: Several[_Name]
-    motions: tuple[OpenMotion, ...] = ()
+    motions: Annotated[tuple[OpenMotion, ...], Field(fail_fast=True)] = ()
 
 
 class OpenPlan(Section):
@@ -192,7 +200,7 @@ def read_open_plan(path: Path) -> OpenPlan:
         problem = FileProblem(Mark(1, 1), f"cannot be read: {error}")
         raise InvalidScenarioError(path, [problem]) from error
     try:
-        data = parse_json(text)
+        parse_json(text)
     except json.JSONDecodeError as error:
         problem = FileProblem(Mark(error.lineno, error.colno), f"no JSON: {error.msg}")
         lines = text.splitlines() if len(text) <= _QUOTED else []
@@ -203,9 +211,13 @@ def read_open_plan(path: Path) -> OpenPlan:
     try:
         plan = OpenPlan.model_validate_json(text)
     except ValidationError as error:
-        document = _document(path, text, data)
+        if error.error_count() > _MOST_ERRORS:
+            words = f"{error.error_count()} values are not those of an open plan"
+            raise InvalidScenarioError(path, [FileProblem(Mark(1, 1), words)]) from None
+        errors = error.errors(include_url=False)
+        document = _document(path, text, [one["loc"] for one in errors])
         schema = OpenPlan.model_json_schema()
-        found = schema_problems(document, schema, error.errors())
+        found = schema_problems(document, schema, errors)
         raise InvalidScenarioError(path, found, document.lines) from None
     require_none(path, _problems(plan))
     return plan
@@ -215,31 +227,30 @@ def require_none(path: Path, problems: Found) -> None:
     """Refuse a file of which something is wrong.
 
     Raises:
-        InvalidScenarioError: with all of it.
+        InvalidScenarioError: with the first problems.
     """
-    found = list(problems)
+    found = list(islice(problems, _MOST_PROBLEMS))
     if found:
         text = read_file(path).decode("utf-8")
-        document = _document(path, text, json.loads(text))
+        document = _document(path, text, [at for at, _ in found])
         said = [document.problem(at, key_label(at) + words) for at, words in found]
         raise InvalidScenarioError(path, said, document.lines)
 
 
-def _document(path: Path, text: str, data: Any) -> YamlDocument:
-    """Return the file with the place of every value; without lines where that takes too long."""
+def _document(path: Path, text: str, places: Iterable[KeyPath]) -> YamlDocument:
+    """Return the file with the place of every value; without lines, and with some places, where that takes too long."""
     if len(text) <= _QUOTED:  # JSON is YAML, too
         document = read_yaml(path, text)
         if document.data is not None and not document.problems:
             return document
-    values: dict[KeyPath, Mark] = {}
-    left: list[tuple[KeyPath, Any]] = [((), data)]
-    while left:
-        at, value = left.pop()
-        values[at] = Mark(1, 1)
-        entries: Any = value.items() if isinstance(value, dict) else ()
-        if isinstance(value, list):
-            entries = enumerate(value)
-        left += [((*at, key), entry) for key, entry in entries]
+    data = parse_json(text)
+    values: dict[KeyPath, Mark] = {(): Mark(1, 1)}
+    for place in places:
+        value = data
+        with suppress(LookupError, TypeError):
+            for k, key in enumerate(place, start=1):
+                value = value[key]
+                values[place[:k]] = Mark(1, 1)
     return YamlDocument(path, (), data, values=values)
 
 
@@ -319,4 +330,5 @@ def _near(name: str, known: Mapping[str, str]) -> list[str]:
     """Return the ids that are most like one, as plans may have very many."""
     import difflib
 
-    return difflib.get_close_matches(name, known, n=5, cutoff=0.0)
+    some = list(islice(known, _MOST_COMPARED))
+    return difflib.get_close_matches(name, some, n=5, cutoff=0.0)

@@ -8,15 +8,18 @@ lead around.
 
 from __future__ import annotations
 
+import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
 
 import numpy as np
 
-from planning.errors import TwinError
+from planning.bounds import LATEST_S
+from planning.errors import OutputError, TwinError
+from planning.files import open_regular
 from planning.transforms import Array
 from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -24,6 +27,7 @@ from twin.drivers.driver import ClearedNode, Sample
 from twin.drivers.legs import near_path
 from twin.durations.model import NANOSECONDS
 from twin.run.events import Event, Measured
+from twin.run.folder import LARGEST_RESULT
 
 
 @dataclass
@@ -98,6 +102,9 @@ class MeasuredRows:
 _BEGIN = "#begin"
 """First column of the line that says when the run began."""
 
+_LONGEST_LINE = 1 << 16
+"""Most bytes of a line."""
+
 
 class MeasuredLog:
     """Appends samples to a file.
@@ -113,27 +120,67 @@ class MeasuredLog:
         self._last: dict[str, str] = {}
 
     def begin_s(self) -> float | None:
-        """Return when the run began, by the clock of the machine [s]; None where nothing says so."""
-        for first, *rest in self._lines():
-            if first == _BEGIN:
-                return float(rest[0])
+        """Return when the run began, by the clock of the machine [s]; None where nothing says so.
+
+        Raises:
+            OutputError: see ``before``.
+        """
+        for place, columns in self._lines():
+            if columns[0] == _BEGIN:
+                try:
+                    return float(columns[1])
+                except (ValueError, IndexError):
+                    raise OutputError(f"{place}: is no begin of a run") from None
         return None
 
-    def before(self) -> Iterator[tuple[str, int, Sample]]:
-        """Yield what is in the file: robot, time in the run [ns], and sample."""
-        for robot, *rest in self._lines():
-            if robot != _BEGIN:
-                t_ns, at_s, begun, done, *q = rest
-                own = Sample(float(at_s), np.array(q, float), int(begun), int(done))
-                yield robot, int(t_ns), own
+    def before(
+        self, known: Mapping[str, tuple[int, int]]
+    ) -> Iterator[tuple[str, int, Sample]]:
+        """Yield what is in the file: robot, time in the run [ns], and sample.
 
-    def _lines(self) -> Iterator[list[str]]:
-        """Yield the columns of every line; one that was not written to its end is left out."""
-        if self._path is not None and self._path.exists():
-            for line in self._path.read_text().splitlines():
-                *columns, end = line.split(",")
-                if end == ";":
-                    yield columns
+        Args:
+            known: number of joints, and of nodes that were released, of each robot.
+
+        Raises:
+            OutputError: it cannot be read, or a line is no sample of such a robot.
+        """
+        for place, (robot, *rest) in self._lines():
+            if robot == _BEGIN:
+                continue
+            try:
+                joints, nodes = known[robot]
+                t_ns, at_s, begun, done, *q = rest
+                time_ns, counts = int(t_ns), (int(done), int(begun), nodes)
+                own = Sample(float(at_s), np.array(q, float), counts[1], counts[0])
+                finite = np.all(np.isfinite([own.at_s, *own.q]))
+                if (
+                    len(q) != joints
+                    or not finite
+                    or not 0 <= time_ns <= LATEST_S * NANOSECONDS
+                    or not 0 <= counts[0] <= counts[1] <= nodes
+                ):
+                    raise ValueError
+            except (ValueError, KeyError):
+                raise OutputError(f"{place}: is no sample of this run") from None
+            yield robot, time_ns, own
+
+    def _lines(self) -> Iterator[tuple[str, list[str]]]:
+        """Yield place and columns of every line; one that was not written to its end is left out."""
+        if self._path is None or not self._path.exists():
+            return
+        try:
+            with open_regular(self._path) as file:
+                if os.fstat(file.fileno()).st_size > LARGEST_RESULT:
+                    raise OutputError(
+                        f"{self._path}: larger than {LARGEST_RESULT >> 20} MiB"
+                    )
+                lines = iter(lambda: file.readline(_LONGEST_LINE), b"")
+                for number, line in enumerate(lines, start=1):
+                    *columns, end = line.decode(errors="replace").split(",")
+                    if columns and end.rstrip("\n") == ";":
+                        yield f"{self._path}:{number}", columns
+        except OSError as error:
+            raise OutputError(f"{self._path}: cannot be read: {error}") from error
 
     def begin(self, begin_s: float) -> None:
         """Write when the run begins, by the clock of the machine [s]."""
@@ -157,6 +204,8 @@ class MeasuredLog:
             return
         if self._file is None:
             self._file = self._path.open("a", buffering=1 << 16)
+            if self._file.tell():  # the last line may not have been written to its end
+                self._file.write("\n")
         self._file.write(f"{line},;\n")
 
     def close(self) -> None:

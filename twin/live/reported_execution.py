@@ -83,7 +83,12 @@ class ReportedExecution(RollingExecution):
         begin_s = self._log.begin_s()
         if begin_s is not None and abs(begin_s - self._begin_s) < _SAME_CLOCK_S:
             self._begin_s = begin_s
-        for robot, t_ns, sample in self._log.before():
+        sizes = {
+            chain.robot: (len(chain.start), len(history.cleared_ns[k]))
+            for k, chain in enumerate(self.tpg.chains)
+            if chain.robot in self._rows
+        }
+        for robot, t_ns, sample in self._log.before(sizes):
             self._rows[robot].add(t_ns, sample)
         for k, chain in enumerate(self.tpg.chains):
             begun, done = history.start_ns[k], history.end_ns[k]

@@ -16,7 +16,7 @@ import numpy as np
 
 from planning.bounds import LATEST_S
 from planning.errors import OutputError, TwinError
-from planning.files import read_file
+from planning.files import parse_json, read_file
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
 from twin.durations.model import NANOSECONDS, Nanoseconds
@@ -118,10 +118,8 @@ def parse_event(line: str) -> Event:
         EventLogError: the line is no event.
     """
     try:
-        row = json.loads(line, parse_float=Decimal)
-    except json.JSONDecodeError as error:
-        raise EventLogError(f"not JSON: {error.msg}: {_excerpt(line)}") from error
-    except (ValueError, RecursionError) as error:
+        row = parse_json(line, Decimal)
+    except ValueError as error:
         raise EventLogError(f"not JSON: {error}: {_excerpt(line)}") from error
     except InvalidOperation as error:
         far = "an exponent that no number has"

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from planning.errors import OutputError, printable
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.task_edges import (
     actuation_nodes,
@@ -224,15 +225,42 @@ def print_summary(
         recording: whether there is one to replay.
         compiled: whether kernels were compiled in the planning stages.
     """
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False, emoji=False)
+    _print_figures(summary, console, compiled=compiled)
+    console.print(f"results: {folder}", soft_wrap=True)
+    if recording:
+        console.print(f"replay:  twin replay {folder}", soft_wrap=True)
+
+
+def require_figures(summary: Mapping[str, Any], path: Path) -> None:
+    """Refuse a file that lacks a figure that ``print_summary`` prints, or has one of another type.
+
+    Raises:
+        OutputError: it does.
+    """
+    try:
+        _print_figures(summary, Console(quiet=True, markup=False))
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as why:
+        raise OutputError(f"{path}: no summary of a run: {why!r}") from why
+
+
+def _print_figures(
+    summary: Mapping[str, Any], console: Console, *, compiled: bool = False
+) -> None:
     table = Table(
         show_header=False, title=f"{summary['scenario']}", title_justify="left"
     )
     table.add_column(style="bold")
     table.add_column(justify="right")
     table.add_column(style="dim")
+
+    def told(what: str, style: str, words: str) -> None:
+        text = Text(f"{printable(what)}: ").append(printable(words))
+        text.stylize(style, 0, len(what))
+        console.print(text, soft_wrap=True)
+
     for row in summary_rows(summary, compiled=compiled):
-        table.add_row(*row)
+        table.add_row(*map(printable, row))
     console.print(table)
     audit = summary["audit"]
     for entry in (audit or {}).get("violations", [])[:_MOST_VIOLATIONS]:
@@ -240,23 +268,19 @@ def print_summary(
         length = (
             f"{1000 * entry['depth_m']:.2f} mm {millimetres}, " if millimetres else ""
         )
-        console.print(
-            f"[red]{entry['kind']}: {entry['first']} - {entry['second']}[/red]: {length}"
-            f"from {entry['t_start']:.3f} s to {entry['t_end']:.3f} s {entry['detail']}",
-            soft_wrap=True,
+        what = f"{entry['kind']}: {entry['first']} - {entry['second']}"
+        words = (
+            f"from {entry['t_start']:.3f} s to {entry['t_end']:.3f} s {entry['detail']}"
         )
+        told(what, "red", length + words)
     for fit in summary.get("fits", ()):
-        console.print(f"step {fit['step']}: {fit['words']}", soft_wrap=True)
+        told(f"step {fit['step']}", "", fit["words"])
     for own in summary.get("checks_off", ()):
-        words = f"{own['key']}: {own['check']}"
-        console.print("[yellow]check off[/yellow]:", Text(words), soft_wrap=True)
+        told("check off", "yellow", f"{own['key']}: {own['check']}")
     for warning in summary.get("warnings", ()):
-        console.print("[yellow]warning[/yellow]:", Text(warning), soft_wrap=True)
+        told("warning", "yellow", warning)
     if summary.get("failure"):
-        console.print(f"[red]failed[/red]: {summary['failure']}", soft_wrap=True)
-    console.print(f"results: {folder}", soft_wrap=True)
-    if recording:
-        console.print(f"replay:  twin replay {folder}", soft_wrap=True)
+        told("failed", "red", summary["failure"])
 
 
 def _operation_rows(

@@ -144,7 +144,7 @@ def require_same_files(
     for name, digest in file_hashes(scenario, base).items():
         if isinstance(before, dict) and before.get(name) != digest:
             raise RequestError(
-                f"{folder}: {base / name} is not what it was when this began"
+                f"{folder / MANIFEST}: {base / name} is not what it was when this began"
             )
 
 
@@ -161,7 +161,9 @@ def require_same_versions(folder: Path, manifest: Mapping[str, Any]) -> None:
             for name in sorted({*before, *now})
             if before.get(name) != now.get(name)
         ]
-        raise RequestError(f"{folder} was begun with other versions: {listed(changed)}")
+        raise RequestError(
+            f"{folder / MANIFEST}: begun with other versions: {listed(changed)}"
+        )
 
 
 def unchanged_base(

@@ -18,6 +18,7 @@ from typing import Any, get_args
 import numpy as np
 
 from planning.errors import ScenarioError
+from planning.files import parse_json
 from planning.tasks.task import HOLD, SKILLS
 from twin.durations.lifetimes import Distribution
 from twin.scenario.document.validation import InvalidScenarioError, parsed, validated
@@ -324,10 +325,12 @@ def _split(text: str) -> list[str]:
 
 def _value(text: str) -> Any:
     try:
-        return json.loads(text)
+        return parse_json(text)
     except json.JSONDecodeError:
         if text[:1] not in ("{", "["):
             return text
+    except ValueError as error:
+        raise ScenarioError(f"cannot read {text[:60]!r}: {error}") from None
     document = read_yaml(Path(), text)
     for problem in document.problems:
         raise ScenarioError(f"cannot read {text!r}: {problem.message}")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
@@ -139,13 +139,13 @@ def read_request(folder: Path) -> StudyRequest:
             base,
             TypeAdapter(Experiment).validate_python(study["experiment"]),
             int(study["shortcut_candidates"]),
-            study["deadline_s"],
+            None if (late := study["deadline_s"]) is None else float(late),
             int(study["sobol_points"]),
             str(study.get("plan", "")),
             TypeAdapter(tuple[Refused, ...]).validate_python(study.get("refused", ())),
             bool(study.get("operated", False)),
         )
-    except (ValueError, KeyError, TypeError, ValidationError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         path = folder / MANIFEST
         raise OutputError(f"{path}: is no manifest of a study: {error}") from error
 

@@ -24,7 +24,7 @@ from twin.run.folder import (
     TRAJECTORY,
     require_as_written,
 )
-from twin.run.summary import summary_rows
+from twin.run.summary import require_figures, summary_rows
 from twin.run.trajectory import Trajectory
 from twin.scenario.manifest import MANIFEST
 from twin.scenario.sections.scenario import Scenario, restored
@@ -127,8 +127,10 @@ class RunResult:
     def summary(self) -> Mapping[str, Any]:
         """All figures, with the keys of ``summary.json``; empty for a run that was killed."""
         if self.folder is not None:
-            there = (self.folder / SUMMARY).exists()
-            return self._json(SUMMARY) if there else {}
+            if not (path := self.folder / SUMMARY).exists():
+                return {}
+            require_figures(found := self._json(SUMMARY), path)
+            return found
         if self.record is None:
             raise RequestError("a run without a folder has no files")
         return figures(self.plan, self.record, prepare(self.plan))

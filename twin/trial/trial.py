@@ -47,6 +47,7 @@ from twin.run.folder import (
 from twin.run.gantt import gantt_figure
 from twin.run.summary import Preparation
 from twin.scenario.manifest import (
+    MANIFEST,
     manifest_base,
     read_manifest,
     require_same_files,
@@ -322,7 +323,9 @@ def resume_run(
     try:
         about = Preparation(**manifest["run"])
     except (KeyError, TypeError) as error:
-        raise OutputError(f"{folder}: does not say how to resume: {error}") from error
+        raise OutputError(
+            f"{folder / MANIFEST}: does not say how to resume: {error}"
+        ) from error
     path = folder / EVENTS
     log = read_log(path) if path.exists() else ()
     known = _before_interrupt(log)

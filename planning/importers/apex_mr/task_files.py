@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import json
+from codecs import BOM_UTF8
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from planning.errors import ScenarioError
-from planning.files import read_file
+from planning.files import parse_json, read_file
 from planning.lego.bricks.assembly import Cell
 from planning.transforms import Array, Transform, inverse
 
@@ -139,14 +140,6 @@ class Notes:
         return (*unused, *self._others)
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    out = dict(pairs)
-    if len(out) < len(pairs):
-        twice = next(k for k, n in Counter(k for k, _ in pairs).items() if n > 1)
-        raise ValueError(f"the key {twice!r} is given twice")
-    return out
-
-
 def read_json(path: Path) -> Record:
     """Return the object that a JSON file holds.
 
@@ -156,11 +149,10 @@ def read_json(path: Path) -> Record:
     """
     try:
         # Some editors put a byte order mark in front.
-        text = read_file(path).decode("utf-8-sig")
-        content = json.loads(text, object_pairs_hook=_once)
+        content = parse_json(read_file(path).removeprefix(BOM_UTF8))
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise ScenarioError(f"{path}: is not valid JSON: {error}") from None
     if not isinstance(content, dict):
         raise ScenarioError(f"{path}: must hold an object")
@@ -234,9 +226,9 @@ def _matrix(path: Path) -> Transform:
 
 def _table(path: Path, shape: tuple[int, int]) -> Array:
     try:
-        table = np.loadtxt(path, dtype=np.float64)
-    except OSError:
-        raise ScenarioError(f"{path}: cannot be read") from None
+        table = np.loadtxt(BytesIO(read_file(path)), dtype=np.float64)
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:
         raise ScenarioError(f"{path}: {error}") from None
     if table.shape != shape:

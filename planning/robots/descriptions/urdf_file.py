@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
+from planning.bounds import FARTHEST, FASTEST_DESCRIBED, SLOWEST
 from planning.cell.robot_model import ToolGrip
 from planning.errors import FittingError, RobotModelError
 from planning.robots.descriptions.xml_files import (
@@ -332,10 +333,17 @@ def _joint(element: Element, name: str, path: Path) -> UrdfJoint:
             " 'limits: {velocity: ...}'",
             key="limits",
         )
+    if not SLOWEST <= velocity <= FASTEST_DESCRIBED:
+        raise FittingError(
+            f"{where} has a velocity limit of {velocity:g}, must be {SLOWEST:g} to {FASTEST_DESCRIBED:g};"
+            " give the robot 'limits: {velocity: ...}'",
+            key="limits",
+        )
     lower, upper = -_CONTINUOUS_LIMIT, _CONTINUOUS_LIMIT
     if kind != "continuous":
-        lower = number(limit.get("lower", "0"), f"{where}, lower limit")
-        upper = number(limit.get("upper", "0"), f"{where}, upper limit")
+        # Some files write 1e16 for a joint without limits.
+        lower = max(number(limit.get("lower", "0"), f"{where}, lower limit"), -FARTHEST)
+        upper = min(number(limit.get("upper", "0"), f"{where}, upper limit"), FARTHEST)
     if not lower < upper:
         raise RobotModelError(f"{where} has an empty range: {lower:g} to {upper:g}")
     drive = [_drive(limit, key, where) for key in ("acceleration", "jerk", "effort")]
@@ -343,11 +351,15 @@ def _joint(element: Element, name: str, path: Path) -> UrdfJoint:
 
 
 def _drive(limit: Element, key: str, where: str) -> float:
-    """Return what a drive can do, infinite where nothing is said; any prefix will do."""
+    """Return what a drive can do, infinite where nothing, or no limit, is said; any prefix will do."""
     for name, text in limit.items():
         if name.rpartition(":")[2] == key:
             value = number(text, f"{where}, {key} limit")
-            return value if value > 0.0 else math.inf
+            if key != "effort" and 0.0 < value < SLOWEST:
+                raise RobotModelError(
+                    f"{where} has {key} limit {value:g}, must be at least {SLOWEST:g}"
+                )
+            return value if 0.0 < value <= FASTEST_DESCRIBED else math.inf
     return math.inf
 
 

@@ -228,7 +228,7 @@ def test_a_prescribed_brick_must_be_in_the_stock(folder: Path) -> None:
         (LIBRARY, "{", "not valid JSON"),
         (LIBRARY, "[]", "must hold an object"),
         (LIBRARY, None, "cannot be read"),
-        (TASK, '{"1": {}, "1": {}}', "the key '1' is given twice"),
+        (TASK, '{"1": {}, "1": {}}', "key '1' is given twice"),
         (TASK, "{}", "steps must be numbered"),
         (STOCK, None, "task 'shed' comes without a stock"),
         ("robot_properties/gp4_tool_alt_DH.txt", None, "'tool_alt' for robot 'r1'"),

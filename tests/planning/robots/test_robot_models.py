@@ -283,6 +283,7 @@ def test_package_meshes_are_found_above_the_file(tmp_path: Path) -> None:
 
 NO_VELOCITY = '<limit lower="-1" upper="2" effort="1"/>'
 ENDLESS = '<limit lower="-1" upper="2" velocity="inf" effort="1"/>'
+LIMIT = '<limit lower="-1" upper="2" velocity="{}" effort="1"/>'
 BACKWARDS = '<limit lower="2" upper="1" velocity="1" effort="1"/>'
 
 
@@ -294,6 +295,14 @@ BACKWARDS = '<limit lower="2" upper="1" velocity="1" effort="1"/>'
         ([joint("one", "a", "b", "fixed", limit="")], "no moving joint"),
         ([joint("one", "a", "b", limit="")], "'one' has no <limit>"),
         ([joint("one", "a", "b", limit=NO_VELOCITY)], "velocity limit above zero"),
+        (
+            [joint("one", "a", "b", limit=LIMIT.format("1e300"))],
+            "must be 0.001 to 1e+09",
+        ),
+        (
+            [joint("one", "a", "b", limit=LIMIT.format("1e-9"))],
+            "must be 0.001 to 1e+09",
+        ),
         ([joint("one", "a", "b", limit=ENDLESS)], "must be a finite number, is 'inf'"),
         ([joint("one", "a", "b", limit=BACKWARDS)], "empty range: 2 to 1"),
         ([joint("one", "a", "x")], "no valid child link"),

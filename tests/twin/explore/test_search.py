@@ -1,5 +1,6 @@
 """Designs are searched for: what is found is what is known, and the same after any interruption."""
 
+import json
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from planning.errors import OutputError
 from tests.twin.explore.bench import (
     Bench,
     exploration_of,
@@ -176,6 +178,37 @@ def test_a_damaged_journal_names_its_line(tmp_path: Path) -> None:
     path.write_text("\n".join([text[0], text[1][:40], text[2]]) + "\n")
     with pytest.raises(Exception, match=r"journal.jsonl, line 2: damaged"):
         Journal(tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("purpose", "../../outside"),  # it is part of the name of a file
+        ("design", 10**9),
+        ("design", -1),
+        ("design", True),
+        ("outcome", "fine"),
+        ("goals", []),
+        ("violation", 10**400),
+        ("makespans_s", ["1"]),
+        ("turns_s", -(10**400)),
+        ("same_as", "0"),
+        ("values", {LEFT: 1e9, RIGHT: 0.0}),
+        ("values", {LEFT: 0.0}),
+    ],
+)
+def test_a_journal_says_nothing_that_was_not_tried(
+    tmp_path: Path, key: str, value: object
+) -> None:
+    _, exploration = sliders_explored(tmp_path)
+    found = Evaluation("done", "replications", goals=(1.0,))
+    folder, values = exploration.folder, {LEFT: 0.0, RIGHT: 0.0}
+    row = Tried(0, SEARCH, values, 0, found).content()
+    (folder / JOURNAL).write_text(json.dumps(row) + "\n")
+    assert len(sliders_explored(tmp_path)[1].journal.rows) == 1
+    (folder / JOURNAL).write_text(json.dumps(row | {key: value}) + "\n")
+    with pytest.raises(OutputError, match=r"journal\.jsonl, line 1: "):
+        sliders_explored(tmp_path)
 
 
 def test_orders_of_steps_are_designs(tmp_path: Path) -> None:

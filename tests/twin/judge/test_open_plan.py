@@ -10,6 +10,8 @@ import pytest
 
 from tests.twin.judge.judged import filed, yard
 from tests.twin.program import invoke
+from twin.judge.open_plan import FORMAT, read_open_plan
+from twin.scenario.document.validation import InvalidScenarioError
 
 WRONG: dict[str, tuple[tuple[str | int, ...], Any, tuple[str, ...]]] = {
     "version": (("version",), 2, ("version", "1")),
@@ -123,3 +125,16 @@ def test_a_plan_without_a_task_asks_for_one(tmp_path: Path) -> None:
     told = json.loads(invoke(*given, "--seeds", "0", code=0).stdout)
     assert told["clean"]
     assert told["planned_s"] == 32.0
+
+
+@pytest.mark.parametrize("many", [{"t_s": ["x"] * 100_000}, {"t_s": [9, 1] * 100_000}])
+def test_of_very_many_faults_the_first_are_told(tmp_path: Path, many: Any) -> None:
+    """Each of millions would take minutes and gigabytes."""
+    motion = {"id": "a", "q": [[0]], **many}
+    robot = {"joints": ["a"], "motions": [motion]}
+    head = {"format": FORMAT, "version": 1, "robots": {"west": robot}}
+    (path := tmp_path / "plan.json").write_text(json.dumps(head))
+    with pytest.raises(InvalidScenarioError) as caught:
+        read_open_plan(path)
+    assert 1 <= len(caught.value.problems) <= 100
+    assert "robots.west.motions[0].t_s[" in caught.value.report()

@@ -4,9 +4,11 @@ import itertools
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from planning.errors import OutputError
 from twin.drivers.driver import ClearedNode, Sample
 from twin.drivers.legs import near_path
 from twin.drivers.simulated_arm import SimulatedArm
@@ -118,12 +120,52 @@ def test_of_a_standstill_the_first_and_the_last_sample_are_written(
         log.write("left", round(own.at_s), own)
     log.close()
     written = [
-        own.at_s for _, _, own in MeasuredLog(tmp_path / "measured.csv").before()
+        own.at_s
+        for _, _, own in MeasuredLog(tmp_path / "measured.csv").before({"left": (2, 2)})
     ]
     kept = [*moves, held[0], held[-1], *ends, stands[-1], *begins, rests[0], rests[-1]]
     assert written == [own.at_s for own in kept]
     assert len(rows.t_ns) == len(moves) + 2 + 1 + 2 + 1
     again = MeasuredRows()
-    for _, t_ns, own in MeasuredLog(tmp_path / "measured.csv").before():
+    for _, t_ns, own in MeasuredLog(tmp_path / "measured.csv").before({"left": (2, 2)}):
         again.add(t_ns, own)
     assert again.t_ns[: len(rows.t_ns)] == rows.t_ns
+
+
+GOOD = "left,5,0.5,1,0,0.1,0.2,;\n"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "right,5,0.5,1,0,0.1,0.2",  # a robot that nobody moves
+        "left,5,0.5,1,0,0.1",  # one joint of two
+        "left,5,0.5,3,0,0.1,0.2",  # a node that was not released
+        "left,5,0.5,0,1,0.1,0.2",
+        "left,5,0.5,1,-1,0.1,0.2",
+        "left,5,nan,1,0,0.1,0.2",
+        "left,5,0.5,1,0,0.1,inf",
+        "left,-1,0.5,1,0,0.1,0.2",
+        f"left,{10**30},0.5,1,0,0.1,0.2",
+        f"left,{'9' * 5000},0.5,1,0,0.1,0.2",
+        "left,5,0.5,1,x,0.1,0.2",
+        "left,\ud800".encode("utf-8", "surrogatepass").decode("latin-1"),
+        "",
+    ],
+)
+def test_a_line_that_is_no_sample_is_refused_with_its_number(
+    tmp_path: Path, line: str
+) -> None:
+    path = tmp_path / "measured.csv"
+    path.write_text(f"{GOOD}{line},;\n", encoding="latin-1")
+    with pytest.raises(OutputError, match=r"measured\.csv:2: is no sample"):
+        list(MeasuredLog(path).before({"left": (2, 2)}))
+
+
+def test_samples_after_a_line_that_was_cut_off_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "measured.csv"
+    path.write_text(GOOD + "left,6,0.6,1,0,0.")
+    log = MeasuredLog(path)
+    log.write("left", 7, Sample(0.7, np.array([0.3, 0.4]), 1, 0))
+    log.close()
+    assert [t for _, t, _ in log.before({"left": (2, 2)})] == [5, 7]

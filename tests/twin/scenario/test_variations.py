@@ -48,6 +48,12 @@ def test_what_names_no_values_is_refused(text: str) -> None:
         parse_variation(text)
 
 
+@pytest.mark.parametrize("value", ["9" * 5000, "[" * 60_000, '{"a":' * 60_000, "NaN"])
+def test_values_that_no_json_has_are_refused(value: str) -> None:
+    with pytest.raises(ScenarioError, match="cannot read"):
+        parse_variation(f"scenario.seed={value},1")
+
+
 def test_every_combination_is_a_variant() -> None:
     found = variants([Variation("a", (1, 2)), Variation("b", ("x", "y", "z"))])
     assert len(found) == 6
