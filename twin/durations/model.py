@@ -129,12 +129,12 @@ def require_within_longest_run(t_ns: float) -> None:
     """Refuse a time that no run comes to.
 
     Args:
-        t_ns: a time of a run, or the time for which robots work and stand in it [ns].
+        t_ns: a time of a run, or the time for which robots work and stand in it [ns]; infinite for never.
 
     Raises:
         RequestError: it is greater than LONGEST_RUN_S.
     """
-    if t_ns > LONGEST_RUN_S * NANOSECONDS:
+    if LONGEST_RUN_S * NANOSECONDS < t_ns < np.inf:
         raise RequestError(
             f"the run takes longer than {LONGEST_RUN_S:.0e} s: check durations, repair times and stalls"
         )
