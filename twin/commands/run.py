@@ -299,7 +299,8 @@ def follow_events(
     plans = plan_history(plan)
     tpg = plans.first
     name, model = followed_execution(plan, tpg, scenario)
-    run = FollowedRun(tpg, model.policy, plans.version, plans.late)
+    speed = model.disturbances.speed
+    run = FollowedRun(tpg, model.policy, plans.version, plans.late, speed)
     forecaster = Forecaster(tpg, model, samples=samples)
     listeners = [_shown(run, name, json=as_json)]
     if recording is not None or view or web:

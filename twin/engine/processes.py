@@ -15,7 +15,7 @@ from planning.transforms import Array
 from scheduling.graph.dispatcher import Dispatcher, Node
 from scheduling.graph.task_edges import machine_chains, sequential_order
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
-from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds, require_within_longest_run
 from twin.engine.execution_model import Messages
 from twin.engine.narrator import Narrator, failure_text
 from twin.recorders.observers import Observers
@@ -142,7 +142,9 @@ class Execution:
 
     def _upcoming(self) -> float:
         """Return when something happens next [ns]; infinity at the end of the run."""
-        return self.env.peek()
+        upcoming = self.env.peek()
+        require_within_longest_run(upcoming)
+        return upcoming
 
     def node_times(self) -> NodeTimes:
         """Return how long nodes took, and where robots stood."""

@@ -9,13 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from planning.tasks.task import LEFT_OUT
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.task_edges import with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
-from twin.run.activities import CAUSES, RobotProgress
+from twin.engine.passage import DriveTimes, drive_times
+from twin.run.activities import CAUSES, STOPPED, RobotProgress
 from twin.run.events import Event, Policy
+from twin.uncertainty.disturbances import Speed
+from twin.uncertainty.draws import LEAST_UNIFORM
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,7 @@ class FollowedRun:
         policy: how nodes are released; ``synchronous`` adds the barriers of its slots.
         versions: returns the plans that take over; None where none does.
         late: machines that bring late parts: nobody waits for them before such a part was missed.
+        speed: speed factors of the robots; the slower a robot, the longer it takes to brake.
         version: number of the plan that is executed.
         robots: progress of each chain.
         now_ns: time of the last event [ns].
@@ -64,6 +70,7 @@ class FollowedRun:
     policy: Policy = "asynchronous"
     versions: Versions | None = None
     late: Collection[str] = ()
+    speed: Speed = field(default_factory=Speed)
     version: int = 1
     robots: list[RobotProgress] = field(init=False)
     now_ns: int = 0
@@ -92,6 +99,7 @@ class FollowedRun:
             for k, chain in enumerate(graph.chains)
             if chain.robot in self.late and len(chain)
         }
+        self._drives: dict[int, DriveTimes] = {}
 
     @property
     def nodes_done(self) -> int:
@@ -206,10 +214,38 @@ class FollowedRun:
             return
         if node != robot.completed:
             self._flag(event, f"node {robot.completed} comes next")
-        if robot.standing:
+        if robot.standing and not self._still_moves(k, event):
             self._flag(event, f"the robot is {robot.standing}")
         self._check_edges(k, event)
         robot.take(event)
+
+    def _still_moves(self, k: int, event: Event) -> bool:
+        """Tell whether a robot within limits may start a node though a stop has begun.
+
+        A stop is a command: the robot brakes along its path, for at most its ramp from full speed to rest, and
+        passes borders of nodes at speed meanwhile. What it executes is a lag behind its commands, so it also
+        executes what was commanded before the stop. It begins no stretch and no skill.
+        """
+        robot, node = self.robots[k], event.node
+        if robot.standing != STOPPED or node == 0:
+            return False
+        if k not in self._drives:
+            chain = self._graph.chains[k]
+            none = np.zeros(len(chain), dtype=np.int64)
+            self._drives[k] = drive_times(chain, none, self._least_factor(k))
+        drive = self._drives[k]
+        if drive.length[node] <= 0.0 or drive.last[node - 1] != drive.last[node]:
+            return False
+        since_ns, lag = event.t_ns - robot.since_ns, int(drive.lag[node])
+        passes = robot.end_ns[node - 1] == event.t_ns
+        return since_ns < lag or (passes and since_ns <= lag + drive.ramp[node] + 1.0)
+
+    def _least_factor(self, k: int) -> float:
+        """Return the least share of planned speed at which a robot may execute its stretches."""
+        speed = self.speed.model_of(self.robots[k].name)
+        if speed is None:
+            return 1.0
+        return min(float(speed.ppf(np.array([LEAST_UNIFORM]))[0]), 1.0)
 
     def _complete(self, k: int, event: Event) -> None:
         robot, node = self.robots[k], event.node

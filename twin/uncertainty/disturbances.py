@@ -143,7 +143,7 @@ class MachineBreakdowns(Section):
             ``run``.
     """
 
-    mtbf_s: Annotated[float, Field(gt=0, le=1e9)]
+    mtbf_s: Annotated[float, Field(ge=0.1, le=1e9)]
     mttr_s: Annotated[float, Field(ge=0, le=LONGEST_S)]
     clock: Literal["busy", "run"] = "busy"
 

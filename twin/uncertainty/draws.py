@@ -35,6 +35,9 @@ _HALF = np.uint64(32)
 _DROP = np.uint64(12)
 _SCALE = 2.0**-52
 
+LEAST_UNIFORM = 0.5 * _SCALE
+"""Least value that is drawn."""
+
 
 @kernel
 def _high_product(a: np.uint64, b: np.uint64) -> np.uint64:

@@ -19,7 +19,7 @@ from planning.transforms import Array, Indices
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
-from twin.durations.model import Nanoseconds
+from twin.durations.model import Nanoseconds, require_within_longest_run
 from twin.uncertainty.chain_draws import Cause, ChainDraws, RobotTaskNodes, Standstills
 from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances, Speed
@@ -276,6 +276,7 @@ class NodeTimeSampler:
     ]:
         """Yield motion, standstills, nodes that fail for good, whether they lose the object, and speed overrides."""
         planned = self.skills.durations(seed=seed, replications=numbers)
+        busy_ns = np.zeros(len(numbers))
         for tasks, own, floor, disturbances in zip(
             self._chains, planned, self._floor, self._by_chain, strict=True
         ):
@@ -283,6 +284,10 @@ class NodeTimeSampler:
             motion = draws.motion(own, floor)
             found = draws.standstills(motion)
             attempts, failed, lost = draws.failures(motion)
+            busy_ns += motion.sum(axis=0, dtype=float)
+            for group in found + attempts:
+                np.add.at(busy_ns, group.column, group.duration_ns.astype(float))
+            require_within_longest_run(busy_ns.max(initial=0.0))
             override = draws.speed_override
             if override is None:
                 override = np.ones((len(floor), 1))

@@ -19,7 +19,12 @@ from planning.timing.braking import StoppedPath, stopped_path
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import skill_motion
-from twin.durations.model import NANOSECONDS, Nanoseconds, to_nanoseconds
+from twin.durations.model import (
+    NANOSECONDS,
+    Nanoseconds,
+    require_within_longest_run,
+    to_nanoseconds,
+)
 from twin.uncertainty.disturbances import Breakdowns, Disturbances
 from twin.uncertainty.draws import uniforms
 
@@ -172,6 +177,7 @@ class Stops:
         """Draw breakdowns until all up to a time are known."""
         if t_ns < self._horizon or self._breakdowns is None:
             return
+        require_within_longest_run(t_ns)
         while self._horizon <= t_ns:
             self._draw(self._breakdowns)
         self._stops.sort(key=lambda stop: stop.start_ns)

@@ -4,17 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
+from tests.twin.driven_toys import BENT_TPGS, DRIVEN_TPGS
 from tests.twin.simulated import watched
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.execution_model import Messages
+from twin.engine.passage import drive_times
 from twin.follow.state import FollowedRun
-from twin.run.events import Event, EventLogError, event_line, parse_event
-from twin.uncertainty.disturbances import Disturbances, FixedFactor, Speed
+from twin.run.events import Event, EventLogError, Policy, event_line, parse_event
+from twin.uncertainty.disturbances import (
+    Breakdowns,
+    Disturbances,
+    EmergencyStop,
+    FixedFactor,
+    Speed,
+    UniformFactor,
+)
 
 
 def texts(run: FollowedRun) -> list[str]:
@@ -61,6 +70,94 @@ def test_the_state_equals_the_run_and_nothing_is_flagged(
             for node in np.flatnonzero(done).tolist():
                 if node not in retried:
                     assert robot.stood_ns[node] == run.stood_ns[k][node]
+
+
+CLOCK = st.builds(
+    Disturbances,
+    emergency_stops=st.lists(
+        st.builds(
+            EmergencyStop,
+            robot=st.sampled_from([None, "robot_0"]),
+            at_s=st.floats(0.0, 12.0),
+            duration_s=st.floats(0.001, 3.0),
+        ),
+        min_size=1,
+        max_size=6,
+    ).map(tuple),
+    breakdowns=st.sampled_from([None, Breakdowns(mtbf_s=2.0, mttr_s=0.5, clock="run")]),
+    speed=st.sampled_from(
+        [
+            Speed(),
+            Speed(factor=FixedFactor(kind="fixed", value=0.3)),
+            Speed(robots={"robot_0": UniformFactor(kind="uniform", low=0.2, high=1.0)}),
+        ]
+    ),
+)
+"""Stops by the clock, of robots at full speed and of slower ones."""
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    st.one_of(DRIVEN_TPGS, BENT_TPGS, TPGS),
+    CLOCK,
+    st.sampled_from(["asynchronous", "sequential"]),
+    st.sampled_from([0.0, 0.2]),
+    st.sampled_from([None, 1]),
+    st.integers(0, 99),
+)
+def test_robots_that_brake_for_a_stop_by_the_clock_are_not_flagged(
+    tpg: TemporalPlanGraph,
+    disturbances: Disturbances,
+    policy: Policy,
+    latency: float,
+    depth: int | None,
+    seed: int,
+) -> None:
+    messages = Messages.of_seconds(depth, latency, latency)
+    options = {"policy": policy, "seed": seed, "messages": messages}
+    _, events = watched(tpg, VARIED, disturbances=disturbances, **options)
+    followed = FollowedRun(tpg, policy, speed=disturbances.speed)
+    for event in events:
+        followed.apply(event)
+    assert texts(followed) == []
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    st.one_of(DRIVEN_TPGS, BENT_TPGS, TPGS),
+    st.floats(0.05, 0.95),
+    st.sampled_from([1.0, 0.4]),
+    st.integers(0, 99),
+)
+def test_robots_that_heed_no_stop_are_flagged(
+    tpg: TemporalPlanGraph, share: float, factor: float, seed: int
+) -> None:
+    """A stop is put into the log of a run that knows nothing of it."""
+    speed = Speed(factor=FixedFactor(kind="fixed", value=factor))
+    slow = Disturbances(speed=speed)
+    run, events = watched(tpg, VARIED, seed=seed, disturbances=slow)
+    since = round(share * run.makespan_ns)
+    followed = FollowedRun(tpg, speed=speed)
+    before = [e for e in events if e.t_ns < since]
+    after = [e for e in events if e.t_ns >= since]
+    stops = [Event(since, chain.robot, "stopped") for chain in tpg.chains]
+    for event in [*before, *stops, *after]:
+        followed.apply(event)
+    flagged = {(v.robot, v.node) for v in followed.violations}
+    for k, chain in enumerate(tpg.chains):
+        drive = drive_times(chain, run.duration_ns[k], factor)
+        opens = np.append(True, drive.last[1:] != drive.last[:-1])
+        opens |= drive.length <= 0.0
+        start, brakes = run.start_ns[k], drive.lag + drive.ramp
+        told = {(c, n) for c, n in flagged if c == chain.robot}
+        forbidden = (start >= since) & (opens | (start > since + brakes + 1))
+        assert told >= {(chain.robot, n) for n in np.flatnonzero(forbidden).tolist()}
+        allowed = (start < since + drive.lag) & ~opens
+        assert not told & {(chain.robot, n) for n in np.flatnonzero(allowed).tolist()}
+        # From rest, nothing begins that was not commanded before.
+        rested = np.append(False, start[1:] > run.end_ns[k][:-1])
+        late = rested & (start >= since + drive.lag)
+        assert told >= {(chain.robot, n) for n in np.flatnonzero(late).tolist()}
 
 
 def test_an_event_that_the_graph_forbids_is_named_with_its_edge() -> None:

@@ -7,10 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from planning.errors import RequestError
+from planning.tasks.task import SKILLS
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED, sample, sample_node_times, uniform
+from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.durations.bounded import Fixed, Uniform
+from twin.durations.model import to_nanoseconds
 from twin.uncertainty.chain_draws import choose
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import (
@@ -381,3 +385,22 @@ def test_choices_are_distinct_and_those_of_floyds_algorithm(
             chosen.append(last if pick in chosen else pick)
         assert found[:, column].tolist() == chosen
         assert len(set(chosen)) == count
+
+
+@pytest.mark.parametrize(
+    "disturbances",
+    [
+        Disturbances(breakdowns=Breakdowns(mtbf_s=0.1, mttr_s=1e6)),
+        Disturbances(breakdowns=Breakdowns(mtbf_s=0.1, mttr_s=1e6, clock="run")),
+    ],
+)
+def test_a_run_longer_than_any_is_refused(disturbances: Disturbances) -> None:
+    """Its times would not fit into 64 bits of nanoseconds."""
+    tpg = random_tpg(3, tasks=4)
+    slow = SkillDurations({kind: Fixed(value_s=3e2) for kind in SKILLS})
+    with pytest.raises(RequestError, match="longer than 2e"):
+        simulate(tpg, slow, disturbances=disturbances)
+
+
+def test_durations_beyond_all_bounds_stay_numbers() -> None:
+    assert to_nanoseconds([1e300, np.inf, 1.5]).tolist() == [9e18, 9e18, 1_500_000_000]
