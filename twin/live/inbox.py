@@ -12,10 +12,7 @@ _REPORT_WEIGHT = 50
 """Memory of a report without samples, in samples."""
 
 _MOST_WEIGHT = 200_000
-"""Most memory of the reports of one robot that wait, in samples."""
-
-_MOST_HEARD = _MOST_WEIGHT // _REPORT_WEIGHT
-"""So many reports of each robot are heard in a row at most."""
+"""Most memory of the reports of one robot that wait, and that are heard in a row, in samples."""
 
 
 class Inbox:
@@ -48,8 +45,10 @@ class Inbox:
             queue.Empty: there was none.
         """
         report = self._queue.get(timeout=timeout)
+        weight = _weight(report)
+        self._heard += weight
         with self._turn:
-            self._weight[report.robot] -= _weight(report)
+            self._weight[report.robot] -= weight
         return report
 
     def is_behind(self) -> bool:
@@ -57,9 +56,9 @@ class Inbox:
 
         Where one robot sends them faster than they are heard, this is false from time to time nevertheless.
         """
-        behind = self._heard < _MOST_HEARD * len(self._weight)
+        behind = self._heard < _MOST_WEIGHT * len(self._weight)
         behind = behind and not self._queue.empty()
-        self._heard = self._heard + 1 if behind else 0
+        self._heard = self._heard if behind else 0
         return behind
 
 

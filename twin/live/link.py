@@ -111,6 +111,7 @@ class Link:
     _report: int = -1
     _last: Report | None = None
     _begins_at: int | None = None
+    _least: int = 0
     _stuck: bool = False
     _told: dict[int, int] = field(default_factory=dict)
     _at_s: float | None = None
@@ -271,6 +272,7 @@ class Link:
         if report.instance != before:
             # What it was told last may be old: it knows less than is known of it.
             self._have = self._taken = self._last = self._at_s = self._begins_at = None
+            self._least = self.done
             self._shifts_s = 0.0, 0.0
             if self.ahead_s is not None:
                 self.ahead_s = math.inf
@@ -314,6 +316,7 @@ class Link:
             self._taken,
             self.done,
             self.begun,
+            0 if 0 < self._base >= report.seen else self._least,
             self.failed if self._stuck else -1,
         )
 

@@ -64,8 +64,7 @@ class MeasuredRows:
         begun = self.cleared_ns[state.begun - 1 : state.begun]
         t_ns = max([0, t_ns, *self.t_ns[-1:], *begun])
         self.last = t_ns, state
-        self.begin_ns += [t_ns] * (state.begun - len(self.begin_ns))
-        self.end_ns += [t_ns] * (state.done - len(self.end_ns))
+        self.note(t_ns, state.begun, state.done)
         if state.begun == state.done:
             if self._stood is None:
                 self._row(t_ns, state.q, state.done - 1)
@@ -78,6 +77,13 @@ class MeasuredRows:
             self._stood = None
         self._row(t_ns, state.q, state.done)
         return True
+
+    def note(self, t_ns: int, begun: int, done: int) -> None:
+        """Take note of nodes that are begun and through at a time [ns], none before the node before is."""
+        begin, end = self.begin_ns, self.end_ns
+        begin += [max([t_ns, *begin[-1:], *end[-1:]])] * (begun - len(begin))
+        if done > len(end):
+            end += [max([t_ns, *begin[done - 1 : done]])] * (done - len(end))
 
     def _row(self, t_ns: int, q: Array, node: int) -> None:
         if self.t_ns and t_ns <= self.t_ns[-1] and np.any(q != self.q[-1]):

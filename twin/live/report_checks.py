@@ -95,6 +95,7 @@ class Clearance:
         last: the last report of the same instance that was used, None before the first.
         taken: number of the next sample that is wanted, None before the first.
         done, begun: nodes that it has reported as done, and as begun, in any report or sample.
+        least: nodes that were done when its instance was first heard of, which it was told it need not do.
         failed: the node that it has reported as failed, until there is a graph that goes on from there; -1 for none.
     """
 
@@ -109,6 +110,7 @@ class Clearance:
     taken: int | None
     done: int
     begun: int
+    least: int
     failed: int
 
 
@@ -163,6 +165,7 @@ def _bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
         return
     yield from _failure_bounds(report, known)
     yield from _node_bounds(report, known.most)
+    yield "went-back", "done", state.done, known.least, np.inf
     if known.last is not None:
         yield from _lower_bounds(report, known.last, known.taken)
 

@@ -127,3 +127,28 @@ def test_of_a_standstill_the_first_and_the_last_sample_are_written(
     for _, t_ns, own in MeasuredLog(tmp_path / "measured.csv").before():
         again.add(t_ns, own)
     assert again.t_ns[: len(rows.t_ns)] == rows.t_ns
+
+
+@given(
+    st.lists(
+        st.tuples(st.booleans(), st.integers(0, 100), st.integers(0, 2)), max_size=12
+    )
+)
+def test_nodes_begin_and_end_in_their_order_whatever_comes_first(
+    told: list[tuple[bool, int, int]],
+) -> None:
+    """Nodes that are noted without samples, and samples of them that come later and are earlier."""
+    rows, counted = MeasuredRows(), 0
+    for sampled, at, more in told:
+        counted += more
+        begun, done = (counted + 1) // 2, counted // 2
+        if sampled:
+            rows.add(at, Sample(float(at), np.zeros(1), begun, done))
+        else:
+            rows.note(at, begun, done)
+    times = [
+        t for pair in itertools.zip_longest(rows.begin_ns, rows.end_ns) for t in pair
+    ]
+    known = [t for t in times if t is not None]
+    assert known == sorted(known)
+    assert len(rows.end_ns) <= len(rows.begin_ns) <= len(rows.end_ns) + 1

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.drivers.driver import ClearedNode
+from twin.drivers.driver import ClearedNode, DriverState
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.durations.model import NANOSECONDS
 from twin.engine.ending import PendingNode
@@ -118,6 +118,7 @@ class Cell:
     kept: int = 0
     arms: dict[str, SimulatedArm] = field(default_factory=dict)
     instance: int = 0
+    out_s: float = OUT_S
 
     def start_driver(
         self, name: str, kind: type[SimulatedArm] = SimulatedArm, **options: Any
@@ -197,7 +198,7 @@ class Cell:
             links={r.name: Link("run", r.name, r.home, LEASE_S) for r in robots},
             wires={r.name: Wire() for r in robots},
             written=written,
-            out_s=OUT_S,
+            out_s=self.out_s,
             pace=self.pace,
             history=history,
             clock=ether.clock,
@@ -269,6 +270,10 @@ def killed_and_resumed(
 
 @settings(max_examples=24)
 @example(seed=1, loses=0.0, latest_s=0.0, slow_s=0.0, kills=1)
+# Killed again before anything is on the disk of what it was resumed for.
+@example(seed=58, loses=0.0, latest_s=0.0, slow_s=0.0, kills=2)
+# Killed after a node was released whose patience was over, and before it was complete.
+@example(seed=731644238, loses=0.0, latest_s=0.0, slow_s=0.0, kills=3)
 @given(
     seed=st.integers(0, 2**32 - 1),
     loses=st.sampled_from([0.0, 0.3]),
@@ -375,6 +380,68 @@ def test_a_session_in_which_a_driver_does_not_go_on_ends_with_what_waits_for_it(
     assert OUT_S < cell.ether.now_s < 2.0 * OUT_S
     (told,) = [e.detail for e in cell.log if e.kind == "failed"]
     assert told == run.ended.words
+
+
+class Crawling(SimulatedArm):
+    """An arm that moves on and on in a node and comes to no end of it."""
+
+    def __init__(self, *about: Any, at: int, **options: Any) -> None:
+        super().__init__(*about, **options)
+        self.at = at
+
+    def state(self) -> DriverState:
+        if self._done >= self.at:
+            self._pace = 1e-9
+        return super().state()
+
+
+class Numb(SimulatedArm):
+    """An arm that is in the middle of a node and says no more than that it is held."""
+
+    def state(self) -> DriverState:
+        own = super().state()
+        self._held = self._done >= 1
+        return replace(own, mode="held") if self._held else own
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "mode"),
+    [(Crawling, {"at": 1}, "moving"), (Numb, {}, "held")],
+)
+def test_a_session_in_which_a_driver_makes_no_progress_for_ever_ends(
+    kind: type[SimulatedArm], options: dict[str, Any], mode: str
+) -> None:
+    cell = two_robots([(0, 2, 1, 0)])
+    cell.out_s = 2.0
+    cell.start_driver("robot_0", kind=kind, **options)
+    run = cell.dispatcher()
+    assert run.execute() == "failed"
+    assert run.ended is not None
+    assert (run.ended.code, run.ended.robot) == ("no-progress", "")
+    first, second = run.ended.pending
+    assert (first.robot, first.node, first.mode) == ("robot_0", 1, mode)
+    assert second.waits_for == (("robot_0", 2),)
+    # Nodes take 1 s as planned.
+    assert 10.0 * 3.0 < cell.ether.now_s < 12.0 * 3.0
+
+
+def test_what_a_driver_did_while_nothing_was_heard_of_it_comes_after_its_return() -> (
+    None
+):
+    cell = two_robots([(0, 2, 1, 0)])
+
+    def cut() -> bool:
+        if 0.5 < cell.ether.now_s < 1.5:
+            cell.ether.cut_s["robot_0"] = 2.5
+        return False
+
+    assert cell.dispatcher(cut).execute() == "completed"
+    told = [e for e in cell.log if e.robot == "robot_0"]
+    kinds = [e.kind for e in told]
+    stopped, resumed = kinds.index("stopped"), kinds.index("resumed")
+    assert told[stopped].detail == "no sign of life"
+    assert kinds[stopped:].count("completed") > 1
+    assert not {"started", "completed"} & {*kinds[stopped:resumed]}
 
 
 def test_a_session_that_nobody_can_let_go_on_ends_with_who_is_held() -> None:
