@@ -62,7 +62,8 @@ class MeasuredRows:
         if not self.is_new(state):
             return False
         begun = self.cleared_ns[state.begun - 1 : state.begun]
-        t_ns = max([0, t_ns, *self.t_ns[-1:], *begun])
+        last_ns = 0 if self.last is None else self.last[0]
+        t_ns = max([t_ns, last_ns, *begun])
         self.last = t_ns, state
         self.note(t_ns, state.begun, state.done)
         if state.begun == state.done:

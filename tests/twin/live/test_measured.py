@@ -4,7 +4,7 @@ import itertools
 from pathlib import Path
 
 import numpy as np
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from twin.drivers.driver import ClearedNode, Sample
@@ -129,6 +129,8 @@ def test_of_a_standstill_the_first_and_the_last_sample_are_written(
     assert again.t_ns[: len(rows.t_ns)] == rows.t_ns
 
 
+@example([(True, 60, 0), (True, 90, 0), (True, 80, 1)])
+@example([(False, 60, 1), (True, 50, 1)])
 @given(
     st.lists(
         st.tuples(st.booleans(), st.integers(0, 100), st.integers(0, 2)), max_size=12
@@ -143,7 +145,7 @@ def test_nodes_begin_and_end_in_their_order_whatever_comes_first(
         counted += more
         begun, done = (counted + 1) // 2, counted // 2
         if sampled:
-            rows.add(at, Sample(float(at), np.zeros(1), begun, done))
+            rows.add(at, Sample(float(at), np.array([float(at > 50)]), begun, done))
         else:
             rows.note(at, begun, done)
     times = [
@@ -151,4 +153,5 @@ def test_nodes_begin_and_end_in_their_order_whatever_comes_first(
     ]
     known = [t for t in times if t is not None]
     assert known == sorted(known)
+    assert rows.t_ns == sorted(rows.t_ns)
     assert len(rows.end_ns) <= len(rows.begin_ns) <= len(rows.end_ns) + 1
