@@ -425,10 +425,21 @@ def test_a_session_in_which_a_driver_makes_no_progress_for_ever_ends(
     assert 10.0 * 3.0 < cell.ether.now_s < 12.0 * 3.0
 
 
+class Unsampled(DriverEnd):
+    """The end of a driver that keeps no samples, so that its first report has all the news."""
+
+    def report(self) -> Report:
+        own = super().report()
+        state = replace(own.state, samples=())
+        return replace(own, first=0, kept=0, state=state)
+
+
 def test_what_a_driver_did_while_nothing_was_heard_of_it_comes_after_its_return() -> (
     None
 ):
     cell = two_robots([(0, 2, 1, 0)])
+    arm, clock = cell.arms["robot_0"], cell.ether.clock
+    cell.ether.ends["robot_0"] = Unsampled(arm, "robot_0", 99, clock)
 
     def cut() -> bool:
         if 0.5 < cell.ether.now_s < 1.5:
