@@ -11,7 +11,7 @@ from twin.live.wire_format import Report
 _REPORT_WEIGHT = 50
 """Memory of a report without samples, in samples."""
 
-_MOST_WEIGHT = 200_000
+_MOST_WEIGHT = 50_000
 """Most memory of the reports of one robot that wait, in samples."""
 
 

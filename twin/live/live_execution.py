@@ -141,7 +141,8 @@ class LiveExecution(ReportedExecution):
         while missing := sorted(self._links.keys() - self._states.keys()):
             if self._wall_s() - begin_s > self._out_s:
                 raise RequestError(
-                    f"no driver of {', '.join(missing)} has been heard of for {self._out_s:g} s"
+                    f"no driver of {', '.join(missing)} has been heard of for {self._out_s:g} s, or none"
+                    " that takes up the session"
                 )
             for name, link in self._links.items():
                 if link.problem is not None:
