@@ -305,7 +305,6 @@ class Link:
         """Return what bounds a report."""
         lower, upper = (np.zeros_like(self.start) + k for k in (self.lower, self.upper))
         return Clearance(
-            len(self.start),
             lower,
             upper,
             self._most(report.version),

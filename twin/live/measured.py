@@ -83,8 +83,7 @@ class MeasuredRows:
         """Take note of nodes that are begun and through at a time [ns], none before the node before is."""
         begin, end = self.begin_ns, self.end_ns
         begin += [max([t_ns, *begin[-1:], *end[-1:]])] * (begun - len(begin))
-        if done > len(end):
-            end += [max([t_ns, *begin[done - 1 : done]])] * (done - len(end))
+        end += [max([t_ns, *begin[done - 1 : done]])] * (done - len(end))
 
     def _row(self, t_ns: int, q: Array, node: int) -> None:
         if self.t_ns and t_ns <= self.t_ns[-1] and np.any(q != self.q[-1]):

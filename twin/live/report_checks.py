@@ -85,7 +85,6 @@ class Clearance:
     """What bounds the next report of a driver.
 
     Attributes:
-        joints: of the robot.
         lower, upper: range of each joint, shape (n,) [rad or m].
         most: nodes that the driver was told of by the report's version of the graph, None where it was never told
             of that version.
@@ -99,7 +98,6 @@ class Clearance:
         failed: the node that it has reported as failed, until there is a graph that goes on from there; -1 for none.
     """
 
-    joints: int
     lower: Array
     upper: Array
     most: int | None
@@ -153,7 +151,7 @@ def _bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
         yield "out-of-range", "samples.at_s", sample.at_s, -most, most
     if not report.session:
         return  # the driver has not been told anything, and of its report only the clock is used
-    everywhere = np.full(known.joints, most)
+    everywhere = np.full(len(known.lower), most)
     yield from _joint_bounds("dq", state.dq, -everywhere, everywhere)
     limits = known.lower - _MARGIN, known.upper + _MARGIN
     yield from _joint_bounds("q", state.q, *limits)

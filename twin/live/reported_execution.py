@@ -103,15 +103,13 @@ class ReportedExecution(RollingExecution):
 
         Samples that were not on the disk come again after the dispatcher was started anew.
         """
-        history = self._history or History()
-        for told, logged, times in (
-            (self.start, history.start_ns, "begin_ns"),
-            (self.end, history.end_ns, "end_ns"),
-        ):
-            for k, before in enumerate(logged):
-                if (rows := self._rows.get(self.tpg.chains[k].robot)) is not None:
-                    own = getattr(rows, times)[: len(before)]
-                    told[k][: len(own)] = map(min, told[k], own)
+        for k, chain in enumerate(self.tpg.chains):
+            if (rows := self._rows.get(chain.robot)) is not None:
+                for told, own in (
+                    (self.start[k], rows.begin_ns),
+                    (self.end[k], rows.end_ns),
+                ):
+                    told[: len(own)] = map(min, told, own)
 
     def _robot(self, chain: int, node: int = 0) -> Steps:
         done = len(self._history.end_ns[chain]) if self._history else 0
