@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
@@ -121,24 +122,26 @@ class MeasuredLog:
     def begin_s(self) -> float | None:
         """Return when the run began, by the clock of the machine [s]; None where nothing says so."""
         for first, *rest in self._lines():
-            if first == _BEGIN:
-                return float(rest[0])
+            with suppress(ValueError, IndexError):
+                if first == _BEGIN:
+                    return float(rest[0])
         return None
 
     def before(self) -> Iterator[tuple[str, int, Sample]]:
-        """Yield what is in the file: robot, time in the run [ns], and sample."""
+        """Yield what is in the file: robot, time in the run [ns], and sample; rows that are none are left out."""
         for robot, *rest in self._lines():
-            if robot != _BEGIN:
+            with suppress(ValueError):
                 t_ns, at_s, begun, done, *q = rest
                 own = Sample(float(at_s), np.array(q, float), int(begun), int(done))
-                yield robot, int(t_ns), own
+                if np.isfinite([own.at_s, *own.q]).all():
+                    yield robot, int(t_ns), own
 
     def _lines(self) -> Iterator[list[str]]:
         """Yield the columns of every line; one that was not written to its end is left out."""
         if self._path is not None and self._path.exists():
-            for line in self._path.read_text().splitlines():
+            for line in self._path.read_text(errors="replace").splitlines():
                 *columns, end = line.split(",")
-                if end == ";":
+                if columns and end == ";":
                     yield columns
 
     def begin(self, begin_s: float) -> None:

@@ -24,6 +24,9 @@ from twin.uncertainty.node_times import NodeTimes
 _SAME_CLOCK_S = 60.0
 """The age of a log tells so well when its run began; further off, the machine's clock began anew [s]."""
 
+_MOST_NS = 1 << 62
+"""No run takes so long [ns]."""
+
 _MISSING_S = 2.0
 """Samples that a report says are still to come are waited for at most so long [s]."""
 
@@ -88,7 +91,11 @@ class ReportedExecution(RollingExecution):
         if begin_s is not None and abs(begin_s - self._begin_s) < _SAME_CLOCK_S:
             self._begin_s = begin_s
         for robot, t_ns, sample in self._log.before():
-            self._rows[robot].add(t_ns, sample)
+            if (link := self._links.get(robot)) is not None:
+                most = min(sample.done + 1, len(link.cleared))
+                fits = sample.q.shape == link.start.shape and 0 <= t_ns < _MOST_NS
+                if fits and 0 <= sample.done <= sample.begun <= most:
+                    self._rows[robot].add(t_ns, sample)
         for k, chain in enumerate(self.tpg.chains):
             begun, done = history.start_ns[k], history.end_ns[k]
             if (link := self._links.get(chain.robot)) is not None:

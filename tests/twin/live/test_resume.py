@@ -6,6 +6,7 @@ import random
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -119,6 +120,7 @@ class Cell:
     arms: dict[str, SimulatedArm] = field(default_factory=dict)
     instance: int = 0
     out_s: float = OUT_S
+    measured: Path | None = None
 
     def start_driver(
         self, name: str, kind: type[SimulatedArm] = SimulatedArm, **options: Any
@@ -199,6 +201,7 @@ class Cell:
             wires={r.name: Wire() for r in robots},
             written=written,
             out_s=self.out_s,
+            measured=self.measured,
             pace=self.pace,
             history=history,
             clock=ether.clock,
@@ -494,3 +497,33 @@ def test_a_driver_that_says_nothing_that_is_believed_ends_the_session() -> None:
     assert run.ended is not None
     assert run.ended.pending[0].robot == "robot_0"
     assert cell.ether.now_s < 4.0 * OUT_S
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        "robot_0,12,0.1,1,0,nan,;",
+        "robot_0,12,0.1,1,0,0.0,0.0,0.0,0.0,0.0,;",
+        "robot_0,twelve,0.1,1,0,0.0,;",
+        f"robot_0,{10**30},0.1,1,0,0.0,;",
+        f"robot_0,12,0.1,{10**9},{10**9},0.0,;",
+        "robot_0,12,0.1,0,1,0.0,;",
+        "robot_0,12,0.1,-1,-1,0.0,;",
+        "nobody,12,0.1,1,0,0.0,;",
+        "robot_0,;",
+        "#begin,;",
+        "#begin,nan,;",
+        ";",
+        "\udcff\udcfe,;",
+    ],
+)
+def test_a_damaged_row_of_samples_changes_nothing(tmp_path: Path, row: str) -> None:
+    cell = two_robots([(0, 2, 1, 0)], CLEARED)
+    cell.measured = tmp_path / "measured.csv"
+    cell.measured.write_text(f"{row}\n", errors="surrogateescape")
+    run = cell.dispatcher()
+    assert run.execute() == "completed"
+    require_whole(cell)
+    for rows in run.measured().values():
+        assert np.isfinite(rows.q).all()
+        assert rows.t_ns.max() < 60 * NANOSECONDS
