@@ -150,10 +150,14 @@ class Link:
         own = report.state.samples[skip:]
         self._taken += len(own)
         if not own and not self._taken:
-            # Of a driver that keeps no samples, its reports are what is known.
-            state = report.state
-            own = (Sample(report.at_s, state.q, state.begun, state.done),)
+            return self.state_alone(report)
         return tuple(self._in_one_clock(sample, report.at_s) for sample in own)
+
+    def state_alone(self, report: Report) -> tuple[Sample, ...]:
+        """Return the state of a report as a sample: of a driver that tells no samples, that is what is known."""
+        state = report.state
+        own = Sample(report.at_s, state.q, state.begun, state.done)
+        return (self._in_one_clock(own, report.at_s),)
 
     def _in_one_clock(self, sample: Sample, reported_s: float) -> Sample:
         """Return a sample whose time is by the driver's clock as it would be had nobody set it back."""

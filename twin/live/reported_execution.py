@@ -148,13 +148,16 @@ class ReportedExecution(RollingExecution):
     def _note(self, report: Report, state: DriverState) -> None:
         """Keep the samples of a report."""
         name, now_s = report.robot, self._wall_s()
-        if (samples := self._links[name].samples(report)) is not None:
-            self._keep_samples(name, samples)
+        link = self._links[name]
+        if (samples := link.samples(report)) is not None:
             self._missing_s.pop(name, None)
         elif now_s - self._missing_s.setdefault(name, now_s) <= _MISSING_S:
             return
+        self._keep_samples(
+            name, link.state_alone(report) if samples is None else samples
+        )
         # Of what no sample tells, as the driver was started anew, only that it has happened is known.
-        begun = max(state.begun, self._links[name].failed + 1)
+        begun = max(state.begun, link.failed + 1)
         self._rows[name].note(self._passed_ns(), begun, state.done)
 
     def _keep_samples(self, name: str, samples: Sequence[Sample]) -> None:

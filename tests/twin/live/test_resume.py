@@ -499,6 +499,25 @@ def test_a_driver_that_says_nothing_that_is_believed_ends_the_session() -> None:
     assert cell.ether.now_s < 4.0 * OUT_S
 
 
+class Unheeding(DriverEnd):
+    """The end of a driver that never says which commands it has heard of, so that no sample of it counts."""
+
+    def report(self) -> Report:
+        return replace(super().report(), seen=0)
+
+
+def test_where_a_driver_was_is_known_by_its_reports_where_no_sample_counts() -> None:
+    cell = two_robots([(0, 2, 1, 0)])
+    arm, clock = cell.arms["robot_0"], cell.ether.clock
+    cell.ether.ends["robot_0"] = Unheeding(arm, "robot_0", 99, clock)
+    run = cell.dispatcher()
+    assert run.execute() == "completed"
+    require_whole(cell)
+    found, chain = run.measured()["robot_0"], cell.tpg.chains[0]
+    assert len(chain) - 1 in found.node
+    assert np.allclose(found.q[-1], chain.waypoints[-1])
+
+
 @pytest.mark.parametrize(
     "row",
     [
