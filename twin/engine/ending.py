@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-EndingCode = Literal["driver-lost", "off-path", "nothing-to-come"]
-"""A driver is lost within a node; a robot is off its path; or no driver and no person will bring about anything more."""
+EndingCode = Literal["driver-lost", "off-path", "nothing-to-come", "no-progress"]
+"""A driver is lost within a node; a robot is off its path; nobody will bring about anything more; or nobody has for long."""
 
 
 @dataclass(frozen=True)

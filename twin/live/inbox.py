@@ -11,11 +11,8 @@ from twin.live.wire_format import Report
 _REPORT_WEIGHT = 50
 """Memory of a report without samples, in samples."""
 
-_MOST_WEIGHT = 200_000
+_MOST_WEIGHT = 50_000
 """Most memory of the reports of one robot that wait, in samples."""
-
-_MOST_HEARD = _MOST_WEIGHT // _REPORT_WEIGHT
-"""So many reports of each robot are heard in a row at most."""
 
 
 class Inbox:
@@ -29,7 +26,7 @@ class Inbox:
         self._queue: queue.SimpleQueue[Report] = queue.SimpleQueue()
         self._weight: Counter[str] = Counter()
         self._turn = threading.Lock()
-        self._heard = 0
+        self._left: int | None = None
 
     def put(self, report: Report) -> None:
         """Append a report, unless too much of its robot waits; it returns at once."""
@@ -48,6 +45,8 @@ class Inbox:
             queue.Empty: there was none.
         """
         report = self._queue.get(timeout=timeout)
+        if self._left:
+            self._left -= 1
         with self._turn:
             self._weight[report.robot] -= _weight(report)
         return report
@@ -55,11 +54,13 @@ class Inbox:
     def is_behind(self) -> bool:
         """Tell whether reports wait that are to be heard before anything else.
 
-        Where one robot sends them faster than they are heard, this is false from time to time nevertheless.
+        Those are all that wait once this was false; what comes meanwhile is heard after it was false again.
         """
-        behind = self._heard < _MOST_HEARD * len(self._weight)
-        behind = behind and not self._queue.empty()
-        self._heard = self._heard + 1 if behind else 0
+        if self._left is None:
+            self._left = self._queue.qsize()
+        behind = self._left > 0
+        if not behind:
+            self._left = None
         return behind
 
 

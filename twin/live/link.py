@@ -111,6 +111,7 @@ class Link:
     _report: int = -1
     _last: Report | None = None
     _begins_at: int | None = None
+    _least: int = 0
     _stuck: bool = False
     _told: dict[int, int] = field(default_factory=dict)
     _at_s: float | None = None
@@ -149,10 +150,14 @@ class Link:
         own = report.state.samples[skip:]
         self._taken += len(own)
         if not own and not self._taken:
-            # Of a driver that keeps no samples, its reports are what is known.
-            state = report.state
-            own = (Sample(report.at_s, state.q, state.begun, state.done),)
+            return self.state_alone(report)
         return tuple(self._in_one_clock(sample, report.at_s) for sample in own)
+
+    def state_alone(self, report: Report) -> tuple[Sample, ...]:
+        """Return the state of a report as a sample: of a driver that tells no samples, that is what is known."""
+        state = report.state
+        own = Sample(report.at_s, state.q, state.begun, state.done)
+        return (self._in_one_clock(own, report.at_s),)
 
     def _in_one_clock(self, sample: Sample, reported_s: float) -> Sample:
         """Return a sample whose time is by the driver's clock as it would be had nobody set it back."""
@@ -271,6 +276,7 @@ class Link:
         if report.instance != before:
             # What it was told last may be old: it knows less than is known of it.
             self._have = self._taken = self._last = self._at_s = self._begins_at = None
+            self._least = self.done
             self._shifts_s = 0.0, 0.0
             if self.ahead_s is not None:
                 self.ahead_s = math.inf
@@ -303,7 +309,6 @@ class Link:
         """Return what bounds a report."""
         lower, upper = (np.zeros_like(self.start) + k for k in (self.lower, self.upper))
         return Clearance(
-            len(self.start),
             lower,
             upper,
             self._most(report.version),
@@ -314,6 +319,7 @@ class Link:
             self._taken,
             self.done,
             self.begun,
+            0 if 0 < self._base >= report.seen else self._least,
             self.failed if self._stuck else -1,
         )
 

@@ -35,6 +35,9 @@ from twin.run.events import EventKind, Outcome
 _TICK_S = 0.02
 """How long messages are waited for at most, before links are looked at again [s]."""
 
+_MOST_SLOWER = 10.0
+"""A node may take so many times as long as planned, and as a driver may be silent, until it counts as stuck."""
+
 
 class LiveExecution(ReportedExecution):
     """State of one run that drivers execute.
@@ -87,7 +90,7 @@ class LiveExecution(ReportedExecution):
         self._silent = set(links)
         self._settled = True
         self._believed_s: dict[str, float] = {}
-        self._idle_s = self._wall_s()
+        self._progress, self._progress_s, self._idle_s = -1, 0.0, 0.0
 
     def execute(self) -> Outcome:
         """Run until everything is done, nothing can go on, or the user interrupts.
@@ -99,14 +102,15 @@ class LiveExecution(ReportedExecution):
         try:
             for wire in self._wires.values():
                 wire.open(self._inbox.put)
-            self._gather()
             if self._history is not None:
                 self.env.run(until=max(self._history.since_ns, 1))
                 if self.narrator is not None:
                     self.narrator.emit("resumed", detail=ANEW)
+                self._written()  # numbers of commands depend on how often this is in the log
                 for k, node in self.impatient:
                     if (begun := self.start[k][node]) >= 0:
                         self._count_patience(k, node, begun - self.now_ns)
+            self._gather()
             for name, state in self._states.items():
                 self._stop_off_path(name, state)
             return super().execute()
@@ -137,7 +141,8 @@ class LiveExecution(ReportedExecution):
         while missing := sorted(self._links.keys() - self._states.keys()):
             if self._wall_s() - begin_s > self._out_s:
                 raise RequestError(
-                    f"no driver of {', '.join(missing)} has been heard of for {self._out_s:g} s"
+                    f"no driver of {', '.join(missing)} has been heard of for {self._out_s:g} s, or none"
+                    " that takes up the session"
                 )
             for name, link in self._links.items():
                 if link.problem is not None:
@@ -149,9 +154,8 @@ class LiveExecution(ReportedExecution):
             while self._inbox.is_behind():
                 self._meet(self._inbox.get(timeout=0.0))
         self._silent.clear()
-        self._idle_s = self._wall_s()
         if self._history is None:
-            self._begin_s = self._idle_s
+            self._begin_s = self._wall_s()
             self._log.begin(self._begin_s)
 
     def _meet(self, report: Report) -> None:
@@ -193,18 +197,33 @@ class LiveExecution(ReportedExecution):
         return super().deadlock() if self.ended is None else self.ended.words
 
     def _end(self, code: EndingCode, robot: str, words: str) -> None:
-        """End the session with its first cause."""
+        """End the session with its first cause, and with what all robots wait for where none has caused it."""
         if self.ended is None:
-            self.ended = Ending(code, robot, words, self._pending())
+            pending = self._pending()
+            waits = "; ".join(node.words() for node in pending)
+            words = words if robot else f"{words}: {waits}"
+            self.ended = Ending(code, robot, words, pending)
 
     def _end_if_nothing_comes(self, due_ns: float, now_s: float) -> None:
-        """End a session in which no event is due and for ``out_s`` no driver and no person was to act."""
-        active = due_ns < math.inf or self._planning
-        if active or any(self._may_act(name, now_s) for name in self._links):
+        """End a session in which no event is due and nobody is to act, or no robot makes progress for very long."""
+        links = self._links
+        acting = {name for name in links if self._may_act(name, now_s)}
+        person = self.attended and any(links[name].held for name in acting - self._out)
+        progress = sum(
+            own.begun + own.done + len(own.cleared) - len(own.awaited)
+            for own in links.values()
+        )
+        active = due_ns < math.inf or self._planning or person
+        if active or progress != self._progress:
+            self._progress, self._progress_s, self._idle_s = progress, now_s, now_s
+        elif acting:
             self._idle_s = now_s
-        elif now_s - self._idle_s > self._out_s:
-            words = "; ".join(node.words() for node in self._pending())
-            self._end("nothing-to-come", "", f"nothing can go on: {words}")
+        planned_ns = max((own.max(initial=0) for own in self.times.motion), default=0)
+        most_s = self._out_s + float(planned_ns) / NANOSECONDS / self._pace
+        if now_s - self._idle_s > self._out_s:
+            self._end("nothing-to-come", "", "nothing can go on")
+        elif (stuck_s := now_s - self._progress_s) > _MOST_SLOWER * most_s:
+            self._end("no-progress", "", f"no progress for {stuck_s:.4g} s")
 
     def _may_act(self, name: str, now_s: float) -> bool:
         """Return whether a driver, or a person at its robot, may still bring something about.
@@ -250,6 +269,8 @@ class LiveExecution(ReportedExecution):
 
     def _observe(self, name: str, state: DriverState) -> None:
         self._states[name], self._believed_s[name] = state, self._wall_s()
+        if name in self._silent and self._told.pop(name, ""):
+            self._tell_of_driver(name, "")  # before all that it has done meanwhile
         self._stop_off_path(name, state)
         self._see_to_tools()
         news, self._news[name] = self._news[name], self.env.event()
@@ -342,10 +363,6 @@ class LiveExecution(ReportedExecution):
         # Who cannot be planned for before a question is answered goes on as far as the plan goes.
         self._dispatch_again()
         return made.result()
-
-    def _release(self, chain: int) -> None:
-        super()._release(chain)
-        self._idle_s = self._wall_s()
 
     def _next_is_safe(self, chain: int) -> bool:
         link = self._link(chain)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
@@ -66,10 +67,10 @@ class MeasuredRows:
         if not self.is_new(state):
             return False
         begun = self.cleared_ns[state.begun - 1 : state.begun]
-        t_ns = max([0, t_ns, *self.t_ns[-1:], *begun])
+        last_ns = 0 if self.last is None else self.last[0]
+        t_ns = max([t_ns, last_ns, *begun])
         self.last = t_ns, state
-        self.begin_ns += [t_ns] * (state.begun - len(self.begin_ns))
-        self.end_ns += [t_ns] * (state.done - len(self.end_ns))
+        self.note(t_ns, state.begun, state.done)
         if state.begun == state.done:
             if self._stood is None:
                 self._row(t_ns, state.q, state.done - 1)
@@ -82,6 +83,12 @@ class MeasuredRows:
             self._stood = None
         self._row(t_ns, state.q, state.done)
         return True
+
+    def note(self, t_ns: int, begun: int, done: int) -> None:
+        """Take note of nodes that are begun and through at a time [ns], none before the node before is."""
+        begin, end = self.begin_ns, self.end_ns
+        begin += [max([t_ns, *begin[-1:], *end[-1:]])] * (begun - len(begin))
+        end += [max([t_ns, *begin[done - 1 : done]])] * (done - len(end))
 
     def _row(self, t_ns: int, q: Array, node: int) -> None:
         if self.t_ns and t_ns <= self.t_ns[-1] and np.any(q != self.q[-1]):
@@ -120,52 +127,40 @@ class MeasuredLog:
         self._last: dict[str, str] = {}
 
     def begin_s(self) -> float | None:
-        """Return when the run began, by the clock of the machine [s]; None where nothing says so.
-
-        Raises:
-            OutputError: see ``before``.
-        """
-        for place, columns in self._lines():
-            if columns[0] == _BEGIN:
-                try:
-                    return float(columns[1])
-                except (ValueError, IndexError):
-                    raise OutputError(f"{place}: is no begin of a run") from None
+        """Return when the run began, by the clock of the machine [s]; None where nothing says so."""
+        for first, *rest in self._lines():
+            with suppress(ValueError, IndexError):
+                if first == _BEGIN:
+                    return float(rest[0])
         return None
 
     def before(
         self, known: Mapping[str, tuple[int, int]]
     ) -> Iterator[tuple[str, int, Sample]]:
-        """Yield what is in the file: robot, time in the run [ns], and sample.
+        """Yield what is in the file: robot, time in the run [ns], and sample; rows that are none are left out.
 
         Args:
             known: number of joints, and of nodes that were released, of each robot.
 
         Raises:
-            OutputError: it cannot be read, or a line is no sample of such a robot.
+            OutputError: the file cannot be read, or is too large.
         """
-        for place, (robot, *rest) in self._lines():
-            if robot == _BEGIN:
-                continue
-            try:
+        for robot, *rest in self._lines():
+            with suppress(ValueError, KeyError):
                 joints, nodes = known[robot]
                 t_ns, at_s, begun, done, *q = rest
-                time_ns, counts = int(t_ns), (int(done), int(begun), nodes)
-                own = Sample(float(at_s), np.array(q, float), counts[1], counts[0])
-                finite = np.all(np.isfinite([own.at_s, *own.q]))
+                time_ns = int(t_ns)
+                own = Sample(float(at_s), np.array(q, float), int(begun), int(done))
                 if (
-                    len(q) != joints
-                    or not finite
-                    or not 0 <= time_ns <= LATEST_S * NANOSECONDS
-                    or not 0 <= counts[0] <= counts[1] <= nodes
+                    len(q) == joints
+                    and np.isfinite([own.at_s, *own.q]).all()
+                    and 0 <= time_ns <= LATEST_S * NANOSECONDS
+                    and 0 <= own.done <= own.begun <= min(own.done + 1, nodes)
                 ):
-                    raise ValueError
-            except (ValueError, KeyError):
-                raise OutputError(f"{place}: is no sample of this run") from None
-            yield robot, time_ns, own
+                    yield robot, time_ns, own
 
-    def _lines(self) -> Iterator[tuple[str, list[str]]]:
-        """Yield place and columns of every line; one that was not written to its end is left out."""
+    def _lines(self) -> Iterator[list[str]]:
+        """Yield the columns of every line; one that was not written to its end is left out."""
         if self._path is None or not self._path.exists():
             return
         try:
@@ -174,11 +169,10 @@ class MeasuredLog:
                     raise OutputError(
                         f"{self._path}: larger than {LARGEST_RESULT >> 20} MiB"
                     )
-                lines = iter(lambda: file.readline(_LONGEST_LINE), b"")
-                for number, line in enumerate(lines, start=1):
+                for line in iter(lambda: file.readline(_LONGEST_LINE), b""):
                     *columns, end = line.decode(errors="replace").split(",")
                     if columns and end.rstrip("\n") == ";":
-                        yield f"{self._path}:{number}", columns
+                        yield columns
         except OSError as error:
             raise OutputError(f"{self._path}: cannot be read: {error}") from error
 

@@ -85,7 +85,6 @@ class Clearance:
     """What bounds the next report of a driver.
 
     Attributes:
-        joints: of the robot.
         lower, upper: range of each joint, shape (n,) [rad or m].
         most: nodes that the driver was told of by the report's version of the graph, None where it was never told
             of that version.
@@ -95,10 +94,10 @@ class Clearance:
         last: the last report of the same instance that was used, None before the first.
         taken: number of the next sample that is wanted, None before the first.
         done, begun: nodes that it has reported as done, and as begun, in any report or sample.
+        least: nodes that were done when its instance was first heard of, which it was told it need not do.
         failed: the node that it has reported as failed, until there is a graph that goes on from there; -1 for none.
     """
 
-    joints: int
     lower: Array
     upper: Array
     most: int | None
@@ -109,6 +108,7 @@ class Clearance:
     taken: int | None
     done: int
     begun: int
+    least: int
     failed: int
 
 
@@ -151,7 +151,7 @@ def _bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
         yield "out-of-range", "samples.at_s", sample.at_s, -most, most
     if not report.session:
         return  # the driver has not been told anything, and of its report only the clock is used
-    everywhere = np.full(known.joints, most)
+    everywhere = np.full(len(known.lower), most)
     yield from _joint_bounds("dq", state.dq, -everywhere, everywhere)
     limits = known.lower - _MARGIN, known.upper + _MARGIN
     yield from _joint_bounds("q", state.q, *limits)
@@ -163,6 +163,7 @@ def _bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
         return
     yield from _failure_bounds(report, known)
     yield from _node_bounds(report, known.most)
+    yield "went-back", "done", state.done, known.least, np.inf
     if known.last is not None:
         yield from _lower_bounds(report, known.last, known.taken)
 

@@ -80,6 +80,10 @@ class ReportedExecution(RollingExecution):
                 self._rows[chain.robot].cleared_ns = list(cleared)
             else:
                 self.queue[k].extend(range(len(history.start_ns[k]), len(cleared)))
+        for source, targets in self.impatient.items():
+            for (k, node), _ in targets:
+                if node < self.released[k]:  # it had waited long enough
+                    self.dispatcher.lift(source, (k, node))
         begin_s = self._log.begin_s()
         if begin_s is not None and abs(begin_s - self._begin_s) < _SAME_CLOCK_S:
             self._begin_s = begin_s
@@ -104,15 +108,13 @@ class ReportedExecution(RollingExecution):
 
         Samples that were not on the disk come again after the dispatcher was started anew.
         """
-        history = self._history or History()
-        for told, logged, times in (
-            (self.start, history.start_ns, "begin_ns"),
-            (self.end, history.end_ns, "end_ns"),
-        ):
-            for k, before in enumerate(logged):
-                if (rows := self._rows.get(self.tpg.chains[k].robot)) is not None:
-                    own = getattr(rows, times)[: len(before)]
-                    told[k][: len(own)] = map(min, told[k], own)
+        for k, chain in enumerate(self.tpg.chains):
+            if (rows := self._rows.get(chain.robot)) is not None:
+                for told, own in (
+                    (self.start[k], rows.begin_ns),
+                    (self.end[k], rows.end_ns),
+                ):
+                    told[: len(own)] = map(min, told, own)
 
     def _robot(self, chain: int, node: int = 0) -> Steps:
         done = len(self._history.end_ns[chain]) if self._history else 0
@@ -143,19 +145,18 @@ class ReportedExecution(RollingExecution):
 
     def _note(self, report: Report, state: DriverState) -> None:
         """Keep the samples of a report."""
-        name = report.robot
-        rows = self._rows[name]
-        now_s = self._wall_s()
-        if (samples := self._links[name].samples(report)) is not None:
-            self._keep_samples(name, samples)
+        name, now_s = report.robot, self._wall_s()
+        link = self._links[name]
+        if (samples := link.samples(report)) is not None:
             self._missing_s.pop(name, None)
         elif now_s - self._missing_s.setdefault(name, now_s) <= _MISSING_S:
             return
+        self._keep_samples(
+            name, link.state_alone(report) if samples is None else samples
+        )
         # Of what no sample tells, as the driver was started anew, only that it has happened is known.
-        now = self._passed_ns()
-        begun = max(state.begun, self._links[name].failed + 1)
-        rows.begin_ns += [now] * (begun - len(rows.begin_ns))
-        rows.end_ns += [now] * (state.done - len(rows.end_ns))
+        begun = max(state.begun, link.failed + 1)
+        self._rows[name].note(self._passed_ns(), begun, state.done)
 
     def _keep_samples(self, name: str, samples: Sequence[Sample]) -> None:
         """Keep samples, with the corners of the path between those that were lost."""
@@ -197,8 +198,7 @@ class ReportedExecution(RollingExecution):
     def _see_to_tools(self) -> None:
         for name, node in see_to_tools(self._links):
             # The skill goes on while another robot's tool acts, as planned.
-            begun = self._rows[name].begin_ns
-            begun += [self._passed_ns()] * (node + 1 - len(begun))
+            self._rows[name].note(self._passed_ns(), node + 1, 0)
 
     def _pass(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Follow a node that a driver executes, and return whether its task failed for good."""

@@ -6,7 +6,7 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -314,17 +314,19 @@ def channel_to(address: str, certificates: Certificates | None) -> Any:
         RequestError: it is beyond this machine, and there are no certificates.
     """
     grpc = grpc_module()
+    # By default gRPC waits ever longer, up to two minutes, which is more than a cell waits for a driver.
+    options = [("grpc.max_reconnect_backoff_ms", 1000)]
     if certificates is None:
         if not on_this_machine(address):
             raise RequestError(f"{address} is not on this machine: give --certificates")
-        return grpc.insecure_channel(address)
+        return grpc.insecure_channel(address, options=options)
     secure = grpc.ssl_channel_credentials(
         certificates.authority.read_bytes(),
         certificates.key.read_bytes(),
         certificates.certificate.read_bytes(),
     )
-    named: Mapping[str, str] = {"grpc.ssl_target_name_override": NAME}
-    return grpc.secure_channel(address, secure, options=tuple(named.items()))
+    named = ("grpc.ssl_target_name_override", NAME)
+    return grpc.secure_channel(address, secure, options=[*options, named])
 
 
 _AGAIN_S = 0.2

@@ -221,6 +221,13 @@ FALSE: dict[str, tuple[str, Falsify]] = {
     "the same number again and again": ("silent", says(number=0)),
     "an older instance": ("silent", says(instance=0)),
     "a robot that is not there": ("silent", says(robot="nobody")),
+    "started anew, and all of it undone": (
+        "went-back",
+        both(
+            says(instance=2**40, first=0, kept=0),
+            state(done=0, begun=0, samples=()),
+        ),
+    ),
 }
 """What a report says, what comes of it, and what makes it of a true one."""
 

@@ -14,6 +14,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
@@ -155,10 +156,17 @@ def test_a_cell_of_drivers_is_audited_by_what_they_have_measured(
     for robot in ("left", "right"):
         planned_too = counts[f"/{robot}/planned/joint_states"]
         assert planned_too == counts[f"/{robot}/joint_states"] > 100
-    # It is as quick as in the twin, but for what it takes to tell each other on a machine that is busy.
+    # Motions are as quick as in the twin; how long robots wait for each other depends on how busy the machine is.
     planned = twin.operate(tmp_path / "stack.yaml", out=tmp_path / "twin")
     assert planned.summary["makespan_s"] < done.summary["makespan_s"]
-    assert done.summary["makespan_s"] < 20.0 * planned.summary["makespan_s"]
+    took, planned_s = [], []
+    for chain, start, end in zip(
+        done.tpg.chains, done.record.start_ns, done.record.end_ns, strict=True
+    ):
+        took += ((end - start) / 1e9).tolist()
+        planned_s += chain.duration.tolist()
+    some = np.array(planned_s) > 0.1
+    assert np.median(np.array(took)[some] / np.array(planned_s)[some]) < 1.1
 
 
 def test_a_node_is_in_the_log_before_its_driver_is_cleared_for_it(
@@ -420,6 +428,13 @@ def started(*words: object) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
 
+def listens(address: str) -> bool:
+    """Tell whether a cell is there: on a busy machine it may plan for longer than drivers ask for it."""
+    host, _, port = address.partition(":")
+    with socket.socket() as asked:
+        return asked.connect_ex((host, int(port))) == 0
+
+
 def lines(log: Path) -> Lines:
     text = log.read_text() if log.exists() else ""
     return [json.loads(line) for line in text.splitlines() if line.endswith("}")]
@@ -444,7 +459,7 @@ def closing(events: Lines, out: Path) -> bool:
 @pytest.mark.parametrize(
     ("text", "pace", "until"),
     [
-        (STACK, 20.0, lambda events, _: completed(events) > 100),
+        (STACK, 20.0, lambda events, _: completed(events) > 40),
         # While a hand closes for another robot.
         pytest.param(BAR, 2.0, lambda *so_far: closing(*so_far), marks=NIGHTLY),
     ],
@@ -461,9 +476,12 @@ def test_a_dispatcher_that_was_killed_goes_on_and_clears_nothing_twice(
         f"pace: {pace}\nlisten: {address}\nout_s: 600\n"
         "robots: {left: {kind: grpc}, right: {kind: grpc}}\n"
     )
-    arms = [started("drive", address, n, "--pace", pace) for n in ("left", "right")]
     files = ("--drivers", tmp_path / "drivers.yaml", "--out", out, "--no-recording")
     first = started("operate", scenario, *files)
+    while not listens(address):
+        assert first.poll() is None
+        time.sleep(0.02)
+    arms = [started("drive", address, n, "--pace", pace) for n in ("left", "right")]
     while not until(lines(out / "events.jsonl"), out):
         assert first.poll() is None
         time.sleep(0.02)

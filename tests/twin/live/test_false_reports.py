@@ -332,6 +332,20 @@ def test_others_are_seen_to_while_one_sends_without_end() -> None:
         assert rounds < 10_000
 
 
+def test_long_reports_that_come_without_end_are_heard_as_long_as_short_ones() -> None:
+    _, report = on_its_way()
+    some = report.state.samples[:1] * MOST_SAMPLES
+    report = replace(report, state=replace(report.state, samples=some))
+    inbox = Inbox()
+    inbox.put(report)
+    rounds = 0
+    while inbox.is_behind():
+        inbox.put(report)
+        inbox.get(0.0)
+        rounds += 1
+        assert rounds < 20
+
+
 @pytest.mark.parametrize("text", [LETTERS, "a\r\nb\0c\x9b31m", "\u2066x" * 500, ""])
 def test_a_text_of_a_driver_is_one_short_line(text: str) -> None:
     shown = plain_text(text)

@@ -6,6 +6,7 @@ import random
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +18,7 @@ from hypothesis import strategies as st
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.drivers.driver import ClearedNode
+from twin.drivers.driver import ClearedNode, DriverState
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.durations.model import NANOSECONDS
 from twin.engine.ending import PendingNode
@@ -118,6 +119,8 @@ class Cell:
     kept: int = 0
     arms: dict[str, SimulatedArm] = field(default_factory=dict)
     instance: int = 0
+    out_s: float = OUT_S
+    measured: Path | None = None
 
     def start_driver(
         self, name: str, kind: type[SimulatedArm] = SimulatedArm, **options: Any
@@ -197,7 +200,8 @@ class Cell:
             links={r.name: Link("run", r.name, r.home, LEASE_S) for r in robots},
             wires={r.name: Wire() for r in robots},
             written=written,
-            out_s=OUT_S,
+            out_s=self.out_s,
+            measured=self.measured,
             pace=self.pace,
             history=history,
             clock=ether.clock,
@@ -269,6 +273,10 @@ def killed_and_resumed(
 
 @settings(max_examples=24)
 @example(seed=1, loses=0.0, latest_s=0.0, slow_s=0.0, kills=1)
+# Killed again before anything is on the disk of what it was resumed for.
+@example(seed=58, loses=0.0, latest_s=0.0, slow_s=0.0, kills=2)
+# Killed after a node was released whose patience was over, and before it was complete.
+@example(seed=731644238, loses=0.0, latest_s=0.0, slow_s=0.0, kills=3)
 @given(
     seed=st.integers(0, 2**32 - 1),
     loses=st.sampled_from([0.0, 0.3]),
@@ -377,6 +385,79 @@ def test_a_session_in_which_a_driver_does_not_go_on_ends_with_what_waits_for_it(
     assert told == run.ended.words
 
 
+class Crawling(SimulatedArm):
+    """An arm that moves on and on in a node and comes to no end of it."""
+
+    def __init__(self, *about: Any, at: int, **options: Any) -> None:
+        super().__init__(*about, **options)
+        self.at = at
+
+    def state(self) -> DriverState:
+        if self._done >= self.at:
+            self._pace = 1e-9
+        return super().state()
+
+
+class Numb(SimulatedArm):
+    """An arm that is in the middle of a node and says no more than that it is held."""
+
+    def state(self) -> DriverState:
+        own = super().state()
+        self._held = self._done >= 1
+        return replace(own, mode="held") if self._held else own
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "mode"),
+    [(Crawling, {"at": 1}, "moving"), (Numb, {}, "held")],
+)
+def test_a_session_in_which_a_driver_makes_no_progress_for_ever_ends(
+    kind: type[SimulatedArm], options: dict[str, Any], mode: str
+) -> None:
+    cell = two_robots([(0, 2, 1, 0)])
+    cell.out_s = 2.0
+    cell.start_driver("robot_0", kind=kind, **options)
+    run = cell.dispatcher()
+    assert run.execute() == "failed"
+    assert run.ended is not None
+    assert (run.ended.code, run.ended.robot) == ("no-progress", "")
+    first, second = run.ended.pending
+    assert (first.robot, first.node, first.mode) == ("robot_0", 1, mode)
+    assert second.waits_for == (("robot_0", 2),)
+    # Nodes take 1 s as planned.
+    assert 10.0 * 3.0 < cell.ether.now_s < 12.0 * 3.0
+
+
+class Unsampled(DriverEnd):
+    """The end of a driver that keeps no samples, so that its first report has all the news."""
+
+    def report(self) -> Report:
+        own = super().report()
+        state = replace(own.state, samples=())
+        return replace(own, first=0, kept=0, state=state)
+
+
+def test_what_a_driver_did_while_nothing_was_heard_of_it_comes_after_its_return() -> (
+    None
+):
+    cell = two_robots([(0, 2, 1, 0)])
+    arm, clock = cell.arms["robot_0"], cell.ether.clock
+    cell.ether.ends["robot_0"] = Unsampled(arm, "robot_0", 99, clock)
+
+    def cut() -> bool:
+        if 0.5 < cell.ether.now_s < 1.5:
+            cell.ether.cut_s["robot_0"] = 2.5
+        return False
+
+    assert cell.dispatcher(cut).execute() == "completed"
+    told = [e for e in cell.log if e.robot == "robot_0"]
+    kinds = [e.kind for e in told]
+    stopped, resumed = kinds.index("stopped"), kinds.index("resumed")
+    assert told[stopped].detail == "no sign of life"
+    assert kinds[stopped:].count("completed") > 1
+    assert not {"started", "completed"} & {*kinds[stopped:resumed]}
+
+
 def test_a_session_that_nobody_can_let_go_on_ends_with_who_is_held() -> None:
     """A person had a robot stand; the dispatcher was killed, and nobody is there to give orders."""
     held = Event(0, "robot_0", "ordered", detail="hold")
@@ -416,3 +497,52 @@ def test_a_driver_that_says_nothing_that_is_believed_ends_the_session() -> None:
     assert run.ended is not None
     assert run.ended.pending[0].robot == "robot_0"
     assert cell.ether.now_s < 4.0 * OUT_S
+
+
+class Unheeding(DriverEnd):
+    """The end of a driver that never says which commands it has heard of, so that no sample of it counts."""
+
+    def report(self) -> Report:
+        return replace(super().report(), seen=0)
+
+
+def test_where_a_driver_was_is_known_by_its_reports_where_no_sample_counts() -> None:
+    cell = two_robots([(0, 2, 1, 0)])
+    arm, clock = cell.arms["robot_0"], cell.ether.clock
+    cell.ether.ends["robot_0"] = Unheeding(arm, "robot_0", 99, clock)
+    run = cell.dispatcher()
+    assert run.execute() == "completed"
+    require_whole(cell)
+    found, chain = run.measured()["robot_0"], cell.tpg.chains[0]
+    assert len(chain) - 1 in found.node
+    assert np.allclose(found.q[-1], chain.waypoints[-1])
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        "robot_0,12,0.1,1,0,nan,;",
+        "robot_0,12,0.1,1,0,0.0,0.0,0.0,0.0,0.0,;",
+        "robot_0,twelve,0.1,1,0,0.0,;",
+        f"robot_0,{10**30},0.1,1,0,0.0,;",
+        f"robot_0,12,0.1,{10**9},{10**9},0.0,;",
+        "robot_0,12,0.1,0,1,0.0,;",
+        "robot_0,12,0.1,-1,-1,0.0,;",
+        "nobody,12,0.1,1,0,0.0,;",
+        "robot_0,;",
+        "#begin,;",
+        "#begin,nan,;",
+        ";",
+        "\udcff\udcfe,;",
+    ],
+)
+def test_a_damaged_row_of_samples_changes_nothing(tmp_path: Path, row: str) -> None:
+    cell = two_robots([(0, 2, 1, 0)], CLEARED)
+    cell.measured = tmp_path / "measured.csv"
+    cell.measured.write_text(f"{row}\n", errors="surrogateescape")
+    run = cell.dispatcher()
+    assert run.execute() == "completed"
+    require_whole(cell)
+    for rows in run.measured().values():
+        assert np.isfinite(rows.q).all()
+        assert rows.t_ns.max() < 60 * NANOSECONDS

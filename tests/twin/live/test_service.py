@@ -442,3 +442,28 @@ def test_a_false_report_ends_a_run(
     completed = sum(end >= 0 for end in done.record.end_ns[0].tolist())
     assert completed <= honest[0] < len(chain)
     require_order(done)
+
+
+@pytest.mark.nightly
+def test_a_driver_that_waits_for_its_cell_asks_for_it_about_once_a_second() -> None:
+    """By default gRPC asks ever more seldom, so that a cell would give up a driver that waits for it."""
+    asked, over = 0, [False]
+    end = DriverEnd(SimulatedArm(), "left", 1)
+    with socket.create_server(("127.0.0.1", 0)) as nobody:
+        nobody.settimeout(0.2)
+        address = f"127.0.0.1:{nobody.getsockname()[1]}"
+        options = {"over": lambda: over[0]}
+        thread = threading.Thread(
+            target=drive_remotely, args=(end, address), kwargs=options
+        )
+        thread.start()
+        until = time.monotonic() + 30.0
+        while time.monotonic() < until:
+            try:
+                nobody.accept()[0].close()
+                asked += 1
+            except TimeoutError:
+                pass
+        over[0] = True
+        thread.join()
+    assert asked > 12
