@@ -56,6 +56,8 @@ def pytest_configure(config: pytest.Config) -> None:
     # How long an example takes tells of the machine: of kernels that it compiles, of what else it does.
     hypothesis.settings.register_profile("whenever", deadline=None)
     hypothesis.settings.load_profile("whenever")
+    # Processes of xdist have the width of a terminal, which tables of commands would keep to.
+    os.environ.pop("COLUMNS", None)
     # All of a plan is megabytes, and what was found would not be told.
     for_type_by_name(
         "twin.trial.plan_result", "PlanResult", lambda plan, to, _: to.text(repr(plan))

@@ -1,5 +1,6 @@
 """A test that hangs fails with the stacks of all threads, and those after it go on."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -29,10 +30,12 @@ def test_another():
 def test_a_test_that_hangs_fails_with_its_stacks(tmp_path: Path) -> None:
     (tmp_path / "test_hanging.py").write_text(HANGING)
     options = ["-c", ROOT / "pyproject.toml", "--rootdir", tmp_path]
-    options += ["-p", "tests.conftest", "-p", "no:cacheprovider", "-p", "no:xdist"]
+    options += ["-p", "tests.conftest", "-p", "no:xdist"]
+    own = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_XDIST")}
     done = subprocess.run(
         [sys.executable, "-m", "pytest", *map(str, options), str(tmp_path)],
         cwd=ROOT,
+        env=own,
         capture_output=True,
         text=True,
         check=False,

@@ -55,5 +55,7 @@ def test_a_deviation_does_not_depend_on_how_long_the_robot_stands_within_it(
     one, other = found
     assert abs(len(one.t) - len(other.t)) <= 1
     assert np.abs(one.q.max(axis=0) - other.q.max(axis=0)).max() < 1e-4
-    stands = np.flatnonzero(np.diff(other.t) > 0.5)
+    # The node before takes a second, too, between two rows.
+    stands = np.flatnonzero((np.diff(other.t) > 0.5) & (other.t[:-1] >= 1.0))
+    assert len(stands) == 1
     assert np.allclose(other.q[stands], other.q[stands + 1], atol=1e-9)

@@ -110,7 +110,7 @@ class PlanWords:
     def _describe(self, task: Task) -> str:
         words = task.label.removesuffix(f" step {task.step}")
         part = self._part[task.index]
-        if part != str(task.step):
+        if part != f"step {task.step}":
             if task.kind == TRANSIT and task.object and words == f"to {part}":
                 words = f"{part} to its place"
             elif part not in words:
