@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pydantic import ConfigDict, Field
 
 from planning.bounds import LATEST_S, LONGEST_RUN_S, LONGEST_S
-from planning.errors import RequestError
+from planning.errors import RequestError, ScenarioError
 from planning.transforms import Array
 from twin.scenario.document.section import Name, Section
 
@@ -65,8 +65,18 @@ class DurationModel(Section, ABC):
 
     @property
     def mean(self) -> float:
-        """Expected duration [s]."""
-        return self.scale * self._mean()
+        """Expected duration [s].
+
+        Raises:
+            ScenarioError: it is longer than any plan may last.
+        """
+        mean = self.scale * self._mean()
+        if not mean <= LATEST_S:
+            name = type(self).__name__.lower()
+            raise ScenarioError(
+                f"{name}: its mean is {mean:.3g} s, and may be {LATEST_S:.0e} s at most"
+            )
+        return mean
 
     @property
     def minimum(self) -> float:

@@ -308,3 +308,16 @@ def test_a_mean_next_to_nothing_is_nothing() -> None:
     model = Lognormal(mean_s=5e-324, cv=2.0)
     assert model.mean == 0.0
     assert list(model.ppf([0.1, 0.9])) == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        Lognormal(median_s=0.001, p95_s=1e6),
+        Weibull(shape=0.1, scale_s=1e6),
+        Gamma(shape=1e6, scale_s=1e6),
+    ],
+)
+def test_a_mean_beyond_all_plans_is_refused(model: DurationModel) -> None:
+    with pytest.raises(ScenarioError, match="its mean is .* at most"):
+        _ = model.mean
