@@ -319,5 +319,5 @@ def test_a_mean_next_to_nothing_is_nothing() -> None:
     ],
 )
 def test_a_mean_beyond_all_plans_is_refused(model: DurationModel) -> None:
-    with pytest.raises(ScenarioError, match="its mean is .* at most"):
+    with pytest.raises(ScenarioError, match="its mean is"):
         _ = model.mean
