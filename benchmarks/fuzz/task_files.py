@@ -24,6 +24,18 @@ _TOOLS: Mapping[str, tuple[float, float]] = {
 }
 
 
+_FITTING: Mapping[str, tuple[float, float]] = {
+    "": (-0.072, 0.0),
+    "_tool": (-0.183, 0.0),
+    "_tool_assemble": (-0.1825, 0.0078),
+    "_tool_disassemble": (-0.192, 0.0),
+    "_tool_handover_assemble": (-0.1815, 0.0078),
+    "_tool_alt": (-0.1784, -0.0174),
+    "_tool_alt_assemble": (-0.1784, -0.0078),
+}
+"""Frames that meet the tools which come with the program."""
+
+
 def write_task(folder: Path, levels: int = 4) -> Path:
     """Write a task called ``tower``: bricks of two by four studs on each other."""
     steps: dict[str, Any] = {}
@@ -49,7 +61,7 @@ def write_task(folder: Path, levels: int = 4) -> Path:
         "assembly_tasks/tower.json": steps,
     }
     write_files(folder, files)
-    write_robots(folder)
+    write_robots(folder, _FITTING)
     return folder
 
 

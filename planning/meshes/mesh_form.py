@@ -14,7 +14,7 @@ from planning.cell import cover
 from planning.cell.shape import Mesh
 from planning.errors import ShapeError
 from planning.files import Arrays, KeptAnswers, remembered
-from planning.meshes import convex_pieces, mesh_file, prisms
+from planning.meshes import convex_pieces, holes, mesh_file, prisms
 from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
 from planning.meshes.mesh_file import MeshTriangles, read_mesh_bytes, read_triangles
 from planning.transforms import readonly
@@ -24,6 +24,7 @@ _SOURCES = (
     mesh_file.__file__,
     convex_pieces.__file__,
     prisms.__file__,
+    holes.__file__,
     cover.__file__,
 )
 

@@ -92,7 +92,8 @@ def _check_chain(prefix: str, chain: NodeChain, tasks: int) -> None:
     require(known, f"{prefix}task", task, f"must be 0 to {tasks - 1}")
     for name in ("task", "planned_start"):
         values = getattr(chain, name)
-        require(np.diff(values) >= 0, f"{prefix}{name}", values, "falls afterwards")
+        rises = values[1:] >= values[:-1]
+        require(rises, f"{prefix}{name}", values, "falls afterwards")
     fraction, ends = chain.fraction, np.zeros(points, dtype=bool)
     ends[first[1:] - 1] = True
     rises = (np.diff(fraction, append=0.0) >= 0) | ends

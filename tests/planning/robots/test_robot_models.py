@@ -297,11 +297,11 @@ BACKWARDS = '<limit lower="2" upper="1" velocity="1" effort="1"/>'
         ([joint("one", "a", "b", limit=NO_VELOCITY)], "velocity limit above zero"),
         (
             [joint("one", "a", "b", limit=LIMIT.format("1e300"))],
-            "must be 0.001 to 1e+09",
+            "must be 0.001 to 1e\\+09",
         ),
         (
             [joint("one", "a", "b", limit=LIMIT.format("1e-9"))],
-            "must be 0.001 to 1e+09",
+            "must be 0.001 to 1e\\+09",
         ),
         ([joint("one", "a", "b", limit=ENDLESS)], "must be a finite number, is 'inf'"),
         ([joint("one", "a", "b", limit=BACKWARDS)], "empty range: 2 to 1"),

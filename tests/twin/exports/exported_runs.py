@@ -64,7 +64,12 @@ def toy_run(
     write_table(folder / "objects.parquet", objects_table(object_placements(tpg, run)))
     manifest = {"scenario": {"name": 'toy: "run"'}, "seed": seed}
     (folder / "manifest.json").write_text(json.dumps(manifest))
-    summary = {"seed": seed, "policy": run.policy, "outcome": run.outcome}
+    summary = {
+        **{"scenario": 'toy: "run"', "seed": seed, "policy": run.policy},
+        **{"outcome": run.outcome, "makespan_s": run.makespan_s, "audit": None},
+        **{"makespan_sequential_s": run.makespan_s, "lower_bound_s": 0.0, "wait_s": {}},
+        **{"nodes": 1, "type2_edges": 0, "planning_s": {}, "raised_skills": 0},
+    }
     (folder / "summary.json").write_text(json.dumps(summary))
     recorded = RunResult(folder)
     recorded.__dict__["tpg"] = tpg
