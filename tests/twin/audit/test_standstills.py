@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.workcell import Workcell
@@ -41,6 +41,7 @@ def test_a_standstill_of_days_is_looked_at_as_often_as_one_of_a_minute(
     assert counts[0] > 2.0 / STEP_S * 0.8
 
 
+@settings(max_examples=20)
 @given(st.floats(0.0, 1e6))
 def test_a_deviation_does_not_depend_on_how_long_the_robot_stands_within_it(
     stand_s: float,
