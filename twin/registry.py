@@ -1,0 +1,113 @@
+"""Registry of the exchangeable parts of the program: kinds of assembly, commands, export formats and others.
+
+The core asks the registry and imports no extension. Each group lists the entries of this program by
+name, as ``module:attribute``, and is extended by installed packages through the entry points of the
+group ``assembly_twin.<group>``, or by a script through ``add``. An entry is imported when it is loaded;
+an entry of this program whose module is not installed is absent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from typing import Any
+
+from planning.errors import RequestError
+
+
+class UnknownEntryError(RequestError):
+    """No entry of a group has the requested name.
+
+    Attributes:
+        group: name of the group.
+        entry: the requested name.
+    """
+
+    def __init__(self, group: str, entry: str, choices: tuple[str, ...]) -> None:
+        self.group, self.entry = group, entry
+        super().__init__(f"unknown {group} entry {entry!r}", choices=choices)
+
+
+class Group:
+    """Named entries of one sort, such as the export formats.
+
+    Attributes:
+        name: name of the group.
+        own: target of each entry of this program, ``module:attribute``.
+    """
+
+    def __init__(self, name: str, own: Mapping[str, str]) -> None:
+        self.name = name
+        self.own = dict(own)
+        self._added: dict[str, Any] = {}
+
+    def __contains__(self, entry: object) -> bool:
+        return entry in self.names()
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all entries: those of this program first, in the order of the list."""
+        return tuple(dict.fromkeys((*self._present, *self._installed, *self._added)))
+
+    def load(self, entry: str) -> Any:
+        """Return the object of an entry, imported on first use.
+
+        Raises:
+            UnknownEntryError: the group has no such entry.
+        """
+        if entry in self._added:
+            return self._added[entry]
+        if entry in self._present:
+            module, _, attribute = self.own[entry].partition(":")
+            return getattr(import_module(module), attribute)
+        if entry in self._installed:
+            return self._installed[entry].load()
+        raise UnknownEntryError(self.name, entry, self.names())
+
+    def load_all(self) -> dict[str, Any]:
+        """Return the object of every entry by its name."""
+        return {entry: self.load(entry) for entry in self.names()}
+
+    def add(self, entry: str, found: Any) -> None:
+        """Add an entry for this process.
+
+        Raises:
+            RequestError: the group has an entry of that name.
+        """
+        if entry in self:
+            raise RequestError(f"the {self.name} entry {entry!r} exists already")
+        self._added[entry] = found
+
+    @cached_property
+    def _present(self) -> tuple[str, ...]:
+        return tuple(
+            entry
+            for entry, target in self.own.items()
+            if _is_installed(target.partition(":")[0])
+        )
+
+    @cached_property
+    def _installed(self) -> Mapping[str, EntryPoint]:
+        found = entry_points(group=f"assembly_twin.{self.name}")
+        return {point.name: point for point in found if point.name not in self.own}
+
+
+def _is_installed(module: str) -> bool:
+    try:
+        return find_spec(module) is not None
+    except ModuleNotFoundError:  # a package above it is not there
+        return False
+
+
+KINDS = Group(
+    "kinds",
+    {
+        "lego": "twin.planning.lego:LegoKind",
+        "assembly": "twin.planning.parts:PartKind",
+        "goals": "twin.planning.goals:GoalsKind",
+        "construction": "twin.planning.construction:ConstructionKind",
+    },
+)
+"""Kinds of assembly, by the ``kind`` of the assembly section of a scenario."""
