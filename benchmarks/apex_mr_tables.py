@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks import apex_mr_paper as paper
-from twin.comparison.chart import mean, percent, spread
-from twin.comparison.comparison import BASELINES
 from twin.run.policies import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUTS,
@@ -17,6 +15,8 @@ from twin.run.policies import (
     SYNCHRONOUS_SHORTCUTS,
     SYNCHRONOUS_TPG,
 )
+from twin.study.comparison import BASELINES
+from twin.study.report.comparison_chart import mean, percent, spread
 
 JOINTLY = {
     SYNCHRONOUS: "synchronous, joint",

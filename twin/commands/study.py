@@ -183,14 +183,11 @@ def columns() -> Sequence[Any]:
 
 
 def _show_comparison(found: Comparison, view: View) -> None:
-    from twin.comparison.chart import print_comparison
+    from twin.study.report.comparison_chart import print_comparison
 
-    figures, folder, heading = found.figures, found.folder, found.heading
-    compiled = view.compiled()
-    view.tell(
-        figures,
-        lambda: print_comparison(figures, folder, heading=heading, compiled=compiled),
-    )
+    figures, compiled = found.figures, view.compiled()
+    how: dict[str, Any] = {"heading": found.heading, "compiled": compiled}
+    view.tell(figures, lambda: print_comparison(figures, found.folder, **how))
 
 
 study = command(
