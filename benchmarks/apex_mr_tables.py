@@ -202,8 +202,7 @@ def quality(measured: Mapping[str, Measured], what: str = "Plans") -> list[str]:
         "waiting (with shortcuts: past HOME), and the longest path through the nodes and the",
         "dependencies of tasks alone. Wait is summed over robots, each until its own last node.",
         "*Joint*: all transits of a slot are planned as one robot, as in the paper.",
-        "Assemblies are shortened without sidesteps here, as is the default; [sidesteps.md](sidesteps.md) has",
-        "what these gain, and why a plan in turns can end later than one in slots.",
+        "Assemblies are shortened without sidesteps here, as is the default.",
     ]
 
 
