@@ -45,8 +45,8 @@ from twin.study.comparison import (
     comparison_figures,
     measure_policies,
     plan_to_compare,
-    shortcut_budget,
 )
+from twin.study.plans import shortcut_budget
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "benchmarks" / ".measured" / "apex_mr"

@@ -31,7 +31,6 @@ from twin.study.comparison import (
     comparison_figures,
     measure_policies,
     plan_to_compare,
-    shortcut_budget,
 )
 from twin.study.folder import (
     EDGES,
@@ -47,6 +46,7 @@ from twin.study.plans import (
     given_plans,
     operated_policies,
     possible_policies,
+    shortcut_budget,
     with_baselines,
 )
 from twin.study.replications.statistics import Experiment, Interval, Precision

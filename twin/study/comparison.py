@@ -14,15 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from planning.errors import ScenarioError
 from planning.motion.speed import SpeedModel
 from planning.transforms import Array, Indices
 from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
-from twin.planning.kind import PlannedMotions, assembly_kind, timed
-from twin.planning.pipeline import default_shortcuts, plan_in_turns, planned_shortcuts
+from twin.planning.kind import PlannedMotions, timed
+from twin.planning.pipeline import plan_in_turns
 from twin.run.events import ExecutionRecord
 from twin.run.policies import (
     NAMED_POLICIES,
@@ -33,6 +32,7 @@ from twin.run.policies import (
 )
 from twin.run.summary import lower_bound_s
 from twin.scenario.sections.scenario import Scenario
+from twin.study.plans import require_no_machines
 from twin.trial.planning import CoordinatedPlans
 from twin.trial.simulation import execute
 
@@ -86,11 +86,6 @@ Rows = Mapping[int, Mapping[str, Measurement]]
 """Measurements of all policies, by seed and policy."""
 
 
-def shortcut_budget(scenario: Scenario) -> int:
-    """Return the default number of shortcut candidates: the scenario's, or by its size."""
-    return planned_shortcuts(scenario) or default_shortcuts(scenario)
-
-
 def plan_to_compare(
     scenario: Scenario, base: Path, watch: StageWatch
 ) -> PlannedMotions:
@@ -99,11 +94,7 @@ def plan_to_compare(
     Raises:
         TwinError: it cannot be planned, or not in slots; see ``plan_scenario``.
     """
-    if assembly_kind(scenario.assembly).machines():
-        raise ScenarioError(
-            "no plan in slots can wait for machines, sources and products: study the"
-            " scenario instead, with the policies sequential and asynchronous"
-        )
+    require_no_machines(scenario)
     return plan_in_turns(scenario, base, watch)
 
 
