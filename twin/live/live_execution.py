@@ -26,11 +26,11 @@ from twin.engine.ending import Ending, EndingCode, PendingNode
 from twin.live.driver_end import Wire
 from twin.live.inbox import Inbox
 from twin.live.link import Link
-from twin.live.measured import ANEW, History, MeasuredLog
+from twin.live.measured import History, MeasuredLog
 from twin.live.reported_execution import ReportedExecution
 from twin.live.wire_format import Report
 from twin.operate.committed import Version
-from twin.run.events import EventKind, Outcome
+from twin.run.events import EventCode, EventKind, Outcome
 
 _TICK_S = 0.02
 """How long messages are waited for at most, before links are looked at again [s]."""
@@ -105,7 +105,8 @@ class LiveExecution(ReportedExecution):
             if self._history is not None:
                 self.env.run(until=max(self._history.since_ns, 1))
                 if self.narrator is not None:
-                    self.narrator.emit("resumed", detail=ANEW)
+                    code = EventCode.DISPATCHER_RESTARTED
+                    self.narrator.emit("resumed", detail=code.value)
                 self._written()  # numbers of commands depend on how often this is in the log
                 for k, node in self.impatient:
                     if (begun := self.start[k][node]) >= 0:

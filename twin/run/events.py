@@ -9,6 +9,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
+from enum import StrEnum
 from pathlib import Path
 from typing import Literal, NamedTuple, cast, get_args
 
@@ -44,6 +45,23 @@ EventKind = Literal[
 ]
 
 
+class EventCode(StrEnum):
+    """Event details that programs act on; the value is the detail as the log has it."""
+
+    COMPLETED = "completed"
+    FAILED = "failed"
+    ABORTED = "aborted"
+    INTERRUPTED = "interrupted by the user"
+    OUT_OF_SERVICE = "is out for good"
+    DISPATCHER_RESTARTED = "the dispatcher was started anew"
+    HOLD = "hold"
+    GO_ON = "go on"
+    OUT = "out"
+
+
+_CODES = {code.value: code for code in EventCode}
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """One thing that happened.
@@ -65,6 +83,11 @@ class Event:
     node: int = -1
     object: str = ""
     detail: str = ""
+
+    @property
+    def code(self) -> EventCode | None:
+        """Code that the detail is the value of, None where it is text for people."""
+        return _CODES.get(self.detail)
 
 
 _KINDS = frozenset(get_args(EventKind))

@@ -29,7 +29,14 @@ from twin.recorders.observers import (
     Recorder,
     write_motion,
 )
-from twin.run.events import Event, ExecutionRecord, event_line, parse_event, read_log
+from twin.run.events import (
+    Event,
+    EventCode,
+    ExecutionRecord,
+    event_line,
+    parse_event,
+    read_log,
+)
 from twin.run.folder import (
     EVENTS,
     FIRST,
@@ -424,12 +431,10 @@ def _has_ended(log: Sequence[str]) -> bool:
 def _before_interrupt(log: Sequence[str]) -> Sequence[str]:
     """Return a log without the last rows of a run that the user broke off."""
     lines = list(log)
-    if lines and '"finished"' in lines[-1]:
-        last = parse_event(lines[-1])
-        if not last.robot and last.detail == "aborted":
+    if _has_ended(lines) and parse_event(lines[-1]).code is EventCode.ABORTED:
+        lines.pop()
+        if lines and parse_event(lines[-1]).code is EventCode.INTERRUPTED:
             lines.pop()
-            if lines and '"stopped"' in lines[-1] and not parse_event(lines[-1]).robot:
-                lines.pop()
     return lines
 
 
