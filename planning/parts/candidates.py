@@ -10,6 +10,7 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
+from planning.geometry.robot_bodies import entity
 from planning.grips.fingers import firm_grips
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import beyond_part, overload, own_grips, why_no_grip
@@ -257,7 +258,7 @@ class PartCollector(CandidateCollector):
     ) -> Obstruction:
         """Return an obstruction that says so where the tool reaches beyond the part into something."""
         by_robot = "/" in (found.by or "/")
-        if by_robot or not found.words.startswith(f"{robot.name}/tool"):
+        if by_robot or found.moving != entity(robot.name, "tool"):
             return found
         why = beyond_part(robot, step.part.shape, grip, self._assembly.frame)
         return replace(found, words=found.words + why)
