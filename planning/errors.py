@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 
 class TwinError(Exception):
@@ -47,7 +47,25 @@ class FittingError(RobotModelError):
 
 
 class InfeasibleStepError(TwinError):
-    """No robot, object and pose can do an assembly step."""
+    """No robot, object and pose can do an assembly step.
+
+    Attributes:
+        steps: numbers of the steps, counted from 1; empty where it is none in particular.
+        thing: name of the part or tool at fault, empty where it is none.
+        blocked_by: names of objects, fixtures, and arms and tools of robots (``robot/arm``) that are in the way.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        steps: Iterable[int] = (),
+        thing: str = "",
+        blocked_by: Iterable[str] = (),
+    ) -> None:
+        self.steps, self.thing = tuple(steps), thing
+        self.blocked_by = frozenset(blocked_by)
+        super().__init__(message)
 
 
 class UndecidedError(TwinError):
@@ -55,7 +73,18 @@ class UndecidedError(TwinError):
 
 
 class ConstructionError(TwinError):
-    """A construction cannot be built as it is, or by this team."""
+    """A construction cannot be built as it is, or by this team.
+
+    Attributes:
+        parts: names of the parts at fault, the one to change first; empty where it is none.
+        at_start: whether something is wrong before anybody moves.
+    """
+
+    def __init__(
+        self, message: str, *, parts: Iterable[str] = (), at_start: bool = False
+    ) -> None:
+        self.parts, self.at_start = tuple(parts), at_start
+        super().__init__(message)
 
 
 class TransitError(TwinError):
@@ -63,9 +92,14 @@ class TransitError(TwinError):
 
     Attributes:
         step: number of the assembly step that it is for, None where it is for none.
+        blocked_by: names of objects, fixtures, and arms and tools of robots (``robot/arm``) that are in the way.
     """
 
-    step: int | None = None
+    def __init__(
+        self, message: str, *, step: int | None = None, blocked_by: Iterable[str] = ()
+    ) -> None:
+        self.step, self.blocked_by = step, frozenset(blocked_by)
+        super().__init__(message)
 
 
 class PlanInvariantError(TwinError):

@@ -74,11 +74,15 @@ class Rejection:
         step: counted from 1.
         what: the candidate in words, such as ``"left places b2_4 with grip 1/1"``.
         reason: such as ``"attach is out of reach"``.
+        robot: whose candidate it is, None where it is nobody's alone.
+        by: name of what is in the way, None if that is not the cause.
     """
 
     step: int
     what: str
     reason: str
+    robot: str | None = None
+    by: str | None = None
 
 
 @dataclass(frozen=True)
@@ -295,16 +299,12 @@ def explain_rejections(problem: AssignmentProblem, step: int) -> str:
         problem: with its rejections.
         step: counted from 1.
     """
-    groups: dict[str, list[str]] = defaultdict(list)
-    for item in problem.rejections:
-        if item.step == step:
-            groups[item.reason].append(item.what)
-    if not groups:
+    ordered = _by_reason(problem, step)
+    if not ordered:
         return "  nothing of the right type is there to try"
-    ordered = sorted(groups.items(), key=lambda entry: (-len(entry[1]), entry[0]))
     lines = []
-    for reason, whats in ordered[:_MOST_REASONS]:
-        ways = Counter(whats)
+    for reason, items in ordered[:_MOST_REASONS]:
+        ways = Counter(item.what for item in items)
         shown = ", ".join(
             what if count == 1 else f"{what} ({count} ways)"
             for what, count in list(ways.items())[:3]
@@ -314,6 +314,23 @@ def explain_rejections(problem: AssignmentProblem, step: int) -> str:
     if len(ordered) > _MOST_REASONS:
         lines.append(f"  and {len(ordered) - _MOST_REASONS} more reasons")
     return "\n".join(lines)
+
+
+def find_blockers(problem: AssignmentProblem, step: int) -> frozenset[str]:
+    """Return the names of what is in the way of a step for the most frequent reasons."""
+    ordered = _by_reason(problem, step)[:_MOST_REASONS]
+    return frozenset(item.by for _, items in ordered for item in items if item.by)
+
+
+def _by_reason(
+    problem: AssignmentProblem, step: int
+) -> list[tuple[str, list[Rejection]]]:
+    """Return the rejections of a step by their reasons, the most frequent first."""
+    groups: dict[str, list[Rejection]] = defaultdict(list)
+    for item in problem.rejections:
+        if item.step == step:
+            groups[item.reason].append(item)
+    return sorted(groups.items(), key=lambda entry: (-len(entry[1]), entry[0]))
 
 
 @dataclass(frozen=True)
