@@ -3,6 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from copy import copy
+from typing import Any, Self
+
+
+def _with_choices(message: str, choices: tuple[str, ...]) -> str:
+    return message + (f" (valid: {', '.join(choices)})" if choices else "")
+
+
+def _rebuild(
+    kind: type[BaseException], args: tuple[Any, ...], attributes: dict[str, Any]
+) -> BaseException:
+    error = kind.__new__(kind, *args)
+    vars(error).update(attributes)
+    return error
 
 
 class TwinError(Exception):
@@ -16,8 +30,18 @@ class TwinError(Exception):
     def __init__(self, message: str, *, choices: tuple[str, ...] = ()) -> None:
         self.message = message
         self.choices = choices
-        hint = f" (valid: {', '.join(choices)})" if choices else ""
-        super().__init__(message + hint)
+        super().__init__(_with_choices(message, choices))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Other processes need its attributes, whatever its constructor takes.
+        return _rebuild, (type(self), self.args, vars(self))
+
+    def with_message(self, message: str) -> Self:
+        """Return the same error, with its attributes, under another message."""
+        other = copy(self)
+        other.message = message
+        other.args = (_with_choices(message, self.choices),)
+        return other
 
 
 class ScenarioError(TwinError):
@@ -69,7 +93,15 @@ class InfeasibleStepError(TwinError):
 
 
 class UndecidedError(TwinError):
-    """A search ended at its limit with neither an answer nor a proof that there is none."""
+    """A search ended at its limit with neither an answer nor a proof that there is none.
+
+    Attributes:
+        visited: number of partial structures that were looked at.
+    """
+
+    def __init__(self, message: str, *, visited: int) -> None:
+        self.visited = visited
+        super().__init__(message)
 
 
 class ConstructionError(TwinError):

@@ -11,6 +11,7 @@ Motion plans as data: a timed path for every task, from either planning route.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 
 from planning.cell.workcell import Attachment, CellObject, Workcell, WorldState
@@ -194,15 +195,15 @@ class KnownMotions:
             try:
                 found = work_out()
             except TransitError as error:
-                # Another one, as that which was raised keeps its whole stack.
-                return TransitError(error.message, blocked_by=error.blocked_by)
+                # A copy, as an error that was raised keeps its whole stack.
+                return copy(error)
             if found.plain:
                 self._note_clear(alike, found.way, scene.standing)
             return found.way
 
         known = self._found.get((moving, scene, seed), ask)
         if isinstance(known, TransitError):
-            raise TransitError(known.message, blocked_by=known.blocked_by)
+            raise copy(known)
         return known
 
     def _note_clear(self, alike: Hashable, way: Way, of: int) -> None:

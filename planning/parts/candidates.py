@@ -110,8 +110,8 @@ class StepsAhead:
         self._cell, self._assembly = cell, assembly
         self._changes = find_tool_changes(cell, assembly.goals)
         around = with_tools(cell, NO_TOOLS)
-        for _, words in wide_joints(around, assembly):
-            raise InfeasibleStepError(words)
+        for joint, words in wide_joints(around, assembly):
+            raise InfeasibleStepError(words, thing=joint.second)
         self._steps = part_steps(around, assembly)
         stand = stand_of_all(around, self._steps, assembly)
         require_ways(around, assembly, self._steps)

@@ -82,7 +82,15 @@ class IncompleteRunError(TwinError):
 
 
 class ResumeError(TwinError):
-    """The resumed run differs from its log."""
+    """The resumed run differs from its log.
+
+    Attributes:
+        row: number of the first row of the log that differs, from 1; None where it is none.
+    """
+
+    def __init__(self, message: str, *, row: int | None = None) -> None:
+        self.row = row
+        super().__init__(message)
 
 
 def write_plan(plan: PlanResult, folder: Path) -> None:
@@ -444,12 +452,14 @@ def _require_agreement(
     for k, line in enumerate(known):
         if k >= len(lines):
             raise ResumeError(
-                f"{path}:{k + 1}: the run ends after {len(lines)} events, the log goes on"
+                f"{path}:{k + 1}: the run ends after {len(lines)} events, the log goes on",
+                row=k + 1,
             )
         if line != lines[k]:
             event = events[k]
             raise ResumeError(
                 f"{path}:{k + 1}: the log says {line.strip()}, but now"
                 f" {event.robot or 'the run'} {event.kind} at"
-                f" {event.t_ns / 1e9:.9f} s: {lines[k].strip()}"
+                f" {event.t_ns / 1e9:.9f} s: {lines[k].strip()}",
+                row=k + 1,
             )
