@@ -61,7 +61,7 @@ class Ask:
     Attributes:
         step: for which step.
         words: the question, for people.
-        label: of the person's task; every ask has another one.
+        label: of the person's task.
         seconds: how long the person takes [s].
         helps: whether that helps.
         object: what was lost; None where the person only sees to the step.
@@ -219,10 +219,15 @@ class Ledger:
 
     def pending(self, tasks: Iterable[Task]) -> list[Ask]:
         """Return what a person is to do that is not among some tasks."""
-        known = {task.label for task in brought_in(tasks)}
-        fresh = {None, *self.fresh.values()}
-        asks = (ask for ask in self.asks if ask.helps and ask.fresh in fresh)
-        return [ask for ask in asks if ask.label not in known]
+        done = Counter((task.step, task.object) for task in brought_in(tasks))
+        fresh, found = {None, *self.fresh.values()}, []
+        for ask in self.asks:
+            if not ask.helps or ask.fresh not in fresh:
+                continue
+            done[ask.step, ask.fresh] -= 1
+            if done[ask.step, ask.fresh] < 0:
+                found.append(ask)
+        return found
 
     def where(
         self,
