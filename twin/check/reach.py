@@ -383,12 +383,11 @@ def _check_construction(subject: Subject) -> Findings:
         for robot in cell.robots:
             if not any(bounds.serves(robot.name)):
                 yield _idle(subject, robot, kind.steps())
-    except (ConstructionError, ScenarioError) as error:
-        parts, at_start = (), False
-        if isinstance(error, ConstructionError):
-            parts, at_start = error.parts, error.at_start
-        at = subject.thing_at(parts[0] if parts else "", "goal")
-        yield Finding(at, error.message, error=True, at_start=at_start)
+    except ConstructionError as error:
+        at = subject.thing_at(next(iter(error.parts), ""), "goal")
+        yield Finding(at, error.message, error=True, at_start=error.at_start)
+    except ScenarioError as error:
+        yield Finding(subject.thing_at("", "goal"), error.message, error=True)
 
 
 def _list(names: set[str]) -> str:
