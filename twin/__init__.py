@@ -57,6 +57,8 @@ if TYPE_CHECKING:
         InvalidScenarioError as InvalidScenarioError,
     )
     from twin.study.replications.statistics import Precision as Precision
+    from twin.trial.errors import IncompleteRunError as IncompleteRunError
+    from twin.trial.errors import ResumeError as ResumeError
     from twin.trial.loaded_scenario import LoadedScenario as LoadedScenario
     from twin.trial.loaded_scenario import load as load
     from twin.trial.plan_from_run import RunMoment as RunMoment
@@ -64,8 +66,6 @@ if TYPE_CHECKING:
     from twin.trial.plan_result import read_plan as read_plan
     from twin.trial.run_result import RunResult as RunResult
     from twin.trial.run_result import read_run as read_run
-    from twin.trial.trial import IncompleteRunError as IncompleteRunError
-    from twin.trial.trial import ResumeError as ResumeError
 
 
 def _homes() -> dict[str, str]:

@@ -17,9 +17,8 @@ from planning.tasks.assignment import (
     StepChoice,
     SupportCandidate,
     TaskPlan,
-    explain_rejections,
-    find_blockers,
 )
+from planning.tasks.rejections import explain_rejections, find_blockers
 from planning.tasks.rolling_horizon import is_large, solve_in_windows
 
 _TIME_LIMIT_S = 60.0

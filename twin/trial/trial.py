@@ -61,6 +61,7 @@ from twin.scenario.manifest import (
     write_manifest,
 )
 from twin.scenario.sections.scenario import Scenario
+from twin.trial.errors import IncompleteRunError, ResumeError
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, plan_of_run
 from twin.trial.planning import plan_to_operate
@@ -75,22 +76,6 @@ if TYPE_CHECKING:
 
 SIMULATION, RECORDS = "simulation", "recording"
 """Names of the stages for progress displays."""
-
-
-class IncompleteRunError(TwinError):
-    """A run could not write what it promises; what it wrote is not to be relied on."""
-
-
-class ResumeError(TwinError):
-    """The resumed run differs from its log.
-
-    Attributes:
-        row: number of the first row of the log that differs, from 1; None where it is none.
-    """
-
-    def __init__(self, message: str, *, row: int | None = None) -> None:
-        self.row = row
-        super().__init__(message)
 
 
 def write_plan(plan: PlanResult, folder: Path) -> None:
