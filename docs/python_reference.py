@@ -44,7 +44,8 @@ ERRORS = (
     ),
     *("ConstructionError", "TransitError", "UndecidedError", "PlanInvariantError"),
     *("DeadlockError", "IncompleteRunError", "ViewerError", "ClusterError"),
-    "ClusterLostError",
+    *("ClusterLostError", "FrankaError", "MessageError", "EventLogError"),
+    *("ResumeError", "CircularWaitsError", "TooManyPiecesError", "UnknownEntryError"),
 )
 
 _SECTION = re.compile(r"^(Args|Returns|Raises|Attributes):$")
@@ -68,15 +69,19 @@ def page() -> str:
     for name in RESULTS:
         parts += [f"### twin.{name}", *_class(getattr(twin, name))]
     parts += ["## Errors", "`twin.TwinError` is the base class of all errors."]
-    parts.append("\n".join(map(_error, ERRORS)))
+    head = ["| error | of | when | attributes |", "|---|---|---|---|"]
+    parts.append("\n".join([*head, *map(_error, ERRORS)]))
     return "\n\n".join(parts) + "\n"
 
 
 def _error(name: str) -> str:
-    """Return the line of a list that says what an error is."""
+    """Return the row of a table that says what an error is, and what it carries."""
     error = getattr(twin, name)
     bases = " and ".join(f"`{base.__name__}`" for base in error.__bases__)
-    return f"- `twin.{name}`, a {bases}: {_first(error)}"
+    *_, attributes = (inspect.getdoc(error) or "").partition("\n\nAttributes:\n")
+    rows = map(_ENTRY.match, re.sub(r"\n {5,}", " ", attributes).splitlines())
+    said = "; ".join(f"`{row[1]}`: {row[2].rstrip('.')}" for row in rows if row)
+    return f"| `{name}` | {bases} | {_first(error)} | {said.replace('``', '`')} |"
 
 
 def _function(function: Any) -> Iterator[str]:

@@ -2,7 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from copy import copy
+from typing import Any, Self
+
+
+def _with_choices(message: str, choices: tuple[str, ...]) -> str:
+    return message + (f" (valid: {', '.join(choices)})" if choices else "")
+
+
+def _rebuild(
+    kind: type[BaseException], args: tuple[Any, ...], attributes: dict[str, Any]
+) -> BaseException:
+    error = kind.__new__(kind, *args)
+    vars(error).update(attributes)
+    return error
 
 
 class TwinError(Exception):
@@ -16,8 +30,18 @@ class TwinError(Exception):
     def __init__(self, message: str, *, choices: tuple[str, ...] = ()) -> None:
         self.message = message
         self.choices = choices
-        hint = f" (valid: {', '.join(choices)})" if choices else ""
-        super().__init__(message + hint)
+        super().__init__(_with_choices(message, choices))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Other processes need its attributes, whatever its constructor takes.
+        return _rebuild, (type(self), self.args, vars(self))
+
+    def with_message(self, message: str) -> Self:
+        """Return the same error, with its attributes, under another message."""
+        other = copy(self)
+        other.message = message
+        other.args = (_with_choices(message, self.choices),)
+        return other
 
 
 class ScenarioError(TwinError):
@@ -47,15 +71,52 @@ class FittingError(RobotModelError):
 
 
 class InfeasibleStepError(TwinError):
-    """No robot, object and pose can do an assembly step."""
+    """No robot, object and pose can do an assembly step.
+
+    Attributes:
+        steps: numbers of the steps, counted from 1; empty where it is none in particular.
+        thing: name of the part or tool at fault, empty where it is none.
+        blocked_by: names of objects, fixtures, and arms and tools of robots (``robot/arm``) that are in the way.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        steps: Iterable[int] = (),
+        thing: str = "",
+        blocked_by: Iterable[str] = (),
+    ) -> None:
+        self.steps, self.thing = tuple(steps), thing
+        self.blocked_by = frozenset(blocked_by)
+        super().__init__(message)
 
 
 class UndecidedError(TwinError):
-    """A search ended at its limit with neither an answer nor a proof that there is none."""
+    """A search ended at its limit with neither an answer nor a proof that there is none.
+
+    Attributes:
+        visited: number of partial structures that were looked at.
+    """
+
+    def __init__(self, message: str, *, visited: int) -> None:
+        self.visited = visited
+        super().__init__(message)
 
 
 class ConstructionError(TwinError):
-    """A construction cannot be built as it is, or by this team."""
+    """A construction cannot be built as it is, or by this team.
+
+    Attributes:
+        parts: names of the parts at fault, the one to change first; empty where it is none.
+        at_start: whether something is wrong before anybody moves.
+    """
+
+    def __init__(
+        self, message: str, *, parts: Iterable[str] = (), at_start: bool = False
+    ) -> None:
+        self.parts, self.at_start = tuple(parts), at_start
+        super().__init__(message)
 
 
 class TransitError(TwinError):
@@ -63,9 +124,14 @@ class TransitError(TwinError):
 
     Attributes:
         step: number of the assembly step that it is for, None where it is for none.
+        blocked_by: names of objects, fixtures, and arms and tools of robots (``robot/arm``) that are in the way.
     """
 
-    step: int | None = None
+    def __init__(
+        self, message: str, *, step: int | None = None, blocked_by: Iterable[str] = ()
+    ) -> None:
+        self.step, self.blocked_by = step, frozenset(blocked_by)
+        super().__init__(message)
 
 
 class PlanInvariantError(TwinError):

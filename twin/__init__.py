@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from planning.errors import TransitError as TransitError
     from planning.errors import TwinError as TwinError
     from planning.errors import UndecidedError as UndecidedError
+    from planning.meshes.convex_pieces import TooManyPiecesError as TooManyPiecesError
     from twin.api.audits import Audit as Audit
     from twin.api.audits import audit as audit
     from twin.api.explorations import Explored as Explored
@@ -45,12 +46,19 @@ if TYPE_CHECKING:
     from twin.api.studies import study as study
     from twin.cluster.client import ClusterError as ClusterError
     from twin.cluster.client import ClusterLostError as ClusterLostError
+    from twin.drivers.franka_hand import FrankaError as FrankaError
+    from twin.judge.delays import CircularWaitsError as CircularWaitsError
+    from twin.live.wire_format import MessageError as MessageError
+    from twin.registry import UnknownEntryError as UnknownEntryError
     from twin.run.events import DeadlockError as DeadlockError
+    from twin.run.events import EventLogError as EventLogError
     from twin.run.viewer import ViewerError as ViewerError
     from twin.scenario.document.validation import (
         InvalidScenarioError as InvalidScenarioError,
     )
     from twin.study.replications.statistics import Precision as Precision
+    from twin.trial.errors import IncompleteRunError as IncompleteRunError
+    from twin.trial.errors import ResumeError as ResumeError
     from twin.trial.loaded_scenario import LoadedScenario as LoadedScenario
     from twin.trial.loaded_scenario import load as load
     from twin.trial.plan_from_run import RunMoment as RunMoment
@@ -58,7 +66,6 @@ if TYPE_CHECKING:
     from twin.trial.plan_result import read_plan as read_plan
     from twin.trial.run_result import RunResult as RunResult
     from twin.trial.run_result import read_run as read_run
-    from twin.trial.trial import IncompleteRunError as IncompleteRunError
 
 
 def _homes() -> dict[str, str]:

@@ -66,7 +66,7 @@ def ompl_path(
     planner.setProblemDefinition(problem)
     planner.setup()
     over = ob.PlannerTerminationCondition(lambda: asks.count > _TRIES)
-    if str(planner.solve(over)) != "Exact solution":
+    if planner.solve(over).getStatus() != ob.PlannerStatus.EXACT_SOLUTION:
         return None
     path = problem.getSolutionPath()
     shorter = og.PathSimplifier(information)

@@ -160,7 +160,8 @@ class ConstructionSearch:
             others = ", ".join(sorted(set(self._returns) - {part.name}))
             raise ConstructionError(
                 f"no way was found to place both {part.name} and {others or 'the rest'}: whichever "
-                f"comes first keeps the other from its place"
+                f"comes first keeps the other from its place",
+                parts=[part.name],
             )
         for effort in range(self.settings.efforts):
             # In the last state it has just failed with no more effort than usual.
@@ -190,7 +191,8 @@ class ConstructionSearch:
         )
         raise ConstructionError(
             f"no way was found to place {part.name}, with any of the {len(done) - 1} parts"
-            f" planned before it in place or taken back; tried: {robots or 'nobody'}"
+            f" planned before it in place or taken back; tried: {robots or 'nobody'}",
+            parts=[part.name],
         )
 
     def place_next(

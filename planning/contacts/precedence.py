@@ -125,7 +125,8 @@ def build_part_graph(
         for other, deep in known.too_deep(name, (item, pose), others | grounds).items():
             raise ConstructionError(
                 f"{name} and {other} would overlap by {deep * 1e3:.3g} mm where they belong"
-                + ("" if overlaps is None else overlaps.remedy(name, other, deep))
+                + ("" if overlaps is None else overlaps.remedy(name, other, deep)),
+                parts=[name],
             )
         neighbours[name] = frozenset(key for key in near if key in others)
         carriers[name] = _below((item, pose), others, near, touch)

@@ -89,6 +89,16 @@ class Contact:
     limit: float
     pair: BodyPair | None = field(default=None, compare=False, repr=False)
 
+    @property
+    def moving(self) -> str:
+        """Entity of the first body: the robot's arm or tool, or an object that it holds."""
+        return self.first.split(":")[0]
+
+    @property
+    def obstacle(self) -> str:
+        """Entity of the second body: an object, a fixture, or the arm or tool of a robot."""
+        return self.second.split(":")[0]
+
     def __str__(self) -> str:
         """Describe the contact in one phrase."""
         if abs(self.distance) < _TOUCHING:

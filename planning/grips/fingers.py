@@ -303,5 +303,6 @@ def in_the_way_of_fingers(
         return None
     return Obstruction(
         f"{contact} as the fingers close on {item.name}, or open from it",
-        contact.second.split(":")[0],
+        contact.obstacle,
+        moving=contact.moving,
     )

@@ -45,7 +45,16 @@ _SAME = 1e-6
 
 
 class TooManyPiecesError(ShapeError):
-    """A mesh falls into more pieces than can be planned with."""
+    """A mesh falls into more pieces than can be planned with.
+
+    Attributes:
+        count: convex pieces that it falls into.
+        most: pieces that can be planned with.
+    """
+
+    def __init__(self, message: str, *, count: int, most: int) -> None:
+        self.count, self.most = count, most
+        super().__init__(message)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +138,9 @@ def _require_few(count: int, most: int, within: float) -> None:
     if count > most:
         raise TooManyPiecesError(
             f"it falls into {count} convex pieces, more than {most}: write a larger"
-            f" within_m than {within:.3g}, simplify it, or describe the shape by a compound"
+            f" within_m than {within:.3g}, simplify it, or describe the shape by a compound",
+            count=count,
+            most=most,
         )
 
 

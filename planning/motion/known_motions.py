@@ -11,6 +11,7 @@ Motion plans as data: a timed path for every task, from either planning route.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 
 from planning.cell.workcell import Attachment, CellObject, Workcell, WorldState
@@ -163,7 +164,7 @@ class KnownMotions:
 
     scenes: KnownScenes = field(default_factory=KnownScenes)
     _clear: dict[Hashable, tuple[Way, int]] = field(default_factory=dict)
-    _found: KeptAnswers[Way | str] = field(
+    _found: KeptAnswers[Way | TransitError] = field(
         default_factory=lambda: KeptAnswers(_MOST_ANSWERS)
     )
 
@@ -190,18 +191,19 @@ class KnownMotions:
         if clear is not None and scene.standing & ~clear[1] == 0:
             return clear[0]
 
-        def ask() -> Way | str:
+        def ask() -> Way | TransitError:
             try:
                 found = work_out()
             except TransitError as error:
-                return str(error)
+                # A copy, as an error that was raised keeps its whole stack.
+                return copy(error)
             if found.plain:
                 self._note_clear(alike, found.way, scene.standing)
             return found.way
 
         known = self._found.get((moving, scene, seed), ask)
-        if isinstance(known, str):
-            raise TransitError(known)
+        if isinstance(known, TransitError):
+            raise copy(known)
         return known
 
     def _note_clear(self, alike: Hashable, way: Way, of: int) -> None:

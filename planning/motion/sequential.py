@@ -280,14 +280,17 @@ def _plan_transit(
     for end, q in (("start", start), ("goal", goal)):
         contact = checker.contact(q)
         if contact is not None:
-            raise TransitError(f"{_name(task)}: at its {end}, {contact}")
+            raise TransitError(
+                f"{_name(task)}: at its {end}, {contact}", blocked_by=[contact.obstacle]
+            )
     for attempt in range(settings.attempts):
         path = settings.planners[task.robot].plan(checker, start, goal, seed + attempt)
         if path is not None:
             return path
+    why, contact = why_blocked(checker, start, goal)
     raise TransitError(
-        f"{_name(task)}: no collision-free path found with {settings.attempts} seeds;"
-        f" {why_blocked(checker, start, goal)}"
+        f"{_name(task)}: no collision-free path found with {settings.attempts} seeds; {why}",
+        blocked_by=[contact.obstacle] if contact else [],
     )
 
 
@@ -299,8 +302,10 @@ class ContactChecker(Protocol):
         ...
 
 
-def why_blocked(checker: ContactChecker, start: Array, goal: Array) -> str:
-    """Return in words what is in the way between two free configurations, and how near.
+def why_blocked(
+    checker: ContactChecker, start: Array, goal: Array
+) -> tuple[str, Contact | None]:
+    """Return what is in the way between two free configurations, in words and as a contact.
 
     That is what shuts the robot in at one of them, else what is in its way on the straight line.
 
@@ -320,12 +325,14 @@ def why_blocked(checker: ContactChecker, start: Array, goal: Array) -> str:
             (c for c in contacts if (c.first, c.second) == often),
             key=lambda c: c.distance,
         )
-        return f"at its {end} no joint can turn by {_SMALL_STEP:g} rad or m: then {nearest}"
+        words = f"at its {end} no joint can turn by {_SMALL_STEP:g} rad or m: then {nearest}"
+        return words, nearest
     for share in np.linspace(0.0, 1.0, _LOOKED_AT):
         contact = checker.contact(start + share * (goal - start))
         if contact is not None:
-            return f"straight on, {contact} after {100 * share:.0f} % of the way"
-    return "straight on something is in the way between free configurations"
+            words = f"straight on, {contact} after {100 * share:.0f} % of the way"
+            return words, contact
+    return "straight on something is in the way between free configurations", None
 
 
 _SMALL_STEP, _LOOKED_AT = 0.05, 201
@@ -363,7 +370,10 @@ def _check_skill(cell: Workcell, task: Task, phases: Sequence[_Phase]) -> Array:
         if k + 1 < len(path) and not checker.motion_free(path[k], path[k + 1]):
             contact = checker.contact(path[k + 1]) or checker.contact(path[k])
             why = f", {contact}" if contact else " between two free subgoals"
-            raise TransitError(f"{_name(task)}: blocked at subgoal {k + 1}{why}")
+            raise TransitError(
+                f"{_name(task)}: blocked at subgoal {k + 1}{why}",
+                blocked_by=[contact.obstacle] if contact else [],
+            )
     return path
 
 

@@ -260,7 +260,7 @@ class RrtConnect:
         status = planner.solve(
             ob.PlannerTerminationCondition(lambda: validator.count > most)
         )
-        if str(status) != "Exact solution":
+        if status.getStatus() != ob.PlannerStatus.EXACT_SOLUTION:
             return None, validator.count
         states = problem.getSolutionPath().getStates()
         path = np.array([[state[i] for i in range(n)] for state in states])

@@ -134,12 +134,11 @@ class Sharing:
             if (goal := assembly.goals.get(i.name)) is not None
         }
         gone = frozenset[str]().union(*self._in_goal.values())
-        there = [
-            replace(i, name=f"{i.name} where it starts")
-            for i in items
-            if i.name not in gone
-        ]
-        self._starts = {item.name: item.name.partition(" ")[0] for item in there}
+        start_of = {
+            i.name: f"{i.name} where it starts" for i in items if i.name not in gone
+        }
+        there = [replace(i, name=start_of[i.name]) for i in items if i.name in start_of]
+        self._starts = {start: name for name, start in start_of.items()}
         nowhere = from_nowhere(around, assembly)
         scene = replace(nowhere, objects=(*nowhere.objects, *there))
         self._steps = tuple(

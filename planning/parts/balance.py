@@ -85,7 +85,11 @@ class PartBalance:
             InfeasibleStepError: something falls even in the given order; says what would help.
         """
         if self.fall is not None:
-            raise InfeasibleStepError(self.refusal(self.fall))
+            raise InfeasibleStepError(
+                self.refusal(self.fall),
+                steps=[self.fall.step + 1],
+                thing=self.fall.body,
+            )
         ground = ground_of(self._cell, self._number)
         for k, step in enumerate(self._steps):
             # A part on its way is taken on while others come: it stands on the ground alone.
@@ -97,7 +101,9 @@ class PartBalance:
                 raise InfeasibleStepError(
                     f"step {k + 1} ({step.step.words}): {body.name} would not stand there on"
                     f" fixtures alone (friction {self._rules.friction:g}), and what is put"
-                    " down on its way must"
+                    " down on its way must",
+                    steps=[k + 1],
+                    thing=body.name,
                 )
         return replace(self._stand, waits=self._stand.waits | self._joining)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
+from planning.geometry.robot_bodies import entity
 from planning.grips.fingers import firm_grips
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import beyond_part, overload, own_grips, why_no_grip
@@ -109,8 +110,8 @@ class StepsAhead:
         self._cell, self._assembly = cell, assembly
         self._changes = find_tool_changes(cell, assembly.goals)
         around = with_tools(cell, NO_TOOLS)
-        for _, words in wide_joints(around, assembly):
-            raise InfeasibleStepError(words)
+        for joint, words in wide_joints(around, assembly):
+            raise InfeasibleStepError(words, thing=joint.second)
         self._steps = part_steps(around, assembly)
         stand = stand_of_all(around, self._steps, assembly)
         require_ways(around, assembly, self._steps)
@@ -178,7 +179,8 @@ class PartCollector(CandidateCollector):
         for robot in self._robots:
             if not step.step.done_by(robot.name):
                 only = ", ".join(step.step.robots or ())
-                self.reject(number, f"{robot.name} does it", f"it is for {only} only")
+                why = f"it is for {only} only"
+                self.reject(number, f"{robot.name} does it", why, robot.name)
             elif isinstance(step, PartStep):
                 self._add_places(number, step, robot)
             elif isinstance(step.step, Work):
@@ -193,7 +195,7 @@ class PartCollector(CandidateCollector):
     def _add_places(self, number: int, step: PartStep, robot: PlacedRobot) -> None:
         part, name, tools = step.part.name, robot.name, mounted_tool(robot)
         if (heavy := overload(robot, step.part)) is not None:
-            self.reject(number, f"{name} lifts {part}", heavy)
+            self.reject(number, f"{name} lifts {part}", heavy, name)
             return
         skills = self._skills(tools)
         own = self._own_grips(
@@ -209,15 +211,15 @@ class PartCollector(CandidateCollector):
             picking = skills.pick(robot, step, grip.pose)
             placing = skills.place(robot, step, grip.pose)
             if wrong := skills.misfit(robot, step.part, grip):
-                self.reject(number, f"{name} grips, {words}", wrong)
+                self.reject(number, f"{name} grips, {words}", wrong, name)
             elif isinstance(place := placing.found(), Obstruction):
                 place = self._too_deep(place, step, robot, grip)
-                self.reject(number, f"{name} places, {words}", place)
+                self.reject(number, f"{name} places, {words}", place, name)
             elif isinstance(pick := picking.found(), Obstruction):
                 pick = self._too_deep(pick, step, robot, grip)
-                self.reject(number, f"{name} picks, {words}", pick)
+                self.reject(number, f"{name} picks, {words}", pick, name)
             elif wrong := picking.carried_home():
-                self.reject(number, f"{name} at HOME, {words}", wrong)
+                self.reject(number, f"{name} at HOME, {words}", wrong, name)
             else:
                 cost = self.cost(pick, place)
                 item = PrimaryCandidate(number, name, part, k, cost, tools=tools)
@@ -239,7 +241,8 @@ class PartCollector(CandidateCollector):
         own = dict(own_grips(robot, grips))
         if not own:
             rules = self._assembly.handling(part.name).grips
-            self.reject(number, what, why_no_grip(robot, part.shape, rules, poses))
+            why = why_no_grip(robot, part.shape, rules, poses)
+            self.reject(number, what, why, robot.name)
         frame, friction = self._assembly.frame, self._assembly.friction
         return firm_grips(robot, part, own, frame, poses, friction)
 
@@ -257,7 +260,7 @@ class PartCollector(CandidateCollector):
     ) -> Obstruction:
         """Return an obstruction that says so where the tool reaches beyond the part into something."""
         by_robot = "/" in (found.by or "/")
-        if by_robot or not found.words.startswith(f"{robot.name}/tool"):
+        if by_robot or found.moving != entity(robot.name, "tool"):
             return found
         why = beyond_part(robot, step.part.shape, grip, self._assembly.frame)
         return replace(found, words=found.words + why)
@@ -283,7 +286,9 @@ class PartCollector(CandidateCollector):
             if name is not None:
                 raise InfeasibleStepError(
                     f"step {number} ({work.words}): {name} stands in the door of {work.machine}"
-                    " when it is at HOME"
+                    " when it is at HOME",
+                    steps=[number],
+                    blocked_by=[name],
                 )
         thing = f"{work.words}, step {number}"
         self.primaries.append(PrimaryCandidate(number, work.machine, thing, 0, 0.0))
@@ -293,12 +298,12 @@ class PartCollector(CandidateCollector):
     ) -> None:
         process, name, tools = work.process, robot.name, mounted_tool(robot)
         if (reason := _unfit(robot, process)) is not None:
-            self.reject(number, f"{name} does it", reason)
+            self.reject(number, f"{name} does it", reason, name)
             return
         for k, turn in enumerate(process.turns):
             what = f"{name} turned by {np.degrees(turn):.0f} deg"
             tried = self._skills(tools).work(robot, step, process, turn)
-            found = self.accept(number, what, tried.found())
+            found = self.accept(number, what, tried.found(), name)
             if found is None:
                 continue
             # What is worked at can be worked at again: each process is a thing of its own.
@@ -322,7 +327,7 @@ class PartCollector(CandidateCollector):
             grip = own[k]
             tried = skills.hold(robot, step, grip.pose)
             found = skills.misfit(robot, held.part, grip) or tried.found()
-            path = self.accept(number, f"{words}, {grip.words}", found)
+            path = self.accept(number, f"{words}, {grip.words}", found, robot.name)
             if path is not None:
                 count += 1
                 cost = joint_distance(robot.home, path.path[-1])

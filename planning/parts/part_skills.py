@@ -255,7 +255,7 @@ class SkillTry:
         contact = checker.contact(self.robot.home)
         if contact is None:
             return None
-        return Obstruction(str(contact), contact.second.split(":")[0])
+        return Obstruction(str(contact), contact.obstacle, moving=contact.moving)
 
     def _with_remedy(self, found: Obstruction) -> Obstruction:
         """Return what is in the way; at an end of a straight way, with what could help."""

@@ -205,7 +205,9 @@ def place_step(
     if not touched and not assembly.joined_to(name):
         raise InfeasibleStepError(
             f"step {number} ({name}) would leave it in the air: it touches neither a fixture nor a part"
-            f" that is there by then; {nearest_words(name, (part, goal), lying)}"
+            f" that is there by then; {nearest_words(name, (part, goal), lying)}",
+            steps=[number],
+            thing=name,
         )
     _require_room(number, name, (part, goal), lying, assembly.overlaps)
     at_start = near_to((part, part.start), lying, assembly.touch)
@@ -243,7 +245,10 @@ def require_ways(
                 if leads_through(*way):
                     raise InfeasibleStepError(
                         f"step {number} ({part.name}) leads through {other} on the straight way"
-                        f" {words}"
+                        f" {words}",
+                        steps=[number],
+                        thing=part.name,
+                        blocked_by=[other],
                     )
 
 
@@ -260,7 +265,10 @@ def _require_room(
     other = max(deep, key=deep.__getitem__)
     raise InfeasibleStepError(
         f"step {number} ({name}) goes where {other} is: they would overlap by"
-        f" {overlaps.words(name, other, deep[other])}"
+        f" {overlaps.words(name, other, deep[other])}",
+        steps=[number],
+        thing=name,
+        blocked_by=[other],
     )
 
 
@@ -302,7 +310,9 @@ def _require_alone(number: int, step: PartStep, before: Iterable[KnownStep]) -> 
     if leant:
         raise InfeasibleStepError(
             f"step {number} ({step.step.words}): {min(leant)} was put to it where it lies; what is"
-            " put to a part must wait until that is in its place"
+            " put to a part must wait until that is in its place",
+            steps=[number],
+            thing=part,
         )
 
 

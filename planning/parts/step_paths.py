@@ -199,7 +199,7 @@ class Pairing:
         paths, found = self.paths, self.found
         words = f"{item.robot} that keeps hold of {item.object}, {paths.grip_of(item).words}"
         if (wrong := paths.blocks_release(item)) is not None:
-            found.reject(item.step, f"{words}, lets go", wrong)
+            found.reject(item.step, f"{words}, lets go", wrong, item.robot)
             return False
         at = paths.alone[item][-1].contact
         holding: tuple[Holders, Holders] = {item.robot: (at, item.tools)}, NOBODY
@@ -217,7 +217,8 @@ class Pairing:
                 incompatible |= {(p, s) for s in bad}
                 wrong, able = [wrong, *why][-1], len(bad) < len(holds)
             if not able:
-                found.reject(item.step, words, self._nobody(item, later, wrong))
+                nobody = self._nobody(item, later, wrong)
+                found.reject(item.step, words, nobody, item.robot)
                 return False
         found.clashing |= clashing
         found.incompatible |= incompatible
@@ -249,7 +250,8 @@ class Pairing:
             if isinstance(found, Obstruction):
                 bad.add(number)
                 why.append(found)
-                self.found.reject(item.step, f"{item.robot} {words}", found)
+                what = f"{item.robot} {words}"
+                self.found.reject(item.step, what, found, item.robot)
             else:
                 good[item.robot] += 1
         return bad, why
@@ -269,7 +271,7 @@ class Pairing:
         reasons = Counter[str]()
         whats: dict[str, str] = {}
         for item in self.found.rejections:
-            if item.step == later and not item.what.startswith(kept.robot):
+            if item.step == later and item.robot != kept.robot:
                 reasons[item.reason] += 1
                 whats.setdefault(item.reason, item.what)
         why = f"nobody else can do {step}"

@@ -193,24 +193,33 @@ class CandidateCollector:
         """Return the joint distance from HOME to where each of some skills touches what it is for."""
         return sum(joint_distance(self.home[p.robot], p.contact) for p in paths)
 
-    def accept(self, step: int, what: str, found: Found | Obstruction) -> Found | None:
+    def accept(
+        self, step: int, what: str, found: Found | Obstruction, robot: str | None = None
+    ) -> Found | None:
         """Return what was found, None for what is in the way, which is noted as a reason.
 
         Args:
             step: counted from 1.
             what: was tried, for people.
             found: for it.
+            robot: who would do it; None for nobody in particular.
         """
         if not isinstance(found, Obstruction):
             return found
-        self.reject(step, what, found)
+        self.reject(step, what, found, robot)
         return None
 
-    def reject(self, step: int, what: str, reason: Obstruction | str) -> None:
+    def reject(
+        self,
+        step: int,
+        what: str,
+        reason: Obstruction | str,
+        robot: str | None = None,
+    ) -> None:
         """Note why something is no candidate, and count what was in the way."""
         if isinstance(reason, str):
             reason = Obstruction(reason)
-        self.rejections.append(Rejection(step, what, reason.words))
+        self.rejections.append(Rejection(step, what, reason.words, robot, reason.by))
         if reason.by is not None:
             self.blockers[step][reason.by] += 1
 

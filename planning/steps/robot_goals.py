@@ -10,7 +10,7 @@ from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.motion.sequential import MARGIN
 from planning.steps.handovers import CandidateCollector
-from planning.steps.skill import joint_distance
+from planning.steps.skill import Obstruction, joint_distance
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import PrimaryCandidate, TaskPlan
 from planning.tasks.task import StepTasks
@@ -57,11 +57,12 @@ def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
         checker = SceneChecker(alone, name, start_state(alone), margin=MARGIN)
         ways = _configurations(cell, goal, at[name])
         if not ways:
-            collector.reject(step, name, "the pose is out of reach")
+            collector.reject(step, name, "the pose is out of reach", name)
         for number, q in enumerate(ways):
             if (contact := checker.contact(q)) is not None:
                 what = f"{name}, configuration {number + 1}"
-                collector.reject(step, what, str(contact))
+                hit = Obstruction(str(contact), contact.obstacle)
+                collector.reject(step, what, hit, name)
                 continue
             found[step, number] = q
             cost = joint_distance(q, at[name])

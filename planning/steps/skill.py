@@ -189,11 +189,13 @@ class Obstruction:
         words: the reason.
         by: name of the object, fixture or robot part in the way, None if that is not the cause.
         phase: where that is so before the skill begins or after it is over, else None.
+        moving: entity of the robot, or object in its hand, that meets it; None if that is not the cause.
     """
 
     words: str
     by: str | None = None
     phase: Phase | None = None
+    moving: str | None = None
 
 
 def skill_postures(

@@ -143,13 +143,15 @@ class SkillTrial:
         before = phase is Phase.BEFORE
         self.hindrance = contact.pair and Hindrance(before, k, contact.pair)
         words = f"{contact} {phase.value}"
-        return Obstruction(words, contact.second.split(":")[0], phase)
+        return Obstruction(words, contact.obstacle, phase, contact.moving)
 
     def _on_the_way(self, phase: Phase, q_a: Array, q_b: Array) -> Obstruction:
         for t in np.linspace(0.0, 1.0, 9)[::-1]:
             contact = self._checker(phase).contact(q_a + t * (q_b - q_a))
             if contact is not None:
-                return Obstruction(str(contact), contact.second.split(":")[0])
+                return Obstruction(
+                    str(contact), contact.obstacle, moving=contact.moving
+                )
         return Obstruction("something touches between two subgoals")
 
     def _next(self) -> Obstruction | None:

@@ -258,7 +258,9 @@ def _touched_in_racks(
             if gap < -_RACK_DEPTH:
                 raise InfeasibleStepError(
                     f"the rack of {tool.name} is where {other} is: they overlap by"
-                    f" {-gap * 1e3:.1f} mm"
+                    f" {-gap * 1e3:.1f} mm",
+                    thing=tool.name,
+                    blocked_by=[other],
                 )
         found[tool.name] = frozenset(near_to(rest, fixtures, _RACK_TOUCH))
     return found
@@ -304,5 +306,7 @@ def _rack_path(
             return replace(path, change_at=None)
     assert found is not None
     raise InfeasibleStepError(
-        f"{robot.name} cannot change {tool.name} at its rack: {found.words}"
+        f"{robot.name} cannot change {tool.name} at its rack: {found.words}",
+        thing=tool.name,
+        blocked_by=[found.by] if found.by else [],
     )

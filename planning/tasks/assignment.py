@@ -6,7 +6,7 @@ meaning only the maker of the candidates knows.
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,9 +16,6 @@ Tools = frozenset[tuple[str, str]]
 """Robots that must have a certain one of their tools on them, each with the name of that tool."""
 
 NO_TOOLS: Tools = frozenset()
-
-_MOST_REASONS = 12
-"""How many reasons for rejections are named."""
 
 
 @dataclass(frozen=True)
@@ -74,11 +71,15 @@ class Rejection:
         step: counted from 1.
         what: the candidate in words, such as ``"left places b2_4 with grip 1/1"``.
         reason: such as ``"attach is out of reach"``.
+        robot: whose candidate it is, None where it is nobody's alone.
+        by: name of what is in the way, None if that is not the cause.
     """
 
     step: int
     what: str
     reason: str
+    robot: str | None = None
+    by: str | None = None
 
 
 @dataclass(frozen=True)
@@ -286,34 +287,6 @@ def _by_step(steps: Iterable[int]) -> dict[int, list[int]]:
     for index, step in enumerate(steps):
         out[step].append(index)
     return dict(out)
-
-
-def explain_rejections(problem: AssignmentProblem, step: int) -> str:
-    """Return the reasons for which candidates of a step were rejected, a line each.
-
-    Args:
-        problem: with its rejections.
-        step: counted from 1.
-    """
-    groups: dict[str, list[str]] = defaultdict(list)
-    for item in problem.rejections:
-        if item.step == step:
-            groups[item.reason].append(item.what)
-    if not groups:
-        return "  nothing of the right type is there to try"
-    ordered = sorted(groups.items(), key=lambda entry: (-len(entry[1]), entry[0]))
-    lines = []
-    for reason, whats in ordered[:_MOST_REASONS]:
-        ways = Counter(whats)
-        shown = ", ".join(
-            what if count == 1 else f"{what} ({count} ways)"
-            for what, count in list(ways.items())[:3]
-        )
-        more = f" and {len(ways) - 3} more" if len(ways) > 3 else ""
-        lines.append(f"  {reason}: {shown}{more}")
-    if len(ordered) > _MOST_REASONS:
-        lines.append(f"  and {len(ordered) - _MOST_REASONS} more reasons")
-    return "\n".join(lines)
 
 
 @dataclass(frozen=True)

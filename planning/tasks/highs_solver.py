@@ -17,8 +17,8 @@ from planning.tasks.assignment import (
     StepChoice,
     SupportCandidate,
     TaskPlan,
-    explain_rejections,
 )
+from planning.tasks.rejections import explain_rejections, find_blockers
 from planning.tasks.rolling_horizon import is_large, solve_in_windows
 
 _TIME_LIMIT_S = 60.0
@@ -53,7 +53,9 @@ def require_candidates(problem: AssignmentProblem) -> None:
     for step, words in enumerate(problem.steps, start=1):
         if (lacking := problem.lacking(step)) is not None:
             raise InfeasibleStepError(
-                f"step {step} ({words}): {lacking}\n{explain_rejections(problem, step)}"
+                f"step {step} ({words}): {lacking}\n{explain_rejections(problem, step)}",
+                steps=[step],
+                blocked_by=find_blockers(problem, step),
             )
 
 
@@ -316,5 +318,6 @@ def _competition(problem: AssignmentProblem) -> InfeasibleStepError:
     names = ", ".join(map(str, lacking))
     word = "step" if len(lacking) == 1 else "steps"
     return InfeasibleStepError(
-        f"{word} {names} cannot be done along with the others\n" + "\n".join(lines)
+        f"{word} {names} cannot be done along with the others\n" + "\n".join(lines),
+        steps=lacking,
     )

@@ -266,9 +266,7 @@ def reach_findings(subject: Subject, quick: list[Finding]) -> list[Finding]:
     if subject.kind.at_once:
         # Its planner names one thing; what stands or lies in something is said already.
         return [
-            item
-            for item in check_reach(subject)
-            if not (at_fault and "at the start" in item.message)
+            item for item in check_reach(subject) if not (at_fault and item.at_start)
         ]
     return [] if at_fault else _few(check_reach(subject))
 

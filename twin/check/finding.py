@@ -103,11 +103,13 @@ class Finding:
         at: key in the file.
         message: what, and what to do about it.
         error: whether it makes a plan impossible or false; a warning otherwise.
+        at_start: whether something is wrong before anybody moves.
     """
 
     at: KeyPath
     message: str
     error: bool = False
+    at_start: bool = False
 
 
 Findings = Iterator[Finding]

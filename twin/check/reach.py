@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,7 +24,7 @@ from planning.parts.assembly import PartHandling, PlacePart
 from planning.parts.part_skills import pick_targets, place_targets, process_targets
 from planning.parts.part_steps import steps_in_order
 from planning.steps.skill import SkillTargets, in_some_posture
-from planning.steps.tool_changes import find_tool_changes, rack_tools
+from planning.steps.tool_changes import find_tool_changes
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, OrderedParts, Subject, position
 from twin.scenario.document.yaml_text import KeyPath
@@ -39,7 +38,8 @@ _MOST_GRIPS = 40
 Targets = Callable[[Transform], SkillTargets]
 """Returns the way of a tool to a pose at which it grips, and from there."""
 
-_STEP = re.compile(r"step (\d+) \(")
+_MOST_STEPS = 6
+"""Steps out of reach of an assembly of bricks that are named."""
 
 
 def check_reach(subject: Subject) -> Findings:
@@ -94,9 +94,7 @@ def _check_racks(subject: Subject, parts: OrderedParts) -> Findings:
     try:
         find_tool_changes(cell, goals)
     except InfeasibleStepError as error:
-        words = set(re.findall(r"[\w.-]+", error.message))
-        named = next(tool.name for tool in rack_tools(cell) if tool.name in words)
-        yield Finding(subject.thing_at(named, "rack"), error.message, error=True)
+        yield Finding(subject.thing_at(error.thing, "rack"), error.message, error=True)
 
 
 def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
@@ -326,7 +324,7 @@ def _check_moves(subject: Subject, section: GoalsSection) -> Findings:
 
 
 def _check_bricks(subject: Subject, section: LegoSection) -> Findings:
-    from planning.lego.sequencing.blocking import check_reach as check_steps
+    from planning.lego.sequencing.blocking import find_reach_faults
     from twin.planning.lego import build_lego, build_structure
 
     assembly, cell = build_lego(section), subject.cell
@@ -337,18 +335,15 @@ def _check_bricks(subject: Subject, section: LegoSection) -> Findings:
     if structure:
         return  # the planner finds the steps
     try:
-        check_steps(cell, assembly)
+        faults = find_reach_faults(cell, assembly)
     except RobotModelError as error:  # a frame of the LEGO tool is missing
-        yield Finding(("assembly", "kind"), error.args[0], error=True)
-    except InfeasibleStepError as error:
-        last = 0
-        for line in error.message.splitlines():
-            found = _STEP.match(line)
-            if found is None:  # so many more
-                yield Finding(("assembly", "steps", last), line, error=True)
-                continue
-            last = int(found[1]) - 1
-            yield Finding(("assembly", "steps", last), line, error=True)
+        yield Finding(("assembly", "kind"), str(error), error=True)
+        return
+    for number, words in faults[:_MOST_STEPS]:
+        yield Finding(("assembly", "steps", number - 1), words, error=True)
+    if (more := len(faults) - _MOST_STEPS) > 0:
+        last = faults[_MOST_STEPS - 1][0]
+        yield Finding(("assembly", "steps", last - 1), f"and {more} more", error=True)
 
 
 def _handles_bricks(
@@ -388,13 +383,11 @@ def _check_construction(subject: Subject) -> Findings:
         for robot in cell.robots:
             if not any(bounds.serves(robot.name)):
                 yield _idle(subject, robot, kind.steps())
-    except (ConstructionError, ScenarioError) as error:
-        names = {item.name for item in cell.objects}
-        named = next(
-            (word for word in re.findall(r"[\w.-]+", error.message) if word in names),
-            "",
-        )
-        yield Finding(subject.thing_at(named, "goal"), error.message, error=True)
+    except ConstructionError as error:
+        at = subject.thing_at(next(iter(error.parts), ""), "goal")
+        yield Finding(at, error.message, error=True, at_start=error.at_start)
+    except ScenarioError as error:
+        yield Finding(subject.thing_at("", "goal"), error.message, error=True)
 
 
 def _list(names: set[str]) -> str:

@@ -66,7 +66,7 @@ def find_order(
         sequenced = buildable_sequence(lego, cell, StageWatch())
         require_candidates(sequenced.candidates.problem)
     except InfeasibleStepError as error:
-        raise InfeasibleStepError(f"{scenario}: {error}") from None
+        raise error.with_message(f"{scenario}: {error}") from None
     found = sequenced.found
     if explain is not None:
         _explain(sequenced.candidates.world.assembly, explain, sequenced.rules)

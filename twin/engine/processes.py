@@ -19,7 +19,7 @@ from twin.durations.model import NANOSECONDS, Nanoseconds, require_within_longes
 from twin.engine.execution_model import Messages
 from twin.engine.narrator import Narrator, failure_text
 from twin.recorders.observers import Observers
-from twin.run.events import Measured, Outcome
+from twin.run.events import EventCode, Measured, Outcome
 from twin.uncertainty.node_times import NodeTimes
 from twin.uncertainty.stops import Stops
 
@@ -125,7 +125,7 @@ class Execution:
         except KeyboardInterrupt:
             outcome = "aborted"
             if self.narrator is not None:
-                self.narrator.emit("stopped", detail="interrupted by the user")
+                self.narrator.emit("stopped", detail=EventCode.INTERRUPTED.value)
         finally:
             if self.narrator is not None:
                 self.narrator.emit("finished", detail=outcome)

@@ -18,6 +18,7 @@ from twin.scenario.checks import find_problems
 from twin.scenario.document.validation import (
     FileProblem,
     InvalidScenarioError,
+    UnknownName,
     parsed,
     unknown_name,
     validated,
@@ -300,7 +301,7 @@ def _require_possible(
                     raise ScenarioError(words + problem.message) from None
             continue
         for place, text in find_problems(own, folder):
-            if place == path and text.startswith("unknown "):
+            if place == path and isinstance(text, UnknownName):
                 raise ScenarioError(words + text)
 
 

@@ -233,13 +233,13 @@ def judged(key: KeyValue, section: ExploreSection, **known: Any) -> Evaluation:
         )
         for one in section.inequalities:
             if excess := one.excess(results, key):
-                missed.append(one.text)
+                missed.append(one)
                 over += excess
     except ExpressionError as error:
         return refused(CONSTRAINT, str(error), 0.99, **known)
     if missed:
-        words = ", ".join(f"not {text}" for text in missed)
-        named = [k for k in results if any(k in text for text in missed)]
+        words = ", ".join(f"not {one.text}" for one in missed)
+        named = [k for k in results if any(k in one.used for one in missed)]
         at = ", ".join(f"{k} = {results[k]:.6g}" for k in named)
         told = f"{words} ({at})" if at else words
         return refused(CONSTRAINT, told, over / (1.0 + over), **known)

@@ -24,16 +24,13 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from twin.durations.model import NANOSECONDS
-from twin.run.activities import CAUSES
+from twin.run.activities import CAUSES, SAME_ROBOT
 from twin.trial.run_result import RunResult
 
 if TYPE_CHECKING:
     Graph = nx.DiGraph[str]
 else:
     Graph = nx.DiGraph
-
-SAME_ROBOT = "same robot"
-"""Cause of type-1 edges."""
 
 DEPENDENCY, CONFLICT = CAUSES[TASK_DEPENDENCY], CAUSES[MOTION_CONFLICT]
 

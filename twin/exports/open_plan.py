@@ -21,6 +21,7 @@ from twin.engine.execution_model import ExecutionModel
 from twin.exports.segments import CONTROLLER_RATE_HZ, Segment, segments
 from twin.judge.open_plan import FORMAT, VERSION
 from twin.recorders.observers import MemoryRecorder
+from twin.run.activities import SAME_ROBOT
 from twin.run.events import POLICIES, Policy
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
@@ -214,7 +215,7 @@ def _motion(
         "object": task.object,
         "touches": sorted(set(_touched(tpg, segment)) - handled),
         "events": events,
-        "after": [item.segment for item in segment.after if item.cause != "same robot"],
+        "after": [item.segment for item in segment.after if item.cause != SAME_ROBOT],
     }
 
 

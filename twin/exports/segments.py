@@ -25,7 +25,7 @@ from planning.tasks.task import Task
 from planning.transforms import Array, Indices
 from scheduling.graph.dispatcher import Rollout, earliest_times
 from twin.durations.model import NANOSECONDS, Nanoseconds, to_nanoseconds
-from twin.run.activities import CAUSES
+from twin.run.activities import CAUSES, SAME_ROBOT
 from twin.run.events import waypoint_offsets_ns
 from twin.run.trajectory import Trajectory
 from twin.trial.run_result import RunResult
@@ -50,7 +50,7 @@ class Predecessor:
 
     Attributes:
         segment: its id.
-        cause: why.
+        cause: one of ``CAUSES``, or ``SAME_ROBOT``.
     """
 
     segment: str
@@ -202,7 +202,7 @@ def _of_chain(
                 handlings.append(SegmentHandling(item.object, item.holder, at_ns))
         waits = list(after.get((k, index), ()))
         if index:
-            waits.insert(0, Predecessor(f"{chain.robot}/{index - 1}", "same robot"))
+            waits.insert(0, Predecessor(f"{chain.robot}/{index - 1}", SAME_ROBOT))
         yield Segment(
             id=f"{chain.robot}/{index}",
             robot=chain.robot,

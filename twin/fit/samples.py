@@ -121,7 +121,7 @@ def _event(log: Path, number: int, line: str) -> Event:
     try:
         return parse_event(line)
     except EventLogError as error:
-        raise EventLogError(f"{log}:{number}: {error.message}") from error
+        raise error.with_message(f"{log}:{number}: {error.message}") from error
 
 
 LABELS = ("skill", "robot", "object")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +22,15 @@ _STILL = 1e-9
 
 
 class CircularWaitsError(TwinError):
-    """Motions of a plan wait for each other."""
+    """Motions of a plan wait for each other.
+
+    Attributes:
+        motions: ids of the motions that can never begin.
+    """
+
+    def __init__(self, message: str, *, motions: Iterable[str]) -> None:
+        self.motions = tuple(motions)
+        super().__init__(message)
 
 
 @dataclass(frozen=True)
@@ -124,7 +132,9 @@ def _by_waits(
             f"{motion.id} waits for {', '.join(o for o in motion.after if o not in over) or 'what is joined to it'}"
             for motion in stuck
         )
-        raise CircularWaitsError(f"nobody can go on: {waits}")
+        raise CircularWaitsError(
+            f"nobody can go on: {waits}", motions=[motion.id for motion in stuck]
+        )
     return out
 
 

@@ -15,7 +15,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import simpy
 
@@ -26,17 +26,24 @@ from twin.engine.ending import Ending, EndingCode, PendingNode
 from twin.live.driver_end import Wire
 from twin.live.inbox import Inbox
 from twin.live.link import Link
-from twin.live.measured import ANEW, History, MeasuredLog
+from twin.live.measured import History, MeasuredLog
 from twin.live.reported_execution import ReportedExecution
 from twin.live.wire_format import Report
 from twin.operate.committed import Version
-from twin.run.events import EventKind, Outcome
+from twin.run.events import EventCode, EventKind, Outcome
 
 _TICK_S = 0.02
 """How long messages are waited for at most, before links are looked at again [s]."""
 
 _MOST_SLOWER = 10.0
 """A node may take so many times as long as planned, and as a driver may be silent, until it counts as stuck."""
+
+
+class _Trouble(NamedTuple):
+    """Reason not to rely on a driver: its kind, and the words for it."""
+
+    kind: Literal["fault", "unheard", "report", "silent"]
+    words: str
 
 
 class LiveExecution(ReportedExecution):
@@ -86,7 +93,7 @@ class LiveExecution(ReportedExecution):
         self._wires, self._inbox = wires, inbox or Inbox()
         self._written, self._out_s = written, out_s
         self._tolerance = tolerance
-        self._told: dict[str, str] = {}
+        self._told: dict[str, _Trouble | None] = {}
         self._silent = set(links)
         self._settled = True
         self._believed_s: dict[str, float] = {}
@@ -105,7 +112,8 @@ class LiveExecution(ReportedExecution):
             if self._history is not None:
                 self.env.run(until=max(self._history.since_ns, 1))
                 if self.narrator is not None:
-                    self.narrator.emit("resumed", detail=ANEW)
+                    code = EventCode.DISPATCHER_RESTARTED
+                    self.narrator.emit("resumed", detail=code.value)
                 self._written()  # numbers of commands depend on how often this is in the log
                 for k, node in self.impatient:
                     if (begun := self.start[k][node]) >= 0:
@@ -269,7 +277,7 @@ class LiveExecution(ReportedExecution):
 
     def _observe(self, name: str, state: DriverState) -> None:
         self._states[name], self._believed_s[name] = state, self._wall_s()
-        if name in self._silent and self._told.pop(name, ""):
+        if name in self._silent and self._told.pop(name, None):
             self._tell_of_driver(name, "")  # before all that it has done meanwhile
         self._stop_off_path(name, state)
         self._see_to_tools()
@@ -296,25 +304,28 @@ class LiveExecution(ReportedExecution):
         """Tell drivers what they are to know, and see whether they are there."""
         for name, link in self._links.items():
             self._send(name)
-            words = why = self._why_out(name, now_s)
+            trouble = out = self._why_out(name, now_s)
             if not link.alive(now_s):
                 self._silent.add(name)
-                words = words or "no sign of life"
-            if words != self._told.get(name, ""):
-                self._told[name] = words
-                self._now(self._tell_of_driver, name, words)
-                if why:
-                    self._now(self._give_up_driver, name, why)
+                trouble = trouble or _Trouble("silent", "no sign of life")
+            if trouble != self._told.get(name):
+                self._told[name] = trouble
+                self._now(self._tell_of_driver, name, trouble.words if trouble else "")
+                if out:
+                    self._now(self._give_up_driver, name, out.words)
 
-    def _why_out(self, name: str, now_s: float) -> str:
-        """Return why a driver is not to be relied on any more, empty where it is."""
+    def _why_out(self, name: str, now_s: float) -> _Trouble | None:
+        """Return why a driver is not to be relied on any more, None where it is."""
         link, state = self._links[name], self._states.get(name)
         if state is not None and state.mode == "fault":
-            return state.words or "is at fault"
+            return _Trouble("fault", state.words or "is at fault")
         silent = link.silent_s(now_s)
         if silent is not None and silent > self._out_s:
-            return f"has not been heard of for {self._out_s:g} s"
-        return str(link.problem or "")
+            words = f"has not been heard of for {self._out_s:g} s"
+            return _Trouble("unheard", words)
+        return (
+            _Trouble("report", str(link.problem)) if link.problem is not None else None
+        )
 
     def _tell_of_driver(self, name: str, words: str) -> None:
         if self.narrator is not None and name in self.tpg.chain_index:

@@ -27,7 +27,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.drivers.driver import ClearedNode, Sample
 from twin.drivers.legs import near_path
 from twin.durations.model import NANOSECONDS
-from twin.run.events import Event, Measured
+from twin.run.events import Event, EventCode, Measured
 from twin.run.folder import LARGEST_RESULT
 
 
@@ -290,10 +290,6 @@ def _passed(nodes: Sequence[ClearedNode], sample: Sample, start: Array) -> float
     return nodes[k].passed_s(int(near.leg[0]), float(near.share[0]))
 
 
-ANEW = "the dispatcher was started anew"
-"""Detail of the event by which a log tells of that."""
-
-
 @dataclass
 class History:
     """What has happened in a run.
@@ -348,13 +344,12 @@ def history_of(tpg: TemporalPlanGraph, events: Sequence[Event]) -> History:
                 " that nobody can go on from there; see to the cell and run the rest"
             )
         found.since_ns = max(found.since_ns, event.t_ns)
-        if event.detail == ANEW:
+        if event.code is EventCode.DISPATCHER_RESTARTED:
             found.starts += 1
         elif event.kind == "ordered":
             names = {event.robot} if event.robot else set(chains)
-            found.held = found.held - names | (
-                names if event.detail == "hold" else set()
-            )
+            hold = event.code is EventCode.HOLD
+            found.held = found.held - names | (names if hold else set())
         elif event.robot in chains:
             k = chains[event.robot]
             if event.kind in rows:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -37,15 +38,19 @@ from scheduling.invariant import check_invariant
 from scheduling.rolling.cut import complete_tasks, state_at
 from scheduling.rolling.extension import committed_part, with_attempt
 from twin.operate.committed import Failure, Incident, Judged, cut_at, tried_task
-from twin.operate.person import AGAIN, Ledger, Person
+from twin.operate.person import AGAIN, Ledger, Person, Question
 from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.draws import uniforms
 
-LOST, SLIPPED, WRONG = "is lost", "has slipped in the hand", "is a wrong part"
-"""What has become of an object that is of no use any more, in words."""
 
-BESIDE = "lies beside its place"
-"""What is found of one that is picked from where it is measured."""
+class Fate(StrEnum):
+    """Outcome for the object of a skill that failed; the value words it."""
+
+    LOST = "is lost"
+    SLIPPED = "has slipped in the hand"
+    WRONG = "is a wrong part"
+    BESIDE = "lies beside its place"
+
 
 _NO_PROCESS = (
     *(*HANDLING, *SUPPLY_KINDS, TRANSIT, STRAIGHT, HOLD, FAILED, LEFT_OUT),
@@ -108,7 +113,9 @@ class Judging:
         words = (
             f"{task.label} failed again and again: will you see to step {task.step}?"
         )
-        ask = self.person.asked(self.ledger.asks, task.step, words)
+        count = self.ledger.asked_for(task.step)
+        question = Question(task.step, count, task.kind, task.object, words)
+        ask = self.person.asked(self.ledger.asks, question)
         if ask is None or not self.ledger.answered(ask):
             return False
         self.ledger.tries[task.step, task.kind] = 0
@@ -141,15 +148,16 @@ class Judging:
         said = self.section.failures.get(task.kind)
         return "again" if said is None else said.then
 
-    def _fate(self, task: Task, *, held: bool) -> str:
-        """Return what has become of an object that is of no use any more, in words."""
+    def _fate(self, task: Task, *, held: bool) -> Fate:
+        """Return what has become of the object of a skill that failed."""
         said = self.section.failures.get(task.kind)
         if said is None:
-            return LOST
+            return Fate.LOST
         drawn = self._draw(task, "fate")
         if drawn < (said.slips if held else said.wrong):
-            return SLIPPED if held else WRONG
-        return BESIDE if not held and drawn < said.wrong + said.beside else LOST
+            return Fate.SLIPPED if held else Fate.WRONG
+        beside = not held and drawn < said.wrong + said.beside
+        return Fate.BESIDE if beside else Fate.LOST
 
     def _draw(self, task: Task, what: str, index: int = 0) -> float:
         """Return a number in [0, 1) that is drawn for the failure of a task."""
@@ -203,20 +211,21 @@ class Judging:
                 self.ledger.shunned.add(self.ledger.lost(name))
             return (), ""
         fate = self._fate(task, held=at.holder is not None)
-        if fate == BESIDE:
+        words = fate.value
+        if fate is Fate.BESIDE:
             if found := self._found(tpg, incident, failure, task):
                 self.ledger.measured[name] = found.pose
                 return (found,), _beside_words(at.pose, found.pose)
-            fate = f"{BESIDE}, where nobody can pick it"
+            words = f"{words}, where nobody can pick it"
         self.ledger.gone.add(self.ledger.lost(name))
         # A station presents the next one, whatever has become of this one.
         coming = () if at.holder else _brought(task)
-        if fate != LOST and not coming:
-            return (), fate  # it is still where it was
+        if fate is not Fate.LOST and not coming:
+            return (), words  # it is still where it was
         if at.holder is None:
-            return (Handling(name, 1, GONE, at.pose), *coming), fate
+            return (Handling(name, 1, GONE, at.pose), *coming), words
         pose = pose_of(tpg.cell, state, name)
-        return (Handling(name, 1, None, pose), Handling(name, 1, GONE, pose)), fate
+        return (Handling(name, 1, None, pose), Handling(name, 1, GONE, pose)), words
 
 
 def _brought(task: Task) -> tuple[Handling, ...]:
@@ -231,7 +240,7 @@ def _beside_words(said: Transform, found: Transform) -> str:
     mm = 1e3 * float(np.linalg.norm(found[:3, 3] - said[:3, 3]))
     turn = found[:3, :3] @ said[:3, :3].T
     deg = float(np.degrees(abs(np.arctan2(turn[1, 0], turn[0, 0]))))
-    return f"{BESIDE}, {mm:.1f} mm and {deg:.1f} degrees off, and is picked there"
+    return f"{Fate.BESIDE}, {mm:.1f} mm and {deg:.1f} degrees off, and is picked there"
 
 
 def asks_for_another(
@@ -249,7 +258,8 @@ def asks_for_another(
     """
     words = f"step {step} lacks an object: will you bring one in place of {name}?"
     taken = [item.name for item in cell.objects]
-    ask = person.asked(ledger.asks, step, words, name, taken)
+    question = Question(step, ledger.asked_for(step), "", name, words)
+    ask = person.asked(ledger.asks, question, taken)
     if ask is not None and not ledger.answered(ask):
         said = why.partition("\n")[0]
         ledger.give_up(step, f"{said}, and a person could not help")

@@ -26,7 +26,31 @@ PERSON = "person"
 AGAIN = 2**32
 """Added to the number of a step or task, by which draws are named, for each time that it is tried or asked for once more."""
 
-Says = Callable[[str], bool]
+
+@dataclass(frozen=True)
+class Question:
+    """What a person is asked.
+
+    Attributes:
+        step: for which step.
+        count: how often a person was asked for that step before.
+        skill: kind of the task that failed, empty where an object is lacking.
+        object: that is lacking, or that the task is about; None where there is none.
+        words: the question, for people; another wording is no other question.
+    """
+
+    step: int
+    count: int
+    skill: str
+    object: str | None
+    words: str = field(compare=False)
+
+    def __str__(self) -> str:
+        """Return the question, for people."""
+        return self.words
+
+
+Says = Callable[[Question], bool]
 """Returns whether a person helps, given what is asked."""
 
 
@@ -37,7 +61,7 @@ class Ask:
     Attributes:
         step: for which step.
         words: the question, for people.
-        label: of the person's task; every ask has another one.
+        label: of the person's task.
         seconds: how long the person takes [s].
         helps: whether that helps.
         object: what was lost; None where the person only sees to the step.
@@ -75,26 +99,23 @@ class Person:
     seed: int
     replication: int = 0
     says: Says | None = None
-    _said: dict[str, bool] = field(default_factory=dict)
+    _said: dict[Question, bool] = field(default_factory=dict)
 
     def asked(
         self,
         before: Sequence[Ask],
-        step: int,
-        words: str,
-        name: str | None = None,
+        question: Question,
         taken: Sequence[str] = (),
     ) -> Ask | None:
         """Return what comes of asking; None where nobody is asked, or was often enough for that step.
 
         Args:
             before: what was asked before.
-            step: for which step.
-            words: the question.
-            name: of what was lost; None to ask for help with the step.
+            question: with as many asked before as there were.
             taken: names of the objects that there are.
         """
-        count = sum(ask.step == step for ask in before)
+        step, count = question.step, question.count
+        name = None if question.skill else question.object
         if self.section is None or count >= self.section.times:
             return None
         taken_s = self.section.model.ppf(self._draw(step, count, "answer"))
@@ -109,11 +130,10 @@ class Person:
             fresh = next(f for k in numbers if (f := f"{name}.{k}") not in names)
             label = f"bring {fresh}"
         if self.says is not None:
-            key = f"{step}, {count}: {words}"
-            if key not in self._said:
-                self._said[key] = self.says(words)
-            helps = self._said[key]
-        return Ask(step, words, label, float(taken_s[0]), helps, name, fresh)
+            if question not in self._said:
+                self._said[question] = self.says(question)
+            helps = self._said[question]
+        return Ask(step, question.words, label, float(taken_s[0]), helps, name, fresh)
 
     def _draw(self, step: int, count: int, purpose: str) -> Array:
         number, mine = step + count * AGAIN, [self.replication]
@@ -199,10 +219,15 @@ class Ledger:
 
     def pending(self, tasks: Iterable[Task]) -> list[Ask]:
         """Return what a person is to do that is not among some tasks."""
-        known = {task.label for task in brought_in(tasks)}
-        fresh = {None, *self.fresh.values()}
-        asks = (ask for ask in self.asks if ask.helps and ask.fresh in fresh)
-        return [ask for ask in asks if ask.label not in known]
+        done = Counter((task.step, task.object) for task in brought_in(tasks))
+        fresh, found = {None, *self.fresh.values()}, []
+        for ask in self.asks:
+            if not ask.helps or ask.fresh not in fresh:
+                continue
+            done[ask.step, ask.fresh] -= 1
+            if done[ask.step, ask.fresh] < 0:
+                found.append(ask)
+        return found
 
     def where(
         self,
@@ -216,6 +241,10 @@ class Ledger:
             if ask.object is not None:
                 found[ask.object] = Attachment(None, cell.object(ask.object).start)
         return found
+
+    def asked_for(self, step: int) -> int:
+        """Return how often a person was asked for a step."""
+        return sum(ask.step == step for ask in self.asks)
 
     def answered(self, ask: Ask) -> bool:
         """Take note of what came of asking; return whether it helps."""

@@ -17,7 +17,6 @@ from planning.errors import (
     InfeasibleStepError,
     PlanInvariantError,
     TransitError,
-    TwinError,
 )
 from planning.motion.known_motions import KnownMotions
 from planning.tasks.assignment import TaskPlan
@@ -406,7 +405,10 @@ class Recovery(Planner[Going]):
         return frozenset({robot})
 
     def _retreat(
-        self, now: Situation, error: TwinError, why_not: Hindered | None
+        self,
+        now: Situation,
+        error: InfeasibleStepError | TransitError,
+        why_not: Hindered | None,
     ) -> bool:
         """Give up a step, or ask for what it lacks, and tell whether there was one.
 
@@ -425,7 +427,8 @@ class Recovery(Planner[Going]):
         assert named is not None
         self._stuck = True
         lacks, why = isinstance(error, InfeasibleStepError), str(error)
-        if in_the_way := [k for k in sorted(now.world.out) if f" {k}/" in why]:
+        robots = {name.partition("/")[0] for name in error.blocked_by if "/" in name}
+        if in_the_way := sorted(now.world.out & robots):
             why = f"{' and '.join(in_the_way)}, out of service, is in the way: {why}"
         if not lacks or not self._asks_for(named, why, now):
             self._ledger.give_up(named, why)

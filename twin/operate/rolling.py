@@ -30,17 +30,13 @@ from twin.engine.supplied import SuppliedExecution
 from twin.operate.committed import Failure, Incident, Version
 from twin.operate.continued_times import continued_times
 from twin.operate.going import Planner
-from twin.run.events import Outcome
+from twin.run.events import EventCode, Outcome
 
 _AFTER_ALL = EventPriority(10)
 """Priority of what looks at all that has happened at a time."""
 
 _AHEAD_NS = NANOSECONDS // 2
 """Time before the end of what was released at which a robot is released its next task: more than it brakes for."""
-
-OUT_FOR_GOOD = "is out for good"
-"""What the log says of a robot that is out."""
-
 
 Keep = Callable[[int, TemporalPlanGraph], None]
 """Keeps a version of the plan, given its number, from 1, before anything is told of it."""
@@ -148,7 +144,7 @@ class RollingExecution(SuppliedExecution):
 
     def _tell_of_outage(self, chain: int) -> None:
         if self.narrator is not None:
-            self.narrator.emit("failed", chain, detail=OUT_FOR_GOOD)
+            self.narrator.emit("failed", chain, detail=EventCode.OUT_OF_SERVICE.value)
 
     def _upcoming(self) -> float:
         upcoming = super()._upcoming()

@@ -27,6 +27,7 @@ from twin.follow.state import FollowedRun
 from twin.live.live_execution import LiveExecution
 from twin.live.session import Session
 from twin.operate.committed import Version
+from twin.operate.person import Question
 from twin.recorders.observers import Observers
 from twin.run.events import Event, Outcome
 
@@ -153,7 +154,15 @@ class NodesSoFar:
 
 
 class UnansweredError(Exception):
-    """Nobody has answered a question yet; it is no failure."""
+    """Nobody has answered a question yet; it is no failure.
+
+    Attributes:
+        question: that is open.
+    """
+
+    def __init__(self, question: Question) -> None:
+        self.question = question
+        super().__init__(question.words)
 
 
 @dataclass
@@ -174,21 +183,21 @@ class Panel:
     shown: Shown | None = None
     shown_s: float = 0.0
     so_far: NodesSoFar | None = None
-    answers: dict[str, bool] = field(default_factory=dict)
+    answers: dict[Question, bool] = field(default_factory=dict)
 
     def show(self, shown: Shown) -> None:
         """Let people see something; called by the run."""
         self.shown, self.shown_s = shown, time.monotonic()
 
-    def says(self, words: str) -> bool:
+    def says(self, question: Question) -> bool:
         """Return what somebody has answered; see Person.
 
         Raises:
             UnansweredError: nobody has.
         """
-        if words not in self.answers:
-            raise UnansweredError(words)
-        return self.answers.pop(words)
+        if question not in self.answers:
+            raise UnansweredError(question)
+        return self.answers.pop(question)
 
 
 _SHOW_S, _PROGRESS_S = 0.25, 2.0
@@ -239,7 +248,7 @@ class AttendedExecution(LiveExecution):
     ) -> None:
         self._panel = panel
         self._notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
-        self._question = ""
+        self._question: Question | None = None
         self._asked, self._held = 0, set[str]()
         self._disturbed: set[tuple[int, int]] = set()
         self._show_s = self._progress_s = 0.0
@@ -254,7 +263,7 @@ class AttendedExecution(LiveExecution):
             outcome = super().execute()
             return outcome
         finally:
-            self._question = ""
+            self._question = None
             self._panel.show(replace(self._shown(), outcome=outcome or "broken off"))
 
     # Notices: this execution is a recorder of its own events
@@ -297,10 +306,10 @@ class AttendedExecution(LiveExecution):
         """Do what somebody has ordered, once that is on the disk."""
         question = self._question
         if order.action in ("yes", "no"):
-            if not question or order.question != self._asked:
+            if question is None or order.question != self._asked:
                 return
             self._log_order(f"{order.action}: {question}")
-            self._question = ""
+            self._question = None
             self._panel.answers[question] = order.action == "yes"
             answered, self._answered = self._answered, self.env.event()
             answered.succeed()
@@ -336,10 +345,10 @@ class AttendedExecution(LiveExecution):
             try:
                 return (yield from super()._version())
             except UnansweredError as error:
-                self._question = str(error)
+                self._question = error.question
             self._asked += 1
             assert self.narrator is not None
-            self.narrator.emit("asked", detail=self._question)
+            self.narrator.emit("asked", detail=self._question.words)
             yield self._answered
             self._again = False
 
@@ -364,7 +373,7 @@ class AttendedExecution(LiveExecution):
             self._panel.steps,
             dict(self._planner.given_up),
             tuple(self._notices),
-            self._question,
+            "" if self._question is None else self._question.words,
             self._asked,
             self._planning,
         )

@@ -388,7 +388,7 @@ def find_sequence(
         if robots > 1:
             raise
         lone = "  (a single robot can neither support nor hand over)"
-        raise InfeasibleStepError(f"{error.message}\n{lone}") from None
+        raise error.with_message(f"{error.message}\n{lone}") from None
     return replace(assembly, steps=found.steps), found
 
 

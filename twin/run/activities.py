@@ -68,6 +68,9 @@ LANE_COLOURS: dict[str, str] = {
 CAUSES = {TASK_DEPENDENCY: "task dependency", MOTION_CONFLICT: "motion conflict"}
 """Causes of type-2 edges in words."""
 
+SAME_ROBOT = "same robot"
+"""Cause of type-1 edges."""
+
 _OTHER_COLOURS = (
     "#8c7864",
     "#c0648c",

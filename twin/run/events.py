@@ -9,6 +9,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
+from enum import StrEnum
 from pathlib import Path
 from typing import Literal, NamedTuple, cast, get_args
 
@@ -44,6 +45,23 @@ EventKind = Literal[
 ]
 
 
+class EventCode(StrEnum):
+    """Event details that programs act on; the value is the detail as the log has it."""
+
+    COMPLETED = "completed"
+    FAILED = "failed"
+    ABORTED = "aborted"
+    INTERRUPTED = "interrupted by the user"
+    OUT_OF_SERVICE = "is out for good"
+    DISPATCHER_RESTARTED = "the dispatcher was started anew"
+    HOLD = "hold"
+    GO_ON = "go on"
+    OUT = "out"
+
+
+_CODES = {code.value: code for code in EventCode}
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """One thing that happened.
@@ -66,6 +84,11 @@ class Event:
     object: str = ""
     detail: str = ""
 
+    @property
+    def code(self) -> EventCode | None:
+        """Code that the detail is the value of, None where it is text for people."""
+        return _CODES.get(self.detail)
+
 
 _KINDS = frozenset(get_args(EventKind))
 
@@ -77,7 +100,17 @@ MOST_LINES = 4_000_000
 
 
 class EventLogError(TwinError):
-    """A line of an event log is no event."""
+    """A line of an event log is no event.
+
+    Attributes:
+        line: of the log.
+    """
+
+    def __init__(
+        self, message: str, *, line: str, choices: tuple[str, ...] = ()
+    ) -> None:
+        self.line = line
+        super().__init__(message, choices=choices)
 
 
 def event_line(event: Event) -> str:
@@ -120,30 +153,42 @@ def parse_event(line: str) -> Event:
     try:
         row = parse_json(line, Decimal)
     except ValueError as error:
-        raise EventLogError(f"not JSON: {error}: {_excerpt(line)}") from error
+        raise EventLogError(
+            f"not JSON: {error}: {_excerpt(line)}", line=line
+        ) from error
     except InvalidOperation as error:
         far = "an exponent that no number has"
-        raise EventLogError(f"{far}: {_excerpt(line)}") from error
+        raise EventLogError(f"{far}: {_excerpt(line)}", line=line) from error
     if not isinstance(row, dict):
-        raise EventLogError(f"not an object: {_excerpt(line)}")
+        raise EventLogError(f"not an object: {_excerpt(line)}", line=line)
     try:
         seconds = row["t_s"]
         robot, kind = row["robot"], row["kind"]
     except KeyError as error:
-        raise EventLogError(f"no {error.args[0]!r}: {_excerpt(line)}") from error
+        raise EventLogError(
+            f"no {error.args[0]!r}: {_excerpt(line)}", line=line
+        ) from error
     if not isinstance(kind, str) or kind not in _KINDS:
         short = _excerpt(str(kind))
-        raise EventLogError(f"unknown kind {short}", choices=get_args(EventKind))
+        raise EventLogError(
+            f"unknown kind {short}", line=line, choices=get_args(EventKind)
+        )
     if not isinstance(seconds, int | Decimal) or isinstance(seconds, bool):
-        raise EventLogError(f"t_s is no number: {_excerpt(line)}")
+        raise EventLogError(f"t_s is no number: {_excerpt(line)}", line=line)
     if Decimal(seconds).is_nan() or not 0 <= seconds <= LATEST_S:
-        raise EventLogError(f"t_s must be 0 to {LATEST_S:.0e}: {_excerpt(line)}")
+        raise EventLogError(
+            f"t_s must be 0 to {LATEST_S:.0e}: {_excerpt(line)}", line=line
+        )
     task, node = row.get("task", -1), row.get("node", -1)
     if not all(type(value) is int and -1 <= value < 2**31 for value in (task, node)):
-        raise EventLogError(f"task and node must be whole numbers: {_excerpt(line)}")
+        raise EventLogError(
+            f"task and node must be whole numbers: {_excerpt(line)}", line=line
+        )
     texts = robot, row.get("object", ""), row.get("detail", "")
     if not all(isinstance(text, str) for text in texts):
-        raise EventLogError(f"robot, object and detail must be text: {_excerpt(line)}")
+        raise EventLogError(
+            f"robot, object and detail must be text: {_excerpt(line)}", line=line
+        )
     t_ns = round(Decimal(seconds) * NANOSECONDS)
     return Event(t_ns, robot, cast(EventKind, kind), task, node, texts[1], texts[2])
 

@@ -18,8 +18,8 @@ from twin.host.progress import Report, StageWatch
 from twin.operate.committed import Failure
 from twin.operate.operation import require_rolling
 from twin.operate.remainder import plan_remainder
-from twin.operate.rolling import OUT_FOR_GOOD
 from twin.planning.pipeline import plan_wanted, planned_shortcuts
+from twin.run.events import EventCode
 from twin.run.policies import IN_TURNS, SHORTENED
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
@@ -114,7 +114,11 @@ def plan_from_run(
     if any(task.kind == BROUGHT for task in tpg.tasks):
         raise RequestError("what somebody brought in a run is not known to a new plan")
     counts, failures, left_s, ago = _first_rests(run, moment)
-    gone = {e.robot for e in run.history if e.t_ns <= t_ns and e.detail == OUT_FOR_GOOD}
+    gone = {
+        event.robot
+        for event in run.history
+        if event.t_ns <= t_ns and event.code is EventCode.OUT_OF_SERVICE
+    }
     watch = StageWatch(progress)
     last = max((task.step for task in tpg.tasks), default=0)
     motions = plan_wanted(case.sections, case.folder, watch, steps=last)

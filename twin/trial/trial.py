@@ -29,7 +29,14 @@ from twin.recorders.observers import (
     Recorder,
     write_motion,
 )
-from twin.run.events import Event, ExecutionRecord, event_line, parse_event, read_log
+from twin.run.events import (
+    Event,
+    EventCode,
+    ExecutionRecord,
+    event_line,
+    parse_event,
+    read_log,
+)
 from twin.run.folder import (
     EVENTS,
     FIRST,
@@ -54,6 +61,7 @@ from twin.scenario.manifest import (
     write_manifest,
 )
 from twin.scenario.sections.scenario import Scenario
+from twin.trial.errors import IncompleteRunError, ResumeError
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, plan_of_run
 from twin.trial.planning import plan_to_operate
@@ -68,14 +76,6 @@ if TYPE_CHECKING:
 
 SIMULATION, RECORDS = "simulation", "recording"
 """Names of the stages for progress displays."""
-
-
-class IncompleteRunError(TwinError):
-    """A run could not write what it promises; what it wrote is not to be relied on."""
-
-
-class ResumeError(TwinError):
-    """The resumed run differs from its log."""
 
 
 def write_plan(plan: PlanResult, folder: Path) -> None:
@@ -424,12 +424,10 @@ def _has_ended(log: Sequence[str]) -> bool:
 def _before_interrupt(log: Sequence[str]) -> Sequence[str]:
     """Return a log without the last rows of a run that the user broke off."""
     lines = list(log)
-    if lines and '"finished"' in lines[-1]:
-        last = parse_event(lines[-1])
-        if not last.robot and last.detail == "aborted":
+    if _has_ended(lines) and parse_event(lines[-1]).code is EventCode.ABORTED:
+        lines.pop()
+        if lines and parse_event(lines[-1]).code is EventCode.INTERRUPTED:
             lines.pop()
-            if lines and '"stopped"' in lines[-1] and not parse_event(lines[-1]).robot:
-                lines.pop()
     return lines
 
 
@@ -439,12 +437,14 @@ def _require_agreement(
     for k, line in enumerate(known):
         if k >= len(lines):
             raise ResumeError(
-                f"{path}:{k + 1}: the run ends after {len(lines)} events, the log goes on"
+                f"{path}:{k + 1}: the run ends after {len(lines)} events, the log goes on",
+                row=k + 1,
             )
         if line != lines[k]:
             event = events[k]
             raise ResumeError(
                 f"{path}:{k + 1}: the log says {line.strip()}, but now"
                 f" {event.robot or 'the run'} {event.kind} at"
-                f" {event.t_ns / 1e9:.9f} s: {lines[k].strip()}"
+                f" {event.t_ns / 1e9:.9f} s: {lines[k].strip()}",
+                row=k + 1,
             )

@@ -178,8 +178,8 @@ class SiteBalance:
             if not isinstance(self.needs(part, placed), Fall)
         )
 
-    def never_placeable(self) -> str | None:
-        """Return why some part can never be placed because something would fall, None if all can."""
+    def never_placeable(self) -> tuple[str, str] | None:
+        """Return what would fall whenever some part is placed, and why; None if all can be placed."""
         placed: dict[str, float] = {}
         while ready := self.placeable(placed) or next(self.held(placed), ()):
             for part in ready[:1] if ready[0] in self.placeable(placed) else ready:
@@ -187,7 +187,8 @@ class SiteBalance:
         for part in self._graph.placeable(placed, carried=self._carried):
             found = self.needs(part, placed)
             if isinstance(found, Fall) and self.standing is not None:
-                return self._refusal(self.standing, part, found, placed)
+                why = self._refusal(self.standing, part, found, placed)
+                return found.body, why
         return None
 
     def _refusal(

@@ -327,19 +327,22 @@ def require_reach(bounds: ReachBounds) -> None:
         ]
         if len(loads) == len(problem.team):
             raise ConstructionError(
-                f"{part.name} is too heavy for everyone: {'; '.join(loads)}"
+                f"{part.name} is too heavy for everyone: {'; '.join(loads)}",
+                parts=[part.name],
             )
         if not bounds.pickers(part):
             x, y, z = problem.object(part).start[:3, 3]
             raise ConstructionError(
                 f"{part.name} cannot be picked: none of {team} reaches it where it lies, at "
-                f"({x:.2f}, {y:.2f}, {z:.2f}) m"
+                f"({x:.2f}, {y:.2f}, {z:.2f}) m",
+                parts=[part.name],
             )
         if not bounds.placers(part):
             x, y, z = part.goal[:3, 3]
             raise ConstructionError(
                 f"{part.name} cannot be placed: none of {team} reaches its place, at "
-                f"({x:.2f}, {y:.2f}, {z:.2f}) m"
+                f"({x:.2f}, {y:.2f}, {z:.2f}) m",
+                parts=[part.name],
             )
     stuck = [part for part in problem.parts if bounds.chain(part) is None]
     if stuck:
@@ -348,5 +351,6 @@ def require_reach(bounds: ReachBounds) -> None:
             f"the team cannot build {listed([p.name for p in stuck])}: "
             f"{listed(bounds.pickers(part))} can pick {part.name}, only "
             f"{listed(bounds.placers(part))} can place it, and no handover between them was "
-            "found"
+            "found",
+            parts=[p.name for p in stuck],
         )

@@ -229,7 +229,8 @@ def build_problem(
             size = " x ".join(f"{edge:.3g}" for edge in part.size)
             raise ConstructionError(
                 f"no pad can touch {part.name}: all offsets ({', '.join(map(str, offsets))} m) lie "
-                f"beyond the edges of its faces {', '.join(part.faces)}, of a box of {size} m"
+                f"beyond the edges of its faces {', '.join(part.faces)}, of a box of {size} m",
+                parts=[part.name],
             )
         inwards = part.goal[:3, :3] @ grips[0].touch[:3, 2]
         insertion = readonly(given.get(part.name, inwards))
@@ -286,7 +287,8 @@ def require_grounded(problem: ConstructionProblem) -> None:
     if floating:
         raise ConstructionError(
             f"nothing connects {listed(floating)} to the ground: every part must touch a fixture, or "
-            "a part that is connected to one"
+            "a part that is connected to one",
+            parts=floating,
         )
 
 
@@ -297,10 +299,12 @@ def _require_order(problem: ConstructionProblem) -> None:
         raise ConstructionError(
             f"{listed(waiting)} cannot be placed in any order: a part must touch the ground or a "
             "part in place, and what it rests on must be in place before; does one hang below "
-            "another, or do they rest on each other in a circle?"
+            "another, or do they rest on each other in a circle?",
+            parts=waiting,
         )
     if (falls := problem.balance.never_placeable()) is not None:
-        raise ConstructionError(falls)
+        body, why = falls
+        raise ConstructionError(why, parts=[body])
 
 
 def _require_room(problem: ConstructionProblem) -> None:
@@ -318,7 +322,8 @@ def _require_room(problem: ConstructionProblem) -> None:
                 raise ConstructionError(
                     f"{part.name} and {other} lie {gap * 1e3:.1f} mm apart where they belong, and "
                     f"a part in hand keeps {least * 1e3:.1f} mm from all that it does not touch: "
-                    "make the joint wider, or the clearance of robots to objects smaller"
+                    "make the joint wider, or the clearance of robots to objects smaller",
+                    parts=[part.name],
                 )
         there[part.name] = lying
 
@@ -335,7 +340,8 @@ def _require_way_in(problem: ConstructionProblem) -> None:
             raise ConstructionError(
                 f"{part.name} goes into its place along ({x:.2f}, {y:.2f}, {z:.2f}), from "
                 f"{problem.approach:.3g} m away, where it touches {other}: give it another "
-                "insertion, or change approach_m"
+                "insertion, or change approach_m",
+                parts=[part.name],
             )
 
 
@@ -356,7 +362,9 @@ def require_free_supply(problem: ConstructionProblem) -> None:
         for other, depth in deep.items():
             raise ConstructionError(
                 f"{name} and {other} overlap by {depth * 1e3:.3g} mm at the start: change "
-                "the supply's layout"
+                "the supply's layout",
+                parts=[name],
+                at_start=True,
             )
         before[name] = item
     for robot in cell.robots:
@@ -365,5 +373,7 @@ def require_free_supply(problem: ConstructionProblem) -> None:
         ).contact(robot.home)
         if contact is not None:
             raise ConstructionError(
-                f"{robot.name} cannot stand at HOME at the start: {contact}"
+                f"{robot.name} cannot stand at HOME at the start: {contact}",
+                parts=[name for name in (contact.obstacle,) if name in lying],
+                at_start=True,
             )

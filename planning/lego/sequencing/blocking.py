@@ -122,19 +122,19 @@ class Refusal:
         """Return why a brick cannot go in beside others, whatever else is there."""
         names, design = core | self._fixed, frozenset(self._structures.bricks)
         below, above = self._structures.below, self._structures.above
-        reasons = []
+        reasons, waits = [], 0
         for up, onto, over in ((False, below, above), (True, above, below)):
             if not onto(design, name):
                 way, nothing = ("below", "above") if up else ("above", "below")
                 reason = f"there is nothing {nothing} it to press it onto from {way}"
             elif over(names, name):
                 reason = str(self._insertions.at(names, name, up=up).obstacle())
+                waits += 1
             elif up and not self._rules.place_up:
                 reason = "placing from below is not allowed"
             else:
                 reason = self._why_not_borne(names, name, up=up)
             reasons.append(reason)
-        waits = sum("is in the way" in reason for reason in reasons)
         return waits, "; ".join(reasons)
 
     def _why_not_borne(self, names: Names, name: str, *, up: bool) -> str:
@@ -214,15 +214,24 @@ def check_reach(
             stock, or no other robot reaches a place to support it; names each step, the reason
             and the robots.
     """
+    faults = find_reach_faults(cell, assembly, names)
+    if faults:
+        raise InfeasibleStepError(
+            told([words for _, words in faults]), steps=[step for step, _ in faults]
+        )
+
+
+def find_reach_faults(
+    cell: Workcell, assembly: LegoAssembly, names: Sequence[str] = ()
+) -> list[tuple[int, str]]:
+    """Return the number of each step that is out of reach, and why; see ``check_reach``."""
     reach, steps = _Reach(BrickWorld(cell, assembly)), assembly.steps
     names = names or [f"step {k} ({s.words})" for k, s in enumerate(steps, start=1)]
-    faults = [
-        f"{name}: {fault}"
+    return [
+        (number, f"{name}: {fault}")
         for number, name in enumerate(names, start=1)
         for fault in reach.faults(number)
     ]
-    if faults:
-        raise InfeasibleStepError(told(faults))
 
 
 class _Reach:

@@ -303,7 +303,8 @@ def sequence_structure(
         raise UndecidedError(
             f"not decided: no order of assembly was found among {found.visited} partial "
             "structures, and no proof that there is none ('search_limit' of the rules allows "
-            f"more). At the dead end that came nearest {words}"
+            f"more). At the dead end that came nearest {words}",
+            visited=found.visited,
         )
     if rules.removable and design.shut_in:
         raise InfeasibleStepError(

@@ -56,24 +56,29 @@ def stable_steps(
     insertions = Insertions.of(bricks, assembly.scaffold, rules)
     structures, names = insertions.structures, insertions.fixed
     steps, faults = [], []
-    for step, brick in zip(assembly.steps, bricks, strict=True):
+    weak: list[int] = []
+    for number, (step, brick) in enumerate(
+        zip(assembly.steps, bricks, strict=True), start=1
+    ):
         at = f"{brick.name} ({step.words})"
         names |= {brick.name}
         if not structures.stands(names):
             why = _weakness(structures.weakness(names), structures)
             faults.append(f"{at}: the structure does not stand after it: {why}")
+            weak.append(number)
             continue
         site = insertions.at(names, brick.name, up=step.up)
         choice = StepChoices(step, site)
         stable = choice.stable()
         if stable is None:
             faults.append(f"{at}: {choice.why_not()}")
+            weak.append(number)
         else:
             steps.append(stable)
     if rules.removable:
         faults += [item.words for item in shut_in_steps(assembly)]
     if faults:
-        raise InfeasibleStepError(told(faults, what=" steps"))
+        raise InfeasibleStepError(told(faults, what=" steps"), steps=weak)
     return replace(assembly, steps=tuple(steps))
 
 

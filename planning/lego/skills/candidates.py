@@ -161,7 +161,7 @@ class BrickCollector(CandidateCollector):
                 if giver is not None:
                     what = f"{giver} hands it to {robot}, {_grip(grasp)}"
                     found = self.skills.handover(giver, robot, step, grasp)
-                    handover = self.accept(step, what, found)
+                    handover = self.accept(step, what, found, giver)
                     if handover is None:
                         continue
                     cost += self.cost(handover.give)
@@ -239,7 +239,7 @@ class BrickCollector(CandidateCollector):
                 if isinstance(option, ResolvedSkill) and self.skills.after(option):
                     names = ", ".join(sorted(self.skills.after(option)))
                     option = Obstruction(f"blocked by {names}")
-                support = self.accept(step, f"{robot} supports", option)
+                support = self.accept(step, f"{robot} supports", option, robot)
                 if support is None:
                     continue
                 count += 1
@@ -266,7 +266,8 @@ class BrickCollector(CandidateCollector):
             return min(places, key=lambda option: self.cost(option.path))
         reasons = [option for option in found if isinstance(option, Obstruction)]
         alone = Obstruction("no other robot can support it")
-        self.reject(step, f"{robot} places, {_grip(grasp)}", [*reasons, alone][0])
+        what = f"{robot} places, {_grip(grasp)}"
+        self.reject(step, what, [*reasons, alone][0], robot)
         return None
 
     def _pick(
@@ -278,7 +279,8 @@ class BrickCollector(CandidateCollector):
             latest = self.skills.latest(found)
             if latest is not None and step > latest:
                 found = Obstruction(f"the brick of step {latest} is in the way")
-        return self.accept(step, f"{robot} picks {stock}, {_grip(grasp)}", found)
+        what = f"{robot} picks {stock}, {_grip(grasp)}"
+        return self.accept(step, what, found, robot)
 
     def _add_clashes(
         self,
@@ -296,7 +298,7 @@ class BrickCollector(CandidateCollector):
             if self.world.go_together(step, grasp, item.pose):
                 option = self.skills.place(robot, step, grasp, item)
                 words = f"{robot} places beside {item.robot}, {_grip(grasp)}"
-                if self.accept(step, words, option) is not None:
+                if self.accept(step, words, option, robot) is not None:
                     continue
             self.incompatible.update((p, index) for p in newest)
             clashes = True

@@ -147,11 +147,13 @@ class _Cage:
 
 def test_what_is_in_the_way_of_a_transit_is_said_with_how_near_it_is() -> None:
     start, goal = np.zeros(3), np.array([1.0, 0.2, 0.0])
-    words = why_blocked(_Wall(), start, goal)
+    words, contact = why_blocked(_Wall(), start, goal)
+    assert contact is not None
+    assert contact.obstacle == "wall"
     assert words == (
         "straight on, arm/tool:tip and wall come within 95.0 mm after 40 % of the way"
     )
-    words = why_blocked(_Cage(), start, goal)
+    words, _ = why_blocked(_Cage(), start, goal)
     assert words == (
         "at its start no joint can turn by 0.05 rad or m: then arm/tool:tip and cage"
         " overlap by 5.0 mm"

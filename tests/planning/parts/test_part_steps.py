@@ -429,8 +429,10 @@ def test_nobody_else_is_told_with_why() -> None:
     steps = [SimpleNamespace(step=SimpleNamespace(words=w)) for w in ("web", "screw")]
     found = CandidateCollector(())
     pairing = Pairing(SimpleNamespace(steps=steps), found)  # type: ignore[arg-type]
-    found.reject(2, "left does it", "it is for right only")
-    found.reject(2, "right grips, 8 mm wide", "the tool would be 4.0 mm in screw")
+    found.reject(2, "left does it", "it is for right only", "left")
+    found.reject(
+        2, "right grips, 8 mm wide", "the tool would be 4.0 mm in screw", "right"
+    )
     why = pairing._nobody(item, 2, None)
     assert why.words == (
         "nobody else can do step 2 (screw) at all: right grips, 8 mm wide: the tool would be 4.0 mm"

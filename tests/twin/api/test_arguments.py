@@ -1,6 +1,8 @@
 """Wrong arguments of public functions: an error of the package that names the parameter and what it accepts."""
 
 import inspect
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -76,8 +78,24 @@ def test_every_error_of_the_package_is_exported() -> None:
         found = getattr(twin, name)
         if name.endswith("Error"):
             assert issubclass(found, base), name
-    own = {e.__name__ for e in base.__subclasses__() if e.__module__ == base.__module__}
+    own, bases = {base.__name__}, _classes()
+    while more := {k for k, of in bases.items() if own & of} - own:
+        own |= more
     assert own <= set(twin.__all__)
+
+
+def _classes() -> dict[str, set[str]]:
+    """Return the bases of each class of the package, by its name."""
+    root = Path(twin.__file__).parents[1]
+    texts = (
+        file.read_text(encoding="utf-8")
+        for room in ("planning", "scheduling", "twin")
+        for file in (root / room).rglob("*.py")
+    )
+    found = (
+        re.findall(r"^class (\w+)\((.*)\):$", text, re.MULTILINE) for text in texts
+    )
+    return {name: set(re.findall(r"\w+", of)) for own in found for name, of in own}
 
 
 def test_keys_of_the_execution_section_may_have_its_name_before_them() -> None:

@@ -206,7 +206,7 @@ def test_pictures_say_what_every_robot_does() -> None:
     display(fresh)
     assert "waits for node 1 of robot_0 (transit 0)" in out.getvalue()
     assert "no event for 9 s" in out.getvalue()
-    assert EventLogError("x").args
+    assert EventLogError("x", line="x").args
 
 
 # The command

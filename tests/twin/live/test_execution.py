@@ -32,12 +32,12 @@ from twin.exports.ros.mcap_file import mcap_files
 from twin.live.driver_end import DriverEnd, LocalWire
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
-from twin.live.measured import ANEW, MeasuredLog, history_of
+from twin.live.measured import MeasuredLog, history_of
 from twin.live.wire_format import Command, Report
 from twin.operate.operation import Operation, operate
 from twin.operate.recovery import Recovery
 from twin.recorders.observers import MemoryRecorder
-from twin.run.events import Event
+from twin.run.events import Event, EventCode
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import scenario_execution
@@ -498,7 +498,7 @@ def test_a_dispatcher_that_was_killed_goes_on_and_clears_nothing_twice(
     assert done.summary["audit"]["violations"] == []
     events = lines(out / "events.jsonl")
     assert events[: len(before)] == before
-    assert sum(e["detail"] == ANEW for e in events) == 1
+    assert sum(e["detail"] == EventCode.DISPATCHER_RESTARTED for e in events) == 1
     released = [(e["robot"], e["node"]) for e in events if e["kind"] == "released"]
     assert len(released) == len(set(released))
     chains = load_plan(out).chains

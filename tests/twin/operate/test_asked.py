@@ -25,7 +25,7 @@ from tests.twin.operate.operated import (
 from tests.twin.program import invoke
 from tests.twin.scenarios.test_processes import SCENARIO as COVER
 from twin.cli import app
-from twin.operate.person import PERSON, Person
+from twin.operate.person import PERSON, Person, Question
 from twin.scenario.sections.execution import AskSection
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
@@ -145,20 +145,20 @@ def test_answers_are_named_so_they_are_the_same_again(plan: PlanResult) -> None:
     assert one[1] == two[1]
     assert one[0].asks == two[0].asks
     person = Person(AskSection(helps=0.5), 7)
-    first = person.asked((), 3, "?", "a", ("a", "a.1"))
+    first = person.asked((), Question(3, 0, "", "a", "?"), ("a", "a.1"))
     assert first is not None
     assert first.fresh == "a.2"
     # What another step was asked for makes no difference.
-    other = person.asked((), 2, "?")
+    other = person.asked((), Question(2, 0, "pick", "b", "?"))
     assert other is not None
-    again = person.asked((other,), 3, "?", "a", ("a", "a.1"))
+    again = person.asked((other,), Question(3, 0, "", "a", "?"), ("a", "a.1"))
     assert again == first
-    second = person.asked((first,), 3, "?", "a", ("a", "a.1"))
+    second = person.asked((first,), Question(3, 1, "", "a", "?"), ("a", "a.1"))
     assert second is not None
     assert second.fresh == "a.3"
-    helped = [
-        Person(AskSection(helps=0.3), seed).asked((), 1, "?") for seed in range(400)
-    ]
+    question = Question(1, 0, "pick", "c", "?")
+    people = [Person(AskSection(helps=0.3), seed) for seed in range(400)]
+    helped = [person.asked((), question) for person in people]
     assert 80 <= sum(ask is not None and ask.helps for ask in helped) <= 160
 
 

@@ -163,6 +163,7 @@ class EventBacklog:
     def __init__(self) -> None:
         """Begin without any."""
         self._events: list[tuple[Event, str]] = []
+        self._held = set[str]()
 
     def take(self, event: Event, waits: str) -> None:
         """Take note of an event and, where it tells of a wait, what for in words."""
@@ -183,7 +184,8 @@ class EventBacklog:
                 sentences.append(f"{event.robot} {waits}")
                 levels.append(_WARNING if long[k] else _QUIET)
             else:
-                sentences.append(_sentence(words, event))
+                taken = self._takes(event)
+                sentences.append(_sentence(words, event, taken=taken))
                 levels.append(_level(words, event))
         self._events = [self._events[k] for k in sorted(later)]
         if not events:
@@ -201,6 +203,15 @@ class EventBacklog:
             ],
         )
 
+    def _takes(self, event: Event) -> bool:
+        """Keep who holds what; return whether a robot takes what nobody held."""
+        if event.kind == "detached":
+            self._held.discard(event.object)
+        if event.kind != "attached" or event.object in self._held:
+            return False
+        self._held.add(event.object)
+        return True
+
 
 def _column(values: Sequence[str] | Sequence[int]) -> pa.Array:
     """Return one value a row, as Rerun makes it of any sequence, in a tenth of the time."""
@@ -215,10 +226,10 @@ def _level(words: PlanWords, event: Event) -> str:
     return _LEVELS.get(event.kind, _SHOWN)
 
 
-def _sentence(words: PlanWords, event: Event) -> str:
+def _sentence(words: PlanWords, event: Event, *, taken: bool) -> str:
     if not event.robot:
         return f"run {event.kind}: {event.detail}"
-    if event.detail == f"to {event.robot}":
+    if taken:
         return f"{event.robot} holds {event.object}"
     if event.kind in ("attached", "detached"):
         return f"{event.robot}: {event.object} {event.detail}"

@@ -105,12 +105,18 @@ def unknown_key(key: str, valid: Sequence[str]) -> str:
     return f"unknown key {key!r}{hint}{known}"
 
 
-def unknown_name(what: str, name: str, valid: Sequence[str]) -> str:
+class UnknownName(str):
+    """Text of a problem whose cause is a name that nothing has."""
+
+    __slots__ = ()
+
+
+def unknown_name(what: str, name: str, valid: Sequence[str]) -> UnknownName:
     """Say that a name is unknown, and which one was probably meant."""
     close = difflib.get_close_matches(name, valid, n=1, cutoff=0.6)
     hint = f"; did you mean {close[0]!r}?" if close else ""
     known = f" (valid: {', '.join(valid)})" if valid else ": there is none"
-    return f"unknown {what} {name!r}{hint}{known}"
+    return UnknownName(f"unknown {what} {name!r}{hint}{known}")
 
 
 def unless_known(

@@ -358,8 +358,8 @@ def read_structure(
     given: dict[int, tuple[int, str]] = {}
     for i, item in enumerate(section.bricks):
         if item.brick not in types:
-            message = unknown_name("brick type", item.brick, tuple(types))
-            problems.append((("bricks", i, "brick"), message))
+            unknown = unknown_name("brick type", item.brick, tuple(types))
+            problems.append((("bricks", i, "brick"), unknown))
             continue
         if item.name is not None:
             given[len(drawn)] = i, item.name

@@ -253,7 +253,9 @@ def test_what_would_fall_is_kept_hold_of_until_it_stands() -> None:
     # On the far end it would tip, and no later part could hold that.
     falls = site((POST, LONG, END)).balance.never_placeable()
     assert falls is not None
-    assert falls.startswith("long would not stand once long")
+    body, why = falls
+    assert body == "long"
+    assert why.startswith("long would not stand once long")
 
 
 def test_two_robots_build_what_falls_while_one_of_them_lets_go() -> None:

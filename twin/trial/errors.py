@@ -1,0 +1,21 @@
+"""Errors of runs that are written into folders."""
+
+from __future__ import annotations
+
+from planning.errors import TwinError
+
+
+class IncompleteRunError(TwinError):
+    """A run could not write what it promises; what it wrote is not to be relied on."""
+
+
+class ResumeError(TwinError):
+    """The resumed run differs from its log.
+
+    Attributes:
+        row: number of the first row of the log that differs, from 1; None where it is none.
+    """
+
+    def __init__(self, message: str, *, row: int | None = None) -> None:
+        self.row = row
+        super().__init__(message)
