@@ -45,11 +45,11 @@ if TYPE_CHECKING:
     from twin.api.studies import study as study
     from twin.cluster.client import ClusterError as ClusterError
     from twin.cluster.client import ClusterLostError as ClusterLostError
-    from twin.run.events import DeadlockError as DeadlockError
-    from twin.run.viewer import ViewerError as ViewerError
-    from twin.scenario.document.validation import (
+    from twin.document.validation import (
         InvalidScenarioError as InvalidScenarioError,
     )
+    from twin.run.events import DeadlockError as DeadlockError
+    from twin.run.viewer import ViewerError as ViewerError
     from twin.study.replications.statistics import Precision as Precision
     from twin.trial.loaded_scenario import LoadedScenario as LoadedScenario
     from twin.trial.loaded_scenario import load as load

@@ -24,8 +24,8 @@ from twin.check.finding import (
     of_parts,
 )
 from twin.check.tools import finger_gap, has_fingers
+from twin.document.yaml_text import KeyPath
 from twin.durations.model import DurationModel
-from twin.scenario.document.yaml_text import KeyPath
 
 
 @of_parts

@@ -28,7 +28,7 @@ from planning.steps.skill import SkillTargets, in_some_posture
 from planning.steps.tool_changes import find_tool_changes, rack_tools
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, OrderedParts, Subject, position
-from twin.scenario.document.yaml_text import KeyPath
+from twin.document.yaml_text import KeyPath
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.scenario import GoalsSection

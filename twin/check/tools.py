@@ -38,7 +38,7 @@ from twin.check.finding import (
     of_parts,
 )
 from twin.check.reach import away_from, reach_bound
-from twin.scenario.document.yaml_text import KeyPath
+from twin.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.parts import PartsSection

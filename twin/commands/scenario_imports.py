@@ -45,10 +45,10 @@ def import_apex_mr_task(
     from twin.check.bricks import check_brick_tools
     from twin.check.finding import Subject
     from twin.commands.sequence import choose_tool
+    from twin.document.yaml_text import scenario_text
     from twin.host.guard import write_text
     from twin.planning.kind import assembly_kind
     from twin.planning.lego import build_lego
-    from twin.scenario.document.yaml_text import scenario_text
     from twin.scenario.manifest import scenario_of
     from twin.scenario.sections.lego import LegoSection
 
@@ -146,8 +146,8 @@ def import_ldraw(file: Path, **options: Any) -> None:
 def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> None:
     """Write the scenario of a model, turned if need be, if its cell reaches all of it."""
     from planning.importers.brick_models.cell import model_cell, orientations
+    from twin.document.yaml_text import scenario_text
     from twin.host.guard import write_text
-    from twin.scenario.document.yaml_text import scenario_text
     from twin.scenario.manifest import scenario_of
 
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)
@@ -188,8 +188,8 @@ def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
     """Return the content of a scenario with the model in the cell of another scenario."""
     from planning.files import read_file
     from planning.importers.brick_models.cell import free_corner, structure_content
+    from twin.document.yaml_text import read_yaml
     from twin.planning.lego import build_lego
-    from twin.scenario.document.yaml_text import read_yaml
     from twin.scenario.manifest import load_scenario
     from twin.scenario.sections.lego import LegoSection
 

@@ -59,7 +59,7 @@ def list_scenarios(*, as_json: bool = False) -> None:
     from rich.table import Table
 
     from planning.files import read_file
-    from twin.scenario.document.yaml_text import read_yaml
+    from twin.document.yaml_text import read_yaml
     from twin.scenario.shipped import shipped_scenarios
 
     rows = []

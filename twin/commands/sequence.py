@@ -228,9 +228,9 @@ def _print_table(found: SequencedStructure) -> None:
 def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     """Write the scenario with explicit steps, and read it again."""
     from planning.files import read_file
+    from twin.document.yaml_text import read_yaml, scenario_text
     from twin.host.guard import write_text
     from twin.planning.lego import brick_colours
-    from twin.scenario.document.yaml_text import read_yaml, scenario_text
     from twin.scenario.manifest import load_scenario
     from twin.scenario.sections.lego import LegoSection
 

@@ -15,11 +15,11 @@ from planning.errors import ScenarioError
 from planning.statics.standing import Joint, StandingRules
 from planning.transforms import Array, Transform, readonly
 from twin.audit.wanted import Place, Wanted
+from twin.document.validation import Found, unless_known
+from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.planning.part_assembly.problems import unlike_ends
-from twin.scenario.document.validation import Found, unless_known
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.construction import ConstructionSection, ModelSection
 from twin.scenario.sections.shapes import as_planned, build_transform

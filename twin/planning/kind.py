@@ -17,9 +17,9 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import within_limits
 from scheduling.shortcuts.corners import round_corners
 from twin.audit.wanted import Wanted
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
-from twin.scenario.document.validation import Found
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.scenario import AssemblySection, Scenario
 

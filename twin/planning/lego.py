@@ -24,10 +24,10 @@ from planning.lego.bricks.assembly import (
 )
 from planning.progress import Progress, no_progress
 from twin.audit.wanted import Place, Wanted
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.scenario.document.validation import Found
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.lego import (
     BrickStepSection,

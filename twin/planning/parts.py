@@ -16,6 +16,8 @@ from planning.tasks.task import DOOR
 from planning.transforms import Transform, readonly
 from twin.audit.wanted import ChangedTool, Wanted, WantedProcess, WantedRest
 from twin.audit.wanted import Place as WantedPlace
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
 from twin.durations.lifetimes import SkillOverride
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_shape
@@ -34,8 +36,6 @@ from twin.planning.part_assembly.built import (
 )
 from twin.planning.part_assembly.line import Line, machine_durations, written_out
 from twin.planning.part_assembly.problems import find_part_problems, machine_names
-from twin.scenario.document.validation import Found
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartSection, PartsSection
 from twin.scenario.sections.shapes import as_planned, build_transform

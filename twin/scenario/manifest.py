@@ -19,17 +19,17 @@ from planning.errors import OutputError, RequestError, ScenarioError, listed
 from planning.files import read_file, read_json, require_own_files
 from planning.robots.descriptions.xml_files import description_sha256
 from planning.transforms import Transform, quat_wxyz
-from twin.durations.measured import Empirical
-from twin.host.guard import versions, write_json
-from twin.scenario.checks import find_problems
-from twin.scenario.document.section import parts_of
-from twin.scenario.document.validation import (
+from twin.document.section import parts_of
+from twin.document.validation import (
     FileProblem,
     InvalidScenarioError,
     parsed,
     validated,
 )
-from twin.scenario.document.yaml_text import Mark, YamlDocument
+from twin.document.yaml_text import Mark, YamlDocument
+from twin.durations.measured import Empirical
+from twin.host.guard import versions, write_json
+from twin.scenario.checks import find_problems
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.scenario.sections.shapes import StructureSection

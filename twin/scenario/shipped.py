@@ -10,8 +10,8 @@ from pathlib import Path
 
 from planning.errors import OutputError, ScenarioError
 from planning.files import is_file
-from twin.scenario.document.section import parts_of
-from twin.scenario.document.yaml_text import read_yaml
+from twin.document.section import parts_of
+from twin.document.yaml_text import read_yaml
 from twin.scenario.manifest import scenario_schema
 
 TEMPLATE = "tray"

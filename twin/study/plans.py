@@ -13,6 +13,7 @@ from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
 from twin.check.check import check_scenario
+from twin.document.validation import parsed
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.execution_model import ExecutionModel
 from twin.host.guard import versions
@@ -35,7 +36,6 @@ from twin.run.policies import (
     policy_name,
 )
 from twin.scenario.checks import find_problems
-from twin.scenario.document.validation import parsed
 from twin.scenario.manifest import file_hashes, scenario_sha256
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import Variant, layout_of, varied

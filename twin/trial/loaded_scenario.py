@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from planning.errors import ScenarioError
+from twin.document.validation import parsed
+from twin.document.yaml_text import YamlDocument
 from twin.host.arguments import checks_arguments
 from twin.scenario.checks import execution_problems, find_problems
-from twin.scenario.document.validation import parsed
-from twin.scenario.document.yaml_text import YamlDocument
 from twin.scenario.manifest import read_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.shipped import scenario_path

@@ -18,7 +18,7 @@ from tests.planted import planted, rows
 from tests.twin.check.test_check import CELL, ROOT
 from tests.twin.written import Change, checked, written
 from twin.check.tools import misplaced
-from twin.scenario.document.validation import InvalidScenarioError
+from twin.document.validation import InvalidScenarioError
 from twin.scenario.manifest import read_scenario
 
 LINK = (

@@ -19,7 +19,7 @@ from twin.check.usual import (
     check_usual,
     usual_range,
 )
-from twin.scenario.document.section import Section
+from twin.document.section import Section
 from twin.scenario.manifest import read_scenario
 
 ROOT = Path(__file__).parents[3]

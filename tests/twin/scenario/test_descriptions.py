@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from twin.scenario.document.section import Section, attributes, summary
+from twin.document.section import Section, attributes, summary
 from twin.scenario.manifest import scenario_schema
 
 

@@ -9,7 +9,7 @@ import pytest
 from tests.planted import planted
 from tests.twin.twin_toys import toy_cell
 from tests.twin.written import loaded, refusal
-from twin.scenario.document.validation import InvalidScenarioError
+from twin.document.validation import InvalidScenarioError
 from twin.scenario.manifest import (
     MANIFEST,
     load_scenario,
