@@ -48,12 +48,12 @@ if TYPE_CHECKING:
     from twin.document.validation import (
         InvalidScenarioError as InvalidScenarioError,
     )
+    from twin.operate.plan_from_run import RunMoment as RunMoment
+    from twin.recorders.rerun.viewer import ViewerError as ViewerError
     from twin.run.events import DeadlockError as DeadlockError
-    from twin.run.viewer import ViewerError as ViewerError
     from twin.study.replications.statistics import Precision as Precision
     from twin.trial.loaded_scenario import LoadedScenario as LoadedScenario
     from twin.trial.loaded_scenario import load as load
-    from twin.trial.plan_from_run import RunMoment as RunMoment
     from twin.trial.plan_result import PlanResult as PlanResult
     from twin.trial.plan_result import read_plan as read_plan
     from twin.trial.run_result import RunResult as RunResult

@@ -6,7 +6,7 @@ import pytest
 
 from twin.check.check import CheckReport, check_scenario
 from twin.document.validation import InvalidScenarioError
-from twin.scenario.manifest import load_scenario, read_scenario
+from twin.reading.scenario_file import load_scenario, read_scenario
 from twin.scenario.sections.scenario import Scenario
 
 Change = tuple[str, str]

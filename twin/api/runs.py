@@ -15,14 +15,14 @@ from twin.check.check import CheckReport, check_scenario, require_checked
 from twin.host.arguments import checks_arguments
 from twin.host.guard import replacing
 from twin.host.progress import Report, report_nothing
+from twin.operate.plan_from_run import RunMoment, plan_from_run
 from twin.recorders.observers import MemoryRecorder
+from twin.recorders.rerun.viewer import open_viewer, render_stills
 from twin.run.events import POLICIES
 from twin.run.folder import RECORDING, run_folder
 from twin.run.policies import NAMED_POLICIES, policy_named
-from twin.run.viewer import open_viewer, render_stills
 from twin.scenario.variations import plain_key
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
-from twin.trial.plan_from_run import RunMoment, plan_from_run
 from twin.trial.plan_result import PlanResult, require_plan_of, scenario_of_run
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult

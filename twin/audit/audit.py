@@ -15,6 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from planning.expectations import Wanted
 from planning.files import require_own_files
 from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
@@ -53,7 +54,6 @@ from twin.audit.places import (
 from twin.audit.processes import process_violations
 from twin.audit.resting import balance_violations, hanging_violations, rest_violations
 from twin.audit.supports import support_violations
-from twin.audit.wanted import Wanted
 from twin.audit.worlds.engines import (
     Engine,
     engine_and_version,

@@ -17,12 +17,12 @@ import numpy.typing as npt
 from planning.cell.robot_model import ToolGrip
 from planning.cell.workcell import PlacedRobot
 from planning.errors import OutputError
+from planning.expectations import ChangedTool, Wanted
 from planning.files import parse_json, read_file
 from planning.transforms import Array, Transform
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.motion.executed import Recording, ReplayedRun, RobotRows
-from twin.audit.wanted import ChangedTool, Wanted
 from twin.audit.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
 
 ViolationKind = Literal[

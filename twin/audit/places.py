@@ -10,12 +10,12 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import CellObject, Workcell
+from planning.expectations import ChangedTool, Place, Wanted
 from planning.tasks.task import FAILED, GONE
 from planning.transforms import Array, Transform, rotation
 from twin.audit.case import AuditCase, Violation
 from twin.audit.motion.executed import ReplayedRun, Stay
 from twin.audit.motion.reach import travel_of_points
-from twin.audit.wanted import ChangedTool, Place, Wanted
 
 PLACED = 0.001
 """No point of an object is further than this away from where it belongs [m]."""

@@ -50,9 +50,9 @@ def plan_into_folder(
     """
     from twin.api import runs
     from twin.commands.run import values_of
+    from twin.operate.plan_from_run import RunMoment
     from twin.run.folder import run_folder
     from twin.trial.loaded_scenario import load
-    from twin.trial.plan_from_run import RunMoment
     from twin.trial.plan_result import scenario_of_run
     from twin.trial.trial import write_plan
 

@@ -234,7 +234,7 @@ def _export_scenario(file: Path, out: Path | None) -> Path:
     """Write what a scenario builds as a model of LDraw; return the file."""
     from twin.exports.ldraw import ldraw_of_scenario
     from twin.host.guard import replacing
-    from twin.scenario.manifest import load_scenario
+    from twin.reading.scenario_file import load_scenario
     from twin.scenario.sections.lego import LegoSection
 
     scenario = load_scenario(file)
@@ -321,7 +321,7 @@ def follow_events(
 
 def _viewer(*, web: bool) -> str:
     """Start a viewer, and return where to send what it shows."""
-    from twin.run.viewer import live_viewer, web_viewer
+    from twin.recorders.rerun.viewer import live_viewer, web_viewer
 
     if not web:
         return live_viewer()

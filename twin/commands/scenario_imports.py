@@ -49,7 +49,7 @@ def import_apex_mr_task(
     from twin.host.guard import write_text
     from twin.planning.kind import assembly_kind
     from twin.planning.lego import build_lego
-    from twin.scenario.manifest import scenario_of
+    from twin.reading.scenario_file import scenario_of
     from twin.scenario.sections.lego import LegoSection
 
     known: tuple[PressFrom, ...] = get_args(PressFrom)
@@ -148,7 +148,7 @@ def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> No
     from planning.importers.brick_models.cell import model_cell, orientations
     from twin.document.yaml_text import scenario_text
     from twin.host.guard import write_text
-    from twin.scenario.manifest import scenario_of
+    from twin.reading.scenario_file import scenario_of
 
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)
     refusal: TwinError | None = None
@@ -190,7 +190,7 @@ def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
     from planning.importers.brick_models.cell import free_corner, structure_content
     from twin.document.yaml_text import read_yaml
     from twin.planning.lego import build_lego
-    from twin.scenario.manifest import load_scenario
+    from twin.reading.scenario_file import load_scenario
     from twin.scenario.sections.lego import LegoSection
 
     section = load_scenario(path).assembly

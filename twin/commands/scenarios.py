@@ -140,7 +140,7 @@ def verdict(report: CheckReport) -> str:
 
 def print_schema() -> None:
     """Print the JSON schema of scenario files, for editors."""
-    from twin.scenario.manifest import scenario_schema
+    from twin.scenario.schema import scenario_schema
 
     print_json(scenario_schema())
 

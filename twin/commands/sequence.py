@@ -50,7 +50,7 @@ def find_order(
     from twin.host.progress import StageWatch
     from twin.planning.build_workcell import build_workcell
     from twin.planning.lego import buildable_sequence
-    from twin.scenario.manifest import load_scenario
+    from twin.reading.scenario_file import load_scenario
     from twin.scenario.sections.lego import LegoSection
     from twin.scenario.shipped import scenario_path
 
@@ -231,7 +231,7 @@ def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     from twin.document.yaml_text import read_yaml, scenario_text
     from twin.host.guard import write_text
     from twin.planning.lego import brick_colours
-    from twin.scenario.manifest import load_scenario
+    from twin.reading.scenario_file import load_scenario
     from twin.scenario.sections.lego import LegoSection
 
     content = read_yaml(source, read_file(source).decode("utf-8-sig")).data

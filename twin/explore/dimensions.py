@@ -22,8 +22,8 @@ from twin.document.validation import (
     validated,
 )
 from twin.document.yaml_text import YamlDocument
-from twin.scenario.checks import find_problems
-from twin.scenario.manifest import scenario_schema
+from twin.reading.checks import find_problems
+from twin.scenario.schema import scenario_schema
 from twin.scenario.sections.exploration import ExploreSection, VarySection
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import (

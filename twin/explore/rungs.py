@@ -22,7 +22,7 @@ from twin.document.expressions import ExpressionError, KeyValue
 from twin.host.progress import StageWatch
 from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import order_motions, plan_motions
-from twin.scenario.checks import find_problems
+from twin.reading.checks import find_problems
 from twin.scenario.sections.exploration import ExploreSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario, resolved

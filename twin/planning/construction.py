@@ -12,9 +12,9 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ScenarioError
+from planning.expectations import Place, Wanted
 from planning.statics.standing import Joint, StandingRules
 from planning.transforms import Array, Transform, readonly
-from twin.audit.wanted import Place, Wanted
 from twin.document.validation import Found, unless_known
 from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch

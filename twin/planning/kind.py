@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, Fixture, Workcell
 from planning.errors import RequestError
+from planning.expectations import Wanted
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import within_limits
 from scheduling.shortcuts.corners import round_corners
-from twin.audit.wanted import Wanted
 from twin.document.validation import Found
 from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch

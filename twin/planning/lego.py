@@ -12,6 +12,7 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
+from planning.expectations import Place, Wanted
 from planning.lego.bricks.assembly import (
     BrickType,
     Cell,
@@ -23,7 +24,6 @@ from planning.lego.bricks.assembly import (
     StockBrick,
 )
 from planning.progress import Progress, no_progress
-from twin.audit.wanted import Place, Wanted
 from twin.document.validation import Found
 from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch

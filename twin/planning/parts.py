@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, Workcell
+from planning.expectations import ChangedTool, Wanted, WantedProcess, WantedRest
+from planning.expectations import Place as WantedPlace
 from planning.parts.assembly import MachineWork, PlacePart, Work
 from planning.tasks.task import DOOR
 from planning.transforms import Transform, readonly
-from twin.audit.wanted import ChangedTool, Wanted, WantedProcess, WantedRest
-from twin.audit.wanted import Place as WantedPlace
 from twin.document.validation import Found
 from twin.document.yaml_text import KeyPath
 from twin.durations.lifetimes import SkillOverride

@@ -12,7 +12,7 @@ from planning.errors import OutputError, ScenarioError
 from planning.files import is_file
 from twin.document.section import parts_of
 from twin.document.yaml_text import read_yaml
-from twin.scenario.manifest import scenario_schema
+from twin.scenario.schema import scenario_schema
 
 TEMPLATE = "tray"
 """What a new scenario begins as."""

@@ -14,8 +14,8 @@ from planning.errors import ScenarioError
 from twin.document.validation import parsed
 from twin.document.yaml_text import YamlDocument
 from twin.host.arguments import checks_arguments
-from twin.scenario.checks import execution_problems, find_problems
-from twin.scenario.manifest import read_scenario
+from twin.reading.checks import execution_problems, find_problems
+from twin.reading.scenario_file import read_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.shipped import scenario_path
 from twin.scenario.variations import is_of_execution, varied

@@ -28,7 +28,7 @@ from tests.twin.program import invoke
 from twin.document.yaml_text import scenario_text
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego, find_sequence, sequencing_rules
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.lego import LegoSection
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios" / "lego"

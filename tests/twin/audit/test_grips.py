@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Capsule, Cylinder, Element, Shape, box_shape, shape_of
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
+from planning.expectations import Wanted
 from planning.grips.pads import pads_at
 from planning.kinematics.kinematics import frame_in_last_joint, frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
@@ -24,7 +25,6 @@ from twin.audit.case import AuditCase
 from twin.audit.grips import _Grasp
 from twin.audit.motion.executed import read_recording
 from twin.audit.supports import nearest_hand
-from twin.audit.wanted import Wanted
 from twin.audit.worlds.engines import ENGINES, Engine, open_world
 
 

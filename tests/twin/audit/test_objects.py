@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from planning.expectations import Hold, Place, Wanted
 from planning.statics.standing import StandingRules
 from planning.transforms import Array, Transform, rotation, translation
 from tests.twin.audit.audit_cell import (
@@ -22,7 +23,6 @@ from tests.twin.audit.audit_cell import (
 from twin.audit.audit import Auditor, audit_run
 from twin.audit.case import Violation
 from twin.audit.motion.executed import read_recording
-from twin.audit.wanted import Hold, Place, Wanted
 
 X, Y = 0.42, -0.08
 EDGE = X + BRICK[0] / 2

@@ -14,6 +14,7 @@ import pytest
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Box, Capsule, Cylinder, Element, box_shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.expectations import Wanted, WantedProcess
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
@@ -27,7 +28,6 @@ from twin.audit.audit import audit_run
 from twin.audit.case import AuditCase
 from twin.audit.motion.executed import Recording, RobotRows
 from twin.audit.processes import process_violations
-from twin.audit.wanted import Wanted, WantedProcess
 from twin.audit.worlds.engines import ENGINES, open_world
 
 PART = (0.05, 0.03, 0.04)

@@ -20,7 +20,7 @@ from twin.check.usual import (
     usual_range,
 )
 from twin.document.section import Section
-from twin.scenario.manifest import read_scenario
+from twin.reading.scenario_file import read_scenario
 
 ROOT = Path(__file__).parents[3]
 

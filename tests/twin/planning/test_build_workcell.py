@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from planning.expectations import Wanted
 from planning.lego.bricks.assembly import Cell, Press, Support
 from planning.transforms import rotation
 from tests.twin.written import loaded
-from twin.audit.wanted import Wanted
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import assembly_kind
 from twin.planning.lego import build_lego
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 
 SCENARIO = """\
 version: 1

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from twin.document.section import Section, attributes, summary
-from twin.scenario.manifest import scenario_schema
+from twin.scenario.schema import scenario_schema
 
 
 class Base(Section):

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from planning.errors import ScenarioError
+from planning.expectations import Wanted, WantedProcess
 from planning.tasks.task import HOLD
 from planning.transforms import from_rpy, translation
 from scheduling.graph.dispatcher import earliest_times
@@ -17,7 +18,6 @@ from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
 from tests.twin.written import loaded
 from twin.audit.audit import audit_run
-from twin.audit.wanted import Wanted, WantedProcess
 from twin.check.finding import Subject
 from twin.check.lying import check_goals
 from twin.check.reach import check_reach

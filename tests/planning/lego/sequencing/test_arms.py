@@ -22,7 +22,7 @@ from twin.document.yaml_text import scenario_text
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego, buildable_sequence
-from twin.scenario.manifest import scenario_of
+from twin.reading.scenario_file import scenario_of
 from twin.scenario.sections.scenario import LegoSection
 
 
