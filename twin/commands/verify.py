@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from planning.cell.workcell import PoseError
     from scheduling.verification.verify import SurvivedErrors, VerificationReport
     from twin.audit.case import Violation
+    from twin.audit.standing_states import AdversaryReport
     from twin.host.progress import Report
     from twin.judge.judge import Judgement
-    from twin.trial.simulation import AdversaryReport
 
 
 def verify_folder(
@@ -55,10 +55,10 @@ def verify_folder(
     """
     from planning.cell.workcell import NO_ERROR
     from scheduling.verification.verify import verify_plan
+    from twin.audit.standing_states import audit_standing_states
     from twin.audit.worlds.engines import engine_named
     from twin.host.progress import StageDisplay, of_stage
     from twin.trial.plan_result import plan_of_run
-    from twin.trial.simulation import audit_standing_states
 
     engine = engine_named(audit_engine) if audit_engine else None
     off, away = (
