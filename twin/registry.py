@@ -111,3 +111,9 @@ KINDS = Group(
     },
 )
 """Kinds of assembly, by the ``kind`` of the assembly section of a scenario."""
+
+RECOVERIES = Group(
+    "recoveries",
+    {"construction": "twin.kinds.construction.recovery:ConstructionRecovery"},
+)
+"""How what is left is planned when something fails, by kind of assembly; others share one for steps."""
