@@ -16,10 +16,10 @@ from twin.host.arguments import checks_arguments
 from twin.host.guard import replacing
 from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import MemoryRecorder
+from twin.recorders.rerun.viewer import open_viewer, render_stills
 from twin.run.events import POLICIES
 from twin.run.folder import RECORDING, run_folder
 from twin.run.policies import NAMED_POLICIES, policy_named
-from twin.run.viewer import open_viewer, render_stills
 from twin.scenario.variations import plain_key
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 from twin.trial.plan_from_run import RunMoment, plan_from_run

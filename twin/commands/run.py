@@ -321,7 +321,7 @@ def follow_events(
 
 def _viewer(*, web: bool) -> str:
     """Start a viewer, and return where to send what it shows."""
-    from twin.run.viewer import live_viewer, web_viewer
+    from twin.recorders.rerun.viewer import live_viewer, web_viewer
 
     if not web:
         return live_viewer()
