@@ -27,30 +27,30 @@ if TYPE_CHECKING:
     from planning.errors import TransitError as TransitError
     from planning.errors import TwinError as TwinError
     from planning.errors import UndecidedError as UndecidedError
-    from twin.api.audits import Audit as Audit
-    from twin.api.audits import audit as audit
-    from twin.api.explorations import Explored as Explored
-    from twin.api.explorations import explore as explore
-    from twin.api.operations import operate as operate
     from twin.api.runs import Check as Check
     from twin.api.runs import check as check
     from twin.api.runs import plan as plan
     from twin.api.runs import replay as replay
     from twin.api.runs import run as run
     from twin.api.runs import simulate as simulate
-    from twin.api.studies import Comparison as Comparison
-    from twin.api.studies import Study as Study
-    from twin.api.studies import compare as compare
-    from twin.api.studies import resume_study as resume_study
-    from twin.api.studies import study as study
+    from twin.audit.api import Audit as Audit
+    from twin.audit.api import audit as audit
     from twin.cluster.client import ClusterError as ClusterError
     from twin.cluster.client import ClusterLostError as ClusterLostError
     from twin.document.validation import (
         InvalidScenarioError as InvalidScenarioError,
     )
+    from twin.explore.api import Explored as Explored
+    from twin.explore.api import explore as explore
+    from twin.operate.api import operate as operate
     from twin.operate.plan_from_run import RunMoment as RunMoment
     from twin.recorders.rerun.viewer import ViewerError as ViewerError
     from twin.run.events import DeadlockError as DeadlockError
+    from twin.study.api import Comparison as Comparison
+    from twin.study.api import Study as Study
+    from twin.study.api import compare as compare
+    from twin.study.api import resume_study as resume_study
+    from twin.study.api import study as study
     from twin.study.replications.statistics import Precision as Precision
     from twin.trial.loaded_scenario import LoadedScenario as LoadedScenario
     from twin.trial.loaded_scenario import load as load

@@ -45,8 +45,9 @@ def operate_scenario(
         view: how to show.
         options: those of twin.operate.
     """
-    from twin.api import operations, runs
+    from twin.api import runs
     from twin.host.progress import report_nothing
+    from twin.operate import api as operations
     from twin.trial.loaded_scenario import load
 
     given = {
@@ -80,7 +81,7 @@ def _answer(question: str) -> bool:
 operate = command(
     f"{__name__}:operate_scenario",
     show_run,
-    passes_to="twin.api.operations:operate",
+    passes_to="twin.operate.api:operate",
     page={"min": 0, "max": 65_535, "metavar": "PORT"},
 )
 

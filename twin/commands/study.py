@@ -22,10 +22,10 @@ from twin.cluster.certificates import (
 from twin.commands.command import View, command
 
 if TYPE_CHECKING:
-    from twin.api.explorations import Explored
-    from twin.api.studies import Comparison, Study
     from twin.cluster.certificates import Cluster
+    from twin.explore.api import Explored
     from twin.host.progress import Report
+    from twin.study.api import Comparison, Study
     from twin.trial.loaded_scenario import LoadedScenario
     from twin.trial.plan_result import PlanResult
 
@@ -73,8 +73,8 @@ def study_scenario(
         progress: told how far each stage has come.
         options: those of twin.study.
     """
-    from twin.api import studies
     from twin.scenario.variations import parse_variation
+    from twin.study import api as studies
     from twin.study.replications.statistics import Precision
 
     cluster = given_cluster(scheduler, certificates, insecure)
@@ -149,7 +149,7 @@ def explore_scenario(
         insecure: use a tcp:// scheduler on another machine, unprotected.
         options: those of twin.explore.
     """
-    from twin.api.explorations import explore
+    from twin.explore.api import explore
 
     cluster = given_cluster(scheduler, certificates, insecure)
     return explore(scenario, cluster=cluster, **options)
@@ -197,7 +197,7 @@ study = command(
     f"{__name__}:study_scenario",
     _show_study,
     columns=columns,
-    passes_to="twin.api.studies:study",
+    passes_to="twin.study.api:study",
     replications={"names": ("--replications", "-n"), "min": 1},
     precision={"min": 1e-6},
     least={"min": 2},
@@ -210,14 +210,14 @@ study = command(
 explore = command(
     f"{__name__}:explore_scenario",
     _show_explored,
-    passes_to="twin.api.explorations:explore",
+    passes_to="twin.explore.api:explore",
     columns=columns,
     designs={"min": 1},
     single_changes={"min": 1, "metavar": "N"},
     replications={"names": ("--replications", "-n"), "min": 2},
     workers={"min": 1},
 )
-compare = command("twin.api.studies:compare", _show_comparison, seeds={"min": 1})
+compare = command("twin.study.api:compare", _show_comparison, seeds={"min": 1})
 
 
 cluster = typer.Typer(

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from planning.errors import RequestError
 from planning.parquet import read_parquet
-from twin.api.operations import operated_plan, require_operable
 from twin.api.runs import AnyPlan, scenario_of
 from twin.audit.worlds.engines import engine_named
 from twin.comparison.chart import draw_comparison, mean, percent, spread
@@ -27,6 +26,7 @@ from twin.comparison.comparison import (
 from twin.host.arguments import checks_arguments
 from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
+from twin.operate.api import operated_plan, require_operable
 from twin.planning.build_workcell import build_workcell
 from twin.run.folder import CHART, COMPARISON, locked, new_results, run_folder
 from twin.run.policies import OPEN_LOOP, policy_named
