@@ -9,7 +9,7 @@ import numpy as np
 from planning.cell.shape import Mesh, Shape
 from planning.cell.workcell import Fixture, PlacedRobot
 from planning.contacts.interference import Overlaps, depth, depth_words
-from planning.contacts.touching import (
+from planning.geometry.touching import (
     Lying,
     bounds,
     near_to,

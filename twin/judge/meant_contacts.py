@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from planning.expectations import TOUCH, Wanted
+from planning.expectations import TOUCH, Expectations
 from planning.tasks.task import GONE, AllowedContact
 from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -32,7 +32,7 @@ def meant_contacts(
     graph: TemporalPlanGraph,
     world: AuditWorld,
     planned: ForeignExecution,
-    wanted: Wanted,
+    wanted: Expectations,
 ) -> tuple[AllowedContact, ...]:
     """Return the contacts that may be, and during which tasks.
 

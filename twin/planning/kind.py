@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, Fixture, Workcell
 from planning.errors import RequestError
-from planning.expectations import Wanted
+from planning.expectations import Expectations
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import within_limits
 from scheduling.shortcuts.corners import round_corners
@@ -146,13 +146,13 @@ class AssemblyKind(Protocol):
         """Return how deep objects that are meant to touch may be in each other [m]."""
         return CONTACT_DEPTH
 
-    def wanted(self, cell: CellSection) -> Wanted:
+    def wanted(self, cell: CellSection) -> Expectations:
         """Return what the run is to come to, as the section says, for the audit.
 
         Args:
             cell: what the file says of the robots and fixtures around it.
         """
-        return Wanted()
+        return Expectations()
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, Workcell
-from planning.expectations import ChangedTool, Wanted, WantedProcess, WantedRest
+from planning.expectations import ChangedTool, Expectations, WantedProcess, WantedRest
 from planning.expectations import Place as WantedPlace
 from planning.parts.assembly import MachineWork, PlacePart, Work
 from planning.tasks.task import DOOR
@@ -136,7 +136,7 @@ class PartKind(AssemblyKind):
         said = overlaps_of(self.section).said.values()
         return max([CONTACT_DEPTH, *(deep + _ROUNDING for deep in said)])
 
-    def wanted(self, cell: CellSection) -> Wanted:
+    def wanted(self, cell: CellSection) -> Expectations:
         """Return the goals of the parts, the processes, and how far fingers stand open."""
         return _wanted(self.section, cell)
 
@@ -199,7 +199,7 @@ class PartKind(AssemblyKind):
         return replace(motions, pattern=pattern)
 
 
-def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
+def _wanted(section: PartsSection, cell: CellSection) -> Expectations:
     """Return the goals of the parts, where they lie on their way, and what is done to them."""
     line = written_out(section, whole=True)
     assembly, parts = assembly_of(line), {p.name: p for p in line.section.parts}
@@ -253,7 +253,7 @@ def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
                 )
                 places.append(place)
     own_grips = [part.grips for part in section.parts if part.grips]
-    return Wanted(
+    return Expectations(
         tuple(places),
         "weight",
         section.touch_m,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planning.expectations import Place, Wanted
+from planning.expectations import Expectations, Place
 from planning.tasks.task import PRESENT
 from planning.transforms import rotation
 from tests.planted import rows
@@ -296,7 +296,7 @@ def test_any_of_a_kind_fills_a_goal_and_nothing_else_does(
     for entry in ends.split(", "):
         name, _, where = entry.partition(" ")
         run.put(1.0, name, None, at[where])
-    wanted = Wanted(
+    wanted = Expectations(
         tuple(
             Place(f"goal {k}", at[str(k)], "peg", any_of=frozenset(PEGS))
             for k in range(len(GOALS))

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.expectations import Wanted
+from planning.expectations import Expectations
 from planning.lego.bricks.assembly import Cell, Press, Support
 from planning.transforms import rotation
 from tests.twin.written import loaded
@@ -88,7 +88,7 @@ def test_cell_and_assembly_hold_what_the_file_says(tmp_path: Path) -> None:
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 
 
-def wanted(name: str) -> Wanted:
+def wanted(name: str) -> Expectations:
     scenario = load_scenario(SCENARIOS / name)
     return assembly_kind(scenario.assembly).wanted(scenario.cell)
 
