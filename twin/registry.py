@@ -117,3 +117,6 @@ RECOVERIES = Group(
     {"construction": "twin.kinds.construction.recovery:ConstructionRecovery"},
 )
 """How what is left is planned when something fails, by kind of assembly; others share one for steps."""
+
+FIGURES = Group("figures", {"cell": "twin.check.picture:scenario_figure"})
+"""Pictures for notebooks; ``cell`` is called with a scenario and the folder of its relative paths."""

@@ -27,12 +27,12 @@ from planning.transforms import Array, inverse, translation
 from twin.check.finding import (
     Finding,
     Findings,
-    OrderedParts,
     Subject,
     in_file,
     millimetres,
     of_parts,
 )
+from twin.planning.part_assembly.ordered_parts import OrderedParts
 from twin.scenario.sections.line import TraySection
 
 _FARTHEST, _STEP = 0.5, 0.005

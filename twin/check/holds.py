@@ -18,7 +18,6 @@ from planning.transforms import Transform
 from twin.check.finding import (
     Finding,
     Findings,
-    OrderedParts,
     Subject,
     millimetres,
     of_parts,
@@ -26,6 +25,7 @@ from twin.check.finding import (
 from twin.check.tools import finger_gap, has_fingers
 from twin.document.yaml_text import KeyPath
 from twin.durations.model import DurationModel
+from twin.planning.part_assembly.ordered_parts import OrderedParts
 
 
 @of_parts

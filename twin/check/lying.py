@@ -32,13 +32,13 @@ from planning.transforms import Transform, inverse
 from twin.check.finding import (
     Finding,
     Findings,
-    OrderedParts,
     Subject,
     in_file,
     millimetres,
     of_parts,
     position,
 )
+from twin.planning.part_assembly.ordered_parts import OrderedParts
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.parts import MachineSection, PartsSection
 

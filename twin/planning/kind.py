@@ -5,7 +5,7 @@ The times of a plan within its robots' limits, with corners rounded where the sc
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -153,6 +153,15 @@ class AssemblyKind(Protocol):
             cell: what the file says of the robots and fixtures around it.
         """
         return Expectations()
+
+    def place_misses(self, scenario: Scenario, folder: Path) -> Mapping[str, float]:
+        """Return how likely robots miss the places of what they put down, by ROBOT/OBJECT.
+
+        Args:
+            scenario: with this section.
+            folder: where relative paths in it start.
+        """
+        return {}
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

@@ -12,8 +12,6 @@ from scheduling.graph.task_edges import idle_robots
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.pace import overloads
 from twin.audit.worlds.engines import Engine
-from twin.check.finding import Subject
-from twin.check.fits import PLACE, place_misses
 from twin.durations.measured import packaged_timings
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
@@ -54,14 +52,14 @@ def scenario_execution(
     execution = scenario.execution
     robots = tuple(robot.name for robot in scenario.cell.robots)
     disturbances = execution.disturbances(robots, base)
-    misses = place_misses(Subject(scenario, base))
+    misses = assembly_kind(scenario.assembly).place_misses(scenario, base)
     return ExecutionModel(
         durations=skill_durations(scenario, base, antithetic=antithetic),
         policy=policy or execution.policy,
         messages=Messages.of_seconds(
             execution.queue_depth, execution.report_s, execution.release_s
         ),
-        disturbances=disturbances.with_misses(PLACE, misses),
+        disturbances=disturbances.with_misses("place-down", misses),
         hold=execution.windows.hold,
     )
 
