@@ -41,7 +41,7 @@ WAY = {
     "build_tpg": "find what must wait for what",
     "reorder_tasks": "put the tasks into a better order",
     "shorten_tpg": "take shortcuts past HOME",
-    "try_plan": "execute the plan once",
+    "run_plan_to_folder": "execute the plan once",
     "Simulator": "let robots run, stall and wait",
     "JsonlRecorder": "write each event as it happens",
     "Auditor": "replay and measure it",

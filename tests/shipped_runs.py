@@ -16,7 +16,7 @@ from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
-from twin.trial.trial import try_plan
+from twin.trial.trial import run_plan_to_folder
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 
@@ -77,7 +77,7 @@ def _plan_and_run(folder: Path, file: Path, robots: int | None) -> ShippedRun:
         choose_robots(content["cell"], robots)
         scenario = restored(content)
     planned = plan_scenario(scenario, file.parent)
-    trial = try_plan(
+    trial = run_plan_to_folder(
         given_plan(LoadedScenario(scenario, file.parent), planned.tpg),
         prepare_run_folder(folder / "run", scenario.name),
         recording=False,

@@ -120,3 +120,22 @@ RECOVERIES = Group(
 
 FIGURES = Group("figures", {"cell": "twin.check.picture:scenario_figure"})
 """Pictures for notebooks; ``cell`` is called with a scenario and the folder of its relative paths."""
+
+EXECUTORS = Group(
+    "executors",
+    {
+        "simulated": "twin.trial.executor:SimulatedExecutor",
+        "operated": "twin.operate.executor:OperatedExecutor",
+        "live": "twin.live.executor:LiveExecutor",
+    },
+)
+"""Who executes the plan of a run, by what the header of the run says; see ``twin.trial.executor``."""
+
+AUDIT = "audit"
+"""The auditor whose findings the summary of a run has."""
+
+AUDITORS = Group("auditors", {AUDIT: "twin.audit.run_auditor:RunAuditor"})
+"""Who judges what was executed; see ``twin.trial.auditor``."""
+
+RECORDERS = Group("recorders", {"rerun": "twin.recorders.rerun.recorder:record_run"})
+"""Recordings of runs that have ended, called with folder, graph, record, events and the scenario's name."""

@@ -10,7 +10,6 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from planning.errors import OutputError, RequestError, ScenarioError
-from twin.audit.worlds.engines import engine_named
 from twin.check.check import CheckReport, check_scenario, require_checked
 from twin.host.arguments import checks_arguments
 from twin.host.guard import replacing
@@ -22,12 +21,13 @@ from twin.run.events import POLICIES
 from twin.run.folder import RECORDING, run_folder
 from twin.run.policies import NAMED_POLICIES, policy_named
 from twin.scenario.variations import plain_key
+from twin.trial.auditor import load_auditor
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 from twin.trial.plan_result import PlanResult, require_plan_of, scenario_of_run
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import execute
-from twin.trial.trial import try_plan
+from twin.trial.trial import run_plan_to_folder
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -260,7 +260,8 @@ def run(
         TwinError: there is no plan, or the run broke off; see ``twin.plan``.
     """
     # Now, not after the planning.
-    engine = engine_named(audit_engine) if audit and audit_engine is not None else None
+    if audit and audit_engine is not None:
+        load_auditor(audit_engine)
     ready = plan if isinstance(plan, PlanResult) else None
     case = scenario_of(plan)
     checked = check(case, progress=progress)
@@ -269,11 +270,11 @@ def run(
         if begun is not None:
             begun(checked, folder)
         made = ready or _plan_checked(checked, progress)
-        return try_plan(
+        return run_plan_to_folder(
             replace(made, warnings=checked.warnings, fits=checked.fits),
             folder,
             recording=recording,
-            audit=engine or audit,
+            audit=audit and (audit_engine or True),
             progress=progress,
         )
 

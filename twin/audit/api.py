@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import AuditReport
+from twin.audit.run_auditor import audit_execution
 from twin.audit.worlds.engines import engine_named
 from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import write_motion
 from twin.trial.loaded_scenario import PathOrName
 from twin.trial.run_result import RunResult, read_run
-from twin.trial.trial import audit_execution
 
 if TYPE_CHECKING:
     import pyarrow as pa

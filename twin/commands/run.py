@@ -148,7 +148,7 @@ def resume_in_folder(
         progress: told how far each stage has come.
     """
     from twin.run.folder import locked
-    from twin.trial.trial import resume_run
+    from twin.trial.resume import resume_run
 
     with locked(logdir):
         return resume_run(logdir, base=base, progress=progress)

@@ -9,23 +9,26 @@ from pathlib import Path
 
 from planning.errors import RequestError
 from twin.api.runs import AnyPlan, Begun, check
-from twin.audit.worlds.engines import engine_named
 from twin.drivers.drivers_file import read_drivers
 from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
+from twin.live.executor import LiveExecutor
 from twin.live.session import Session
+from twin.operate.executor import OperatedExecutor
 from twin.operate.operation import require_picked, require_rolling
 from twin.operate.person import Says
 from twin.page.attended import AttendedSession, Panel
 from twin.run.folder import EVENTS, run_folder
 from twin.run.policies import NAMED_POLICIES
 from twin.scenario.variations import Variant, layout_of, varied
+from twin.trial.auditor import load_auditor
+from twin.trial.executor import Executor
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate, with_failures
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import scenario_execution
-from twin.trial.trial import try_plan
+from twin.trial.trial import run_plan_to_folder
 from twin.uncertainty.disturbances import Disturbances
 
 
@@ -77,7 +80,8 @@ def operate(
         raise RequestError(
             "a page is for robots that drivers move: name a file of them, too"
         )
-    engine = engine_named(audit_engine) if audit and audit_engine is not None else None
+    if audit and audit_engine is not None:
+        load_auditor(audit_engine)
     case = load(scenario)
     require_rolling(case.sections)
     checked = check(case, progress=progress)
@@ -101,14 +105,15 @@ def operate(
                 )
                 asks = case.sections.execution.recovery.ask is not None
                 says = panel.says if asks and says is None else says
-            return try_plan(
+            executor: Executor = OperatedExecutor(says)
+            if session is not None:
+                executor = LiveExecutor(session, says)
+            return run_plan_to_folder(
                 replace(made, warnings=checked.warnings, fits=checked.fits),
                 folder,
                 recording=recording,
-                audit=engine or audit,
-                operated=True,
-                says=says,
-                session=session,
+                audit=audit and (audit_engine or True),
+                executor=executor,
                 progress=progress,
             )
 

@@ -158,8 +158,8 @@ def operate(
     asked = scenario.execution.recovery.ask or (AskSection() if says else None)
     person = Person(asked, seed, replication, says)
     planner: Planner[Any]
-    if (kind := scenario.assembly.kind) in RECOVERIES:
-        recovery = RECOVERIES.load(kind)
+    if scenario.assembly.kind in RECOVERIES:
+        recovery = RECOVERIES.load(scenario.assembly.kind)
         planner = recovery(scenario, motions, tpg, draw, person, steps=not halting)
     else:
         planner = Recovery(scenario, motions, tpg, draw, person)

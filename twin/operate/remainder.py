@@ -97,6 +97,7 @@ def plan_remainder(
             scenario, motions, tpg, _nobody_draws, nobody, gone, steps=False
         )
     else:
+        assert motions.work is not None
         _require_tried_once(tpg, world)
         work = MeasuredWork().find(motions.work, measured) or motions.work
         work = _with_what_was_used(work, world.begun())

@@ -25,6 +25,7 @@ from tests.twin.scenarios.executed import executed
 from tests.twin.simulated import run_bulk, simulate
 from tests.twin.written import loaded
 from twin.audit.audit import audit_run
+from twin.audit.run_auditor import audit_execution
 from twin.check.finding import Subject
 from twin.check.lying import check_goals
 from twin.check.reach import check_reach
@@ -43,7 +44,6 @@ from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import execute, skill_durations
-from twin.trial.trial import audit_execution
 from twin.uncertainty.disturbances import (
     Disturbances,
     MachineBreakdowns,
