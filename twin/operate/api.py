@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from planning.errors import RequestError
-from twin.api.runs import AnyPlan, Begun, check
+from twin.api.checked import check_if_installed
+from twin.api.runs import AnyPlan, Begun
 from twin.audit.worlds.engines import engine_named
 from twin.drivers.drivers_file import read_drivers
 from twin.host.arguments import checks_arguments
@@ -80,7 +81,7 @@ def operate(
     engine = engine_named(audit_engine) if audit and audit_engine is not None else None
     case = load(scenario)
     require_rolling(case.sections)
-    checked = check(case, progress=progress)
+    checked = check_if_installed(case, progress)
     checked.require_ok()
     session = None if drivers is None else _session(case, Path(drivers))
     with run_folder(out, case.name) as folder:
