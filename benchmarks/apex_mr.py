@@ -45,7 +45,7 @@ from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.kinds.lego.imports import import_task
 from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import plan_in_slots
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario, follow_references
 
 ROOT = Path(__file__).parents[1]

@@ -35,8 +35,8 @@ from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from twin.durations.model import NANOSECONDS
 from twin.operate.operation import Operation, operate
+from twin.operate.replicated.hindsight import Hindsight
 from twin.recorders.observers import write_motion
-from twin.study.replications.hindsight import Hindsight
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate, with_failures

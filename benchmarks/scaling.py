@@ -45,7 +45,7 @@ from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego, sequencing_rules
 from twin.planning.pipeline import default_shortcuts, motion_settings
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.lego import LegoSection
 from twin.trial import trial
 from twin.trial.loaded_scenario import LoadedScenario

@@ -8,8 +8,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from twin.reading.scenario_file import load_scenario
 from twin.run.folder import prepare_run_folder
-from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.trial.loaded_scenario import LoadedScenario

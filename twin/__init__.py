@@ -25,22 +25,23 @@ _MODULES = {
     "TransitError": "planning.errors",
     "TwinError": "planning.errors",
     "UndecidedError": "planning.errors",
-    "Check": "twin.check.api",
-    "check": "twin.check.api",
     "plan": "twin.api.runs",
-    "replay": "twin.recorders.rerun.api",
     "run": "twin.api.runs",
     "simulate": "twin.api.runs",
     "Audit": "twin.audit.api",
     "audit": "twin.audit.api",
+    "Check": "twin.check.api",
+    "check": "twin.check.api",
     "ClusterError": "twin.cluster.client",
     "ClusterLostError": "twin.cluster.client",
+    "InvalidScenarioError": "twin.document.validation",
     "Explored": "twin.explore.api",
     "explore": "twin.explore.api",
     "operate": "twin.operate.api",
+    "replay": "twin.recorders.rerun.api",
+    "RunMoment": "twin.operate.plan_from_run",
     "ViewerError": "twin.recorders.rerun.viewer",
     "DeadlockError": "twin.run.events",
-    "InvalidScenarioError": "twin.scenario.document.validation",
     "Comparison": "twin.study.api",
     "Study": "twin.study.api",
     "compare": "twin.study.api",
@@ -49,7 +50,6 @@ _MODULES = {
     "Precision": "twin.study.replications.statistics",
     "LoadedScenario": "twin.trial.loaded_scenario",
     "load": "twin.trial.loaded_scenario",
-    "RunMoment": "twin.trial.plan_from_run",
     "PlanResult": "twin.trial.plan_result",
     "read_plan": "twin.trial.plan_result",
     "RunResult": "twin.trial.run_result",
@@ -81,15 +81,16 @@ if TYPE_CHECKING:
     from twin.check.api import check as check
     from twin.cluster.client import ClusterError as ClusterError
     from twin.cluster.client import ClusterLostError as ClusterLostError
+    from twin.document.validation import (
+        InvalidScenarioError as InvalidScenarioError,
+    )
     from twin.explore.api import Explored as Explored
     from twin.explore.api import explore as explore
     from twin.operate.api import operate as operate
+    from twin.operate.plan_from_run import RunMoment as RunMoment
     from twin.recorders.rerun.api import replay as replay
     from twin.recorders.rerun.viewer import ViewerError as ViewerError
     from twin.run.events import DeadlockError as DeadlockError
-    from twin.scenario.document.validation import (
-        InvalidScenarioError as InvalidScenarioError,
-    )
     from twin.study.api import Comparison as Comparison
     from twin.study.api import Study as Study
     from twin.study.api import compare as compare
@@ -98,7 +99,6 @@ if TYPE_CHECKING:
     from twin.study.replications.statistics import Precision as Precision
     from twin.trial.loaded_scenario import LoadedScenario as LoadedScenario
     from twin.trial.loaded_scenario import load as load
-    from twin.trial.plan_from_run import RunMoment as RunMoment
     from twin.trial.plan_result import PlanResult as PlanResult
     from twin.trial.plan_result import read_plan as read_plan
     from twin.trial.run_result import RunResult as RunResult

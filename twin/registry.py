@@ -180,9 +180,17 @@ HOOKS = Group(
     {
         "check": "twin.check.api:check",
         "audit engine": "twin.audit.worlds.engines:engine_named",
-        "run moment": "twin.trial.plan_from_run:RunMoment",
-        "plan from run": "twin.trial.plan_from_run:plan_from_run",
+        "run moment": "twin.operate.plan_from_run:RunMoment",
+        "plan from run": "twin.operate.plan_from_run:plan_from_run",
         "design": "twin.explore.designs:begin_named_design",
     },
 )
 """Functions of optional parts that the core calls where they are installed."""
+RECOVERIES = Group(
+    "recoveries",
+    {"construction": "twin.kinds.construction.recovery:ConstructionRecovery"},
+)
+"""How what is left is planned when something fails, by kind of assembly; others share one for steps."""
+
+FIGURES = Group("figures", {"cell": "twin.check.picture:scenario_figure"})
+"""Pictures for notebooks; ``cell`` is called with a scenario and the folder of its relative paths."""

@@ -11,6 +11,7 @@ from planning.errors import RequestError, ScenarioError
 from twin.api.checked import Checked, check_if_installed
 from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
+from twin.operate.plan_from_run import RunMoment
 from twin.recorders.observers import MemoryRecorder
 from twin.registry import HOOKS
 from twin.run.events import POLICIES
@@ -25,7 +26,7 @@ from twin.trial.simulation import execute
 from twin.trial.trial import try_plan
 
 if TYPE_CHECKING:
-    from twin.trial.plan_from_run import RunMoment
+    from twin.operate.plan_from_run import RunMoment
 
 Begun = Callable[[Checked, Path], None]
 """Told of the check and of the folder of a run, before it is planned."""

@@ -61,7 +61,7 @@ def scenarios(as_json: AsJson = False) -> None:
     from rich.table import Table
 
     from planning.files import read_file
-    from twin.scenario.document.yaml_text import read_yaml
+    from twin.document.yaml_text import read_yaml
     from twin.scenario.shipped import shipped_scenarios
 
     rows = []
@@ -121,6 +121,6 @@ def validate(
 @guarded
 def schema() -> None:
     """Print the JSON schema of scenario files, for editors."""
-    from twin.scenario.manifest import scenario_schema
+    from twin.scenario.schema import scenario_schema
 
     print_json(scenario_schema())

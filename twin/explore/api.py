@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from planning.errors import RequestError, ScenarioError
 from planning.parallel import usable_cores
 from twin.cluster.client import ClusterLostError
+from twin.document.validation import InvalidScenarioError, parsed, validated
 from twin.explore.crew import ClusterCrew, Crew, Evaluators
 from twin.explore.dimensions import dimensions_of, vary_section
 from twin.explore.exploration import Exploration
@@ -36,7 +37,6 @@ from twin.host.arguments import checks_arguments
 from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder
-from twin.scenario.document.validation import InvalidScenarioError, parsed, validated
 from twin.scenario.sections.exploration import ExploreSection
 from twin.study.replications.workload import check_cluster, open_executor, parallelism
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load

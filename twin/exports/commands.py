@@ -89,7 +89,7 @@ def _export_scenario(file: Path, out: Path | None) -> Path:
     """Write what a scenario builds as a model of LDraw; return the file."""
     from twin.exports.ldraw import ldraw_of_scenario
     from twin.host.guard import replacing
-    from twin.scenario.manifest import load_scenario
+    from twin.reading.scenario_file import load_scenario
     from twin.scenario.sections.lego import LegoSection
 
     scenario = load_scenario(file)

@@ -109,8 +109,8 @@ def fit(
     from twin.fit.samples import read_samples, unit_notes
     from twin.host.guard import write_json
     from twin.host.progress import StageDisplay, of_stage
+    from twin.reading.scenario_file import load_scenario
     from twin.run.folder import EVENTS, prepare_run_folder
-    from twin.scenario.manifest import load_scenario
 
     columns = _columns(column, start, end)
     target = _target(apply, into)

@@ -1,1 +1,1 @@
-"""Kinds of assembly, a folder each: what the program has for one kind alone."""
+"""Kinds of assembly in the twin, a folder each; the registry names them, and nothing else imports them."""

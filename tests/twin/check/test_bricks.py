@@ -11,8 +11,8 @@ from tests.twin.written import Change, written
 from twin.check.bricks import check_brick_tools
 from twin.check.check import check_scenario
 from twin.check.finding import Subject
-from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import load_scenario, read_scenario
+from twin.document.validation import InvalidScenarioError
+from twin.reading.scenario_file import load_scenario, read_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import given_plan

@@ -13,7 +13,7 @@ from planning.transforms import inverse
 from tests.planning.robots.descriptions.vendors import robotiq, ur5e
 from tests.twin.scenarios.executed import built
 from tests.twin.written import Change, checked, refusal, written
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import given_plan
 from twin.trial.planning import plan_scenario

@@ -14,8 +14,8 @@ from tests.twin.recorders.recorded_toys import recorded_run
 from tests.twin.simulated import NOMINAL
 from tests.twin.sockets import listening
 from tests.twin.twin_toys import random_tpg, toy_cell
+from twin.recorders.rerun import viewer
 from twin.recorders.rerun.viewer import ViewerError, render_stills
-from twin.run import viewer
 
 ARM = """<robot name="toy">
   <link name="base"/>

@@ -5,7 +5,7 @@ from pathlib import Path
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from tests.twin.written import Change, checked, written
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan

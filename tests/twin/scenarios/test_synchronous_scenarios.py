@@ -14,7 +14,7 @@ from tests.shipped_runs import ShippedRuns
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_in_slots
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult

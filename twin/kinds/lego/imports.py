@@ -129,12 +129,12 @@ def import_task(
     from planning.robots.registry import with_tool
     from twin.check.bricks import check_brick_tools
     from twin.check.finding import Subject
+    from twin.document.yaml_text import scenario_text
     from twin.host.guard import write_text
     from twin.kinds.lego.tool_choice import choose_tool
     from twin.planning.kind import assembly_kind
     from twin.planning.lego import build_lego
-    from twin.scenario.document.yaml_text import scenario_text
-    from twin.scenario.manifest import scenario_of
+    from twin.reading.scenario_file import scenario_of
     from twin.scenario.sections.lego import LegoSection
 
     known: tuple[PressFrom, ...] = get_args(PressFrom)
@@ -202,9 +202,9 @@ def _note(line: str) -> None:
 def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> None:
     """Write the scenario of a model, turned if need be, if its cell reaches all of it."""
     from planning.importers.brick_models.cell import model_cell, orientations
+    from twin.document.yaml_text import scenario_text
     from twin.host.guard import write_text
-    from twin.scenario.document.yaml_text import scenario_text
-    from twin.scenario.manifest import scenario_of
+    from twin.reading.scenario_file import scenario_of
 
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)
     refusal: TwinError | None = None
@@ -244,9 +244,9 @@ def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
     """Return the content of a scenario with the model in the cell of another scenario."""
     from planning.files import read_file
     from planning.importers.brick_models.cell import free_corner, structure_content
+    from twin.document.yaml_text import read_yaml
     from twin.planning.lego import build_lego
-    from twin.scenario.document.yaml_text import read_yaml
-    from twin.scenario.manifest import load_scenario
+    from twin.reading.scenario_file import load_scenario
     from twin.scenario.sections.lego import LegoSection
 
     section = load_scenario(path).assembly

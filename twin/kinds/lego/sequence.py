@@ -63,7 +63,7 @@ def sequence(
     from twin.host.progress import StageWatch
     from twin.planning.build_workcell import build_workcell
     from twin.planning.lego import buildable_sequence
-    from twin.scenario.manifest import load_scenario
+    from twin.reading.scenario_file import load_scenario
     from twin.scenario.sections.lego import LegoSection
     from twin.scenario.shipped import scenario_path
 
@@ -233,10 +233,10 @@ def _print_table(found: SequencedStructure) -> None:
 def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     """Write the scenario with explicit steps, and read it again."""
     from planning.files import read_file
+    from twin.document.yaml_text import read_yaml, scenario_text
     from twin.host.guard import write_text
     from twin.planning.lego import brick_colours
-    from twin.scenario.document.yaml_text import read_yaml, scenario_text
-    from twin.scenario.manifest import load_scenario
+    from twin.reading.scenario_file import load_scenario
     from twin.scenario.sections.lego import LegoSection
 
     content = read_yaml(source, read_file(source).decode("utf-8-sig")).data

@@ -16,16 +16,16 @@ from pydantic import Field, ValidationError, model_validator
 from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
 from planning.tasks.task import CLOSE, LEAVE_TOOL, OPEN, TAKE_TOOL, ActuationKey
-from twin.durations.lifetimes import AnyDuration, SkillOverride
-from twin.durations.measured import Packaged
-from twin.durations.model import DurationModel, PackagedSkill, Skill
-from twin.scenario.document.section import (
+from twin.document.section import (
     Name,
     Section,
     Several,
     attributes,
     parts_of,
 )
+from twin.durations.lifetimes import AnyDuration, SkillOverride
+from twin.durations.measured import Packaged
+from twin.durations.model import DurationModel, PackagedSkill, Skill
 from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection
 from twin.scenario.sections.cell import RobotSection as RobotSection

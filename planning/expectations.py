@@ -1,4 +1,4 @@
-"""What a run is to come to, as its scenario says: places of objects, and what holds them there.
+"""Expectations of a scenario on a run: places of objects, what holds them there, and processes.
 
 The audit takes nothing of this from the plan that it judges.
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from planning.cell.robot_model import ToolGrip
-from planning.statics.standing import StandingRules
+from planning.cell.standing_rules import StandingRules
 from planning.transforms import Transform
 
 TOUCH = 0.002
@@ -128,8 +128,8 @@ class ChangedTool:
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """Demands of a scenario on the end of a run, and on the way there.
+class Expectations:
+    """Expectations of a scenario on the end of a run, and on the way there.
 
     Attributes:
         places: of all that is put somewhere; any order.
@@ -173,7 +173,7 @@ class Wanted:
     lags: Mapping[tuple[str, str], float] = field(default_factory=dict)
     statics: StandingRules | None = None
 
-    def renamed(self, names: Mapping[str, str]) -> Wanted:
+    def renamed(self, names: Mapping[str, str]) -> Expectations:
         """Return the same of objects that have come to the places of others, by the names of those."""
         if all(name == own for name, own in names.items()):
             return self

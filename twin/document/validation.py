@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from planning.errors import ScenarioError
-from twin.scenario.document.yaml_text import FileProblem as FileProblem
-from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument, read_yaml
+from twin.document.yaml_text import FileProblem as FileProblem
+from twin.document.yaml_text import KeyPath, Mark, YamlDocument, read_yaml
 
 # Longest first, so that "rad_s" is not read as "s".
 _UNITS = (

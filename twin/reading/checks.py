@@ -21,13 +21,13 @@ from planning.tasks.task import (
     TAKE_TOOL,
     TRANSIT,
 )
+from twin.document.section import parts_of
+from twin.document.validation import Found, unknown_name, unless_known
+from twin.document.yaml_text import Elsewhere, KeyPath
 from twin.durations.measured import Empirical
 from twin.durations.model import DurationModel
 from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.problems import disturbed_machines
-from twin.scenario.document.section import parts_of
-from twin.scenario.document.validation import Found, unknown_name, unless_known
-from twin.scenario.document.yaml_text import Elsewhere, KeyPath
 from twin.scenario.sections.cell import CellSection, RobotSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario

@@ -17,8 +17,9 @@ from twin.host.progress import StageWatch
 from twin.operate.going import Luck
 from twin.operate.judging import hopeless
 from twin.operate.operation import Operation
+from twin.operate.replanning import plan_from
 from twin.planning.kind import PlannedMotions
-from twin.planning.pipeline import plan_from, planned_shortcuts
+from twin.planning.pipeline import planned_shortcuts
 from twin.scenario.sections.scenario import Scenario
 
 _ALWAYS_AGAIN = 1000

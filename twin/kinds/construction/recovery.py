@@ -38,9 +38,9 @@ from twin.operate.committed import (
 from twin.operate.going import Extension, Known, Luck, Planner, appended, nothing_new
 from twin.operate.judging import Judging, asks_for_another
 from twin.operate.person import Ledger, Person
+from twin.operate.replanning import graph_from
 from twin.planning.construction import ConstructionKind
 from twin.planning.kind import PlannedMotions, assembly_kind, timed
-from twin.planning.pipeline import graph_from
 from twin.scenario.sections.scenario import Scenario
 
 _PUT = "place-down"

@@ -16,9 +16,9 @@ from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.operation import Operation, operate
+from twin.operate.replicated.hindsight import Hindsight
 from twin.planning.kind import PlannedMotions
 from twin.scenario.sections.scenario import Scenario
-from twin.study.replications.hindsight import Hindsight
 
 RUNGS = ("done_again", "begun_anew", "not_done_any_more", "robots_out", "asked")
 """What was done about failures for good: the same with the same object, its step with another object, nothing;
