@@ -66,6 +66,21 @@ class Group:
             return self._installed[entry].load()
         raise UnknownEntryError(self.name, entry, self.names())
 
+    def require(self, entry: str, needed_for: str) -> Any:
+        """Return the object of an entry that something cannot do without.
+
+        Args:
+            entry: its name.
+            needed_for: what needs it, such as ``"an audit"``.
+
+        Raises:
+            RequestError: it is not installed.
+        """
+        if entry in self:
+            return self.load(entry)
+        target = self.own.get(entry, entry).partition(":")[0]
+        raise RequestError(f"{needed_for} needs {target}, which is not installed")
+
     def load_all(self) -> dict[str, Any]:
         """Return the object of every entry by its name."""
         return {entry: self.load(entry) for entry in self.names()}
@@ -112,6 +127,64 @@ KINDS = Group(
 )
 """Kinds of assembly, by the ``kind`` of the assembly section of a scenario."""
 
+COMMANDS = Group(
+    "commands",
+    {
+        "init": "twin.commands.scenarios:init",
+        "scenarios": "twin.commands.scenarios:scenarios",
+        "plan": "twin.commands.plan:plan",
+        "run": "twin.commands.run:run",
+        "operate": "twin.operate.commands:operate",
+        "drive": "twin.live.commands:drive",
+        "validate": "twin.commands.scenarios:validate",
+        "check": "twin.check.commands:check",
+        "sequence": "twin.kinds.lego.sequence:sequence",
+        "compare": "twin.study.commands:compare",
+        "study": "twin.study.commands:study",
+        "explore": "twin.explore.commands:explore",
+        "replay": "twin.recorders.rerun.commands:replay",
+        "fit": "twin.fit.commands:fit",
+        "resume": "twin.commands.run:resume",
+        "follow": "twin.follow.commands:follow",
+        "export": "twin.exports.commands:export",
+        "verify": "twin.verification.commands:verify",
+        "judge": "twin.judge.commands:judge",
+        "robots": "twin.check.commands:robots",
+        "schema": "twin.commands.scenarios:schema",
+        "doctor": "twin.commands.doctor:doctor",
+        "cluster": "twin.cluster.commands:cluster",
+        "import": "twin.kinds.lego.imports:app",
+    },
+)
+"""Commands of the program in the order of its help: functions for typer, or programs of several commands."""
+
+EXPORTS = Group(
+    "exports",
+    {
+        "csv": "twin.exports.tables:csv_files",
+        "parquet": "twin.exports.tables:parquet_files",
+        "perfetto": "twin.exports.tables:perfetto_files",
+        "joint-trajectory": "twin.exports.tables:joint_trajectory_files",
+        "joint-csv": "twin.exports.tables:joint_csv_files",
+        "mcap": "twin.exports.ros.mcap_file:mcap_files",
+        "graphml": "twin.exports.graphs:graphml_files",
+        "task-graph": "twin.exports.graphs:task_graph_files",
+        "open-plan": "twin.exports.open_plan:open_plan_files",
+        "ldraw": "twin.exports.ldraw:ldraw_files",
+    },
+)
+"""Formats that a run can be written in: functions of a run that return the content of each file by its name."""
+
+HOOKS = Group(
+    "hooks",
+    {
+        "check": "twin.check.api:check",
+        "run moment": "twin.operate.plan_from_run:RunMoment",
+        "plan from run": "twin.operate.plan_from_run:plan_from_run",
+        "design": "twin.explore.designs:begin_named_design",
+    },
+)
+"""Functions of optional parts that the core calls where they are installed."""
 RECOVERIES = Group(
     "recoveries",
     {"construction": "twin.kinds.construction.recovery:ConstructionRecovery"},

@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from planning.errors import RequestError
-from twin.api.runs import AnyPlan, Begun, check
+from twin.api.checked import check_if_installed
+from twin.api.runs import AnyPlan, Begun
 from twin.drivers.drivers_file import read_drivers
 from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
@@ -84,7 +85,7 @@ def operate(
         load_auditor(audit_engine)
     case = load(scenario)
     require_rolling(case.sections)
-    checked = check(case, progress=progress)
+    checked = check_if_installed(case, progress)
     checked.require_ok()
     session = None if drivers is None else _session(case, Path(drivers))
     with run_folder(out, case.name) as folder:

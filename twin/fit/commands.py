@@ -4,34 +4,97 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from planning.errors import RequestError, listed
-from twin.commands.command import command
-from twin.host.guard import print_json
+from twin.commands.options import AsJson, Quiet
+from twin.host.guard import guarded, print_json
 
 if TYPE_CHECKING:
     from twin.fit.fitting import Fit
 
 
-def fit_durations(
-    files: Sequence[Path],
-    *,
-    column: str | None = None,
-    start: str | None = None,
-    end: str | None = None,
-    by: Sequence[str] = (),
-    skill: str | None = None,
-    unit: str | None = None,
-    apply: Path | None = None,
-    into: Path | None = None,
-    out: Path | None = None,
-    resamples: int = 499,
-    seed: int = 0,
-    as_json: bool = False,
-    quiet: bool = False,
+@guarded
+def fit(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...",
+            help="CSV files with a header line, a row a duration; or runs: their folders or"
+            " event logs.",
+        ),
+    ],
+    column: Annotated[
+        str | None,
+        typer.Option(
+            help="Column of the durations; its name may end with their unit, as"
+            ' cycle_time_ms or "cycle time [ms]" do; default: duration_s, or duration with'
+            " another unit."
+        ),
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            help="Column of the time stamps at which durations start, in place of --column:"
+            " numbers or ISO 8601. Columns start and end are found without."
+        ),
+    ] = None,
+    end: Annotated[
+        str | None,
+        typer.Option(help="Column of the time stamps at which they end."),
+    ] = None,
+    by: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Fit each value of this column on its own: skill, robot or object."
+            " Repeatable."
+        ),
+    ] = None,
+    skill: Annotated[
+        str | None,
+        typer.Option(
+            help="What all rows are of; default: the file's name where it is a skill."
+        ),
+    ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            help="Of numbers in columns whose names have no unit: s, ms, min, h, us or ns;"
+            " default: s."
+        ),
+    ] = None,
+    apply: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="SCENARIO",
+            help="Write this scenario anew, with the fitted durations.",
+        ),
+    ] = None,
+    into: Annotated[
+        Path | None,
+        typer.Option(
+            "--into",
+            "-o",
+            metavar="FILE",
+            help="The new scenario; default: SCENARIO with -fitted in its name.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder for the results; default: logs/fit-<name>-<UTC time>.",
+        ),
+    ] = None,
+    resamples: Annotated[
+        int,
+        typer.Option(min=19, max=100000, help="Bootstrap samples of each test."),
+    ] = 499,
+    seed: Annotated[int, typer.Option(min=0, help="Of the bootstrap.")] = 0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Find the distributions that fit measured durations best.
 
@@ -40,23 +103,6 @@ def fit_durations(
     part by their AICc. Leaves durations.yaml, the lines for a scenario; fit.json, all figures;
     and a picture of each group: histogram with densities, and quantiles. --apply puts the
     durations into a scenario, which plans and executes with them.
-
-    Args:
-        files: CSV files with a header line, a row a duration; or runs: their folders or
-            event logs.
-        column: column of the durations; its name may end with their unit, as cycle_time_ms or
-            "cycle time [ms]" do; default: duration_s, or duration with another unit.
-        start: column of the time stamps at which durations start, in place of --column:
-            numbers or ISO 8601. Columns start and end are found without.
-        end: column of the time stamps at which they end.
-        by: fit each value of this column on its own: skill, robot or object. Repeatable.
-        skill: what all rows are of; default: the file's name where it is a skill.
-        unit: of numbers in columns whose names have no unit: s, ms, min, h, us or ns; default: s.
-        apply: write this scenario anew, with the fitted durations.
-        into: the new scenario; default: SCENARIO with -fitted in its name.
-        out: folder for the results; default: logs/fit-<name>-<UTC time>.
-        resamples: bootstrap samples of each test.
-        seed: of the bootstrap.
     """
     from twin.fit.applied import apply_fits, require_skills
     from twin.fit.fitting import Fit, draw_fit, fit_candidates, write_snippet
@@ -214,13 +260,3 @@ def _hint(files: Sequence[Path], by: Sequence[str]) -> None:
             f"--by {name} fits each on its own",
             err=True,
         )
-
-
-fit = command(
-    f"{__name__}:fit_durations",
-    files={"metavar": "FILE..."},
-    apply={"metavar": "SCENARIO"},
-    into={"names": ("--into", "-o"), "metavar": "FILE"},
-    resamples={"min": 19, "max": 100000},
-    seed={"min": 0},
-)

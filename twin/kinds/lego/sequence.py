@@ -1,50 +1,63 @@
-"""``twin sequence``: in which order a structure can be assembled, and how each brick goes in.
-
-Choice of the tool with which a LEGO scenario can be done, where its robots come with several.
-"""
+"""``twin sequence``: in which order a structure can be assembled, and how each brick goes in."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from planning.errors import InfeasibleStepError, ScenarioError
-from twin.commands.command import command
-from twin.host.guard import COMPLETED, print_json
+from twin.commands.options import AsJson, ScenarioFile
+from twin.host.guard import guarded, print_json
 
 if TYPE_CHECKING:
     from planning.lego.bricks.assembly import LegoAssembly, Support
     from planning.lego.insertion.rules import SequencingRules
     from planning.lego.sequencing.sequencing import SequencedStep, SequencedStructure
     from twin.scenario.sections.lego import LegoSection
-    from twin.scenario.sections.scenario import Scenario
+
+_SCAFFOLDS: Mapping[str, bool | Literal["removable"]] = {
+    "none": False,
+    "any": True,
+    "removable": "removable",
+}
 
 
-def find_order(
-    scenario: Path,
-    *,
-    output: Path | None = None,
-    explain: int | None = None,
-    scaffold: str | None = None,
-    as_json: bool = False,
-) -> int:
+@guarded
+def sequence(
+    scenario: ScenarioFile,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Write the scenario with these steps to a file."
+        ),
+    ] = None,
+    explain: Annotated[
+        int | None,
+        typer.Option(
+            metavar="STEP",
+            help="Say what the structure bears at a step, and draw which joints give way"
+            " first: explain-STEP.png in this folder.",
+        ),
+    ] = None,
+    scaffold: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHICH",
+            help="Temporary bricks, whatever the rules say: none, any, or removable, only"
+            " such as can be taken out again once the model is lifted off the plate.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
     """Find the sequence of a LEGO assembly from its finished structure.
 
     Where the scenario gives steps, only what they build counts, not their order. Every step is one
     that some robots of the cell can do, among all that stands there by then; ways between steps
     are left to planning.
-
-    Args:
-        scenario: file, or the name of one that comes with the program.
-        output: write the scenario with these steps to a file.
-        explain: say what the structure bears at a step, and draw which joints give way
-            first: explain-STEP.png in this folder.
-        scaffold: temporary bricks, whatever the rules say: none, any, or removable, only such as
-            can be taken out again once the model is lifted off the plate.
     """
     from planning.tasks.highs_solver import require_candidates
     from twin.host.progress import StageWatch
@@ -70,7 +83,7 @@ def find_order(
     found = sequenced.found
     if explain is not None:
         _explain(sequenced.candidates.world.assembly, explain, sequenced.rules)
-        return COMPLETED
+        return
     if output is not None:
         _write(scenario, output, found)
     if as_json:
@@ -89,14 +102,6 @@ def find_order(
             typer.echo(f"cannot be taken out again: {item.words}")
         if output is not None:
             typer.echo(f"written: {output}")
-    return COMPLETED
-
-
-_SCAFFOLDS: Mapping[str, bool | Literal["removable"]] = {
-    "none": False,
-    "any": True,
-    "removable": "removable",
-}
 
 
 def _with_scaffold(lego: LegoSection, scaffold: str) -> LegoSection:
@@ -251,73 +256,3 @@ def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     note = f"The sequence that twin sequence found for {source.name}."
     write_text(output, scenario_text({**content, "assembly": assembly}, note))
     load_scenario(output)
-
-
-sequence = command(
-    f"{__name__}:find_order",
-    output={"names": ("--output", "-o")},
-    explain={"metavar": "STEP"},
-    scaffold={"metavar": "WHICH"},
-)
-
-
-@dataclass(frozen=True)
-class ToolChoice:
-    """The steps that are left without a robot with each tool that was tried.
-
-    Attributes:
-        impossible: numbers of the steps by tool, in the order in which tools were tried.
-    """
-
-    impossible: Mapping[str, tuple[int, ...]]
-
-    @property
-    def tool(self) -> str:
-        """The first tool that leaves the fewest steps without a robot."""
-        return min(self.impossible, key=lambda name: len(self.impossible[name]))
-
-    @property
-    def words(self) -> str:
-        """What was found, in one line."""
-        found = [
-            f"with the {tool} tool "
-            + (f"{_steps(steps)} cannot be done" if steps else "every step can be done")
-            for tool, steps in self.impossible.items()
-        ]
-        return f"tool: {self.tool}, as {' and '.join(found)} by some robot"
-
-
-def choose_tool(scenario: Scenario, assembly: LegoAssembly, folder: Path) -> ToolChoice:
-    """Return the tool with which some robot can do every step, that of the model if it can.
-
-    Looked for are free and reachable picks, places, handovers and supports; ways between them are
-    left to planning.
-
-    Args:
-        scenario: with robots of one type, and no tool chosen.
-        assembly: its steps.
-        folder: where relative paths start.
-    """
-    from planning.lego.skills.candidates import find_candidates
-    from planning.robots.registry import ROBOTS
-    from twin.planning.build_workcell import build_workcell
-
-    tools = ROBOTS[scenario.cell.robots[0].model].tools
-    found: dict[str, tuple[int, ...]] = {}
-    for tool in tools:
-        robots = tuple(
-            robot.model_copy(update={"tool": tool}) for robot in scenario.cell.listed
-        )
-        cell = scenario.cell.model_copy(update={"listed": robots})
-        trial = scenario.model_copy(update={"cell": cell})
-        cell_with_it = build_workcell(trial, folder)
-        found[tool] = find_candidates(cell_with_it, assembly).problem.impossible
-        if not found[tool]:
-            break
-    return ToolChoice(found)
-
-
-def _steps(numbers: tuple[int, ...]) -> str:
-    some = ", ".join(map(str, numbers[:5]))
-    more = f" and {len(numbers) - 5} more" if len(numbers) > 5 else ""
-    return f"step{'s' if len(numbers) > 1 else ''} {some}{more}"

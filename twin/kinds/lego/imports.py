@@ -5,19 +5,111 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
 from planning.errors import InfeasibleStepError, RequestError, ScenarioError, TwinError
-from twin.commands.command import command
+from twin.host.guard import guarded
 
 if TYPE_CHECKING:
     from planning.importers.brick_models.model import BrickModel
     from twin.scenario.sections.scenario import Scenario
 
+Output = Annotated[Path, typer.Option("--output", "-o", help="Scenario file to write.")]
+CellOf = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="SCENARIO",
+        help="Scenario whose cell, plate and stock are taken; by default a cell is chosen:"
+        " two arms across a plate, and feeding stations.",
+    ),
+]
 
+_STOCK_KEYS = ("plate", "storage_plate", "bricks", "stock", "rules", "twist_deg")
+
+app = typer.Typer(
+    no_args_is_help=True, help="Make scenarios from the files of other programs."
+)
+
+
+@app.command("apex-mr")
+@guarded
 def import_apex_mr_task(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Folder with the published files.")
+    ],
+    task: Annotated[str, typer.Option(help="Name of the task, such as cliff.")],
+    output: Output,
+    prescribed_stock: Annotated[
+        bool,
+        typer.Option(
+            "--prescribed-stock",
+            help="Take the stock brick of each step as published.",
+        ),
+    ] = False,
+    tool: Annotated[
+        str | None,
+        typer.Option(
+            help="Tool of both arms: dual-arm or slim; by default the first with which some"
+            " robot can do every step."
+        ),
+    ] = None,
+    press_from: Annotated[
+        str | None,
+        typer.Option(
+            help="Where the two ways to give a grip contradict each other: side (press_side,"
+            " press_offset) or cell (press_x, press_ori); by default the first with which the"
+            " structure bears every press."
+        ),
+    ] = None,
+) -> None:
+    """Read a task as the authors of APEX-MR publish them."""
+    import_task(
+        folder,
+        task=task,
+        output=output,
+        prescribed_stock=prescribed_stock,
+        tool=tool,
+        press_from=press_from,
+    )
+
+
+@app.command("bricks")
+@guarded
+def import_brick_list(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="Brick list, one brick a line: hxw (x,y,z), as BrickGPT writes them.",
+        ),
+    ],
+    output: Output,
+    cell: CellOf = None,
+) -> None:
+    """Make a scenario of a brick list."""
+    from planning.importers.brick_models.model import read_brick_list
+
+    _write(file, read_brick_list(file), output, cell)
+
+
+@app.command("ldraw")
+@guarded
+def import_ldraw(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Model of LDraw, .ldr or .mpd.")
+    ],
+    output: Output,
+    cell: CellOf = None,
+) -> None:
+    """Make a scenario of a model of LDraw, as LeoCAD, Studio and others write them."""
+    from planning.importers.brick_models.ldraw import read_ldraw
+
+    _write(file, read_ldraw(file), output, cell)
+
+
+def import_task(
     folder: Path,
     *,
     task: str,
@@ -26,27 +118,20 @@ def import_apex_mr_task(
     tool: str | None = None,
     press_from: str | None = None,
 ) -> None:
-    """Read a task as the authors of APEX-MR publish them.
+    """Write the scenario of a published APEX-MR task; arguments as options of the command.
 
-    Args:
-        folder: folder with the published files.
-        task: name of the task, such as cliff.
-        output: scenario file to write.
-        prescribed_stock: take the stock brick of each step as published.
-        tool: tool of both arms: dual-arm or slim; by default the first with which some
-            robot can do every step.
-        press_from: where the two ways to give a grip contradict each other: side
-            (press_side, press_offset) or cell (press_x, press_ori); by default the first with
-            which the structure bears every press.
+    Raises:
+        RequestError: there is no such task, or no such reading of its presses.
+        ScenarioError: the published tables do not fit together.
     """
     from planning.importers.apex_mr.importer import PressFrom, import_apex_mr
     from planning.lego.sequencing.stable_steps import stable_steps
     from planning.robots.registry import with_tool
     from twin.check.bricks import check_brick_tools
     from twin.check.finding import Subject
-    from twin.commands.sequence import choose_tool
     from twin.document.yaml_text import scenario_text
     from twin.host.guard import write_text
+    from twin.kinds.lego.tool_choice import choose_tool
     from twin.planning.kind import assembly_kind
     from twin.planning.lego import build_lego
     from twin.reading.scenario_file import scenario_of
@@ -112,35 +197,6 @@ def import_apex_mr_task(
 
 def _note(line: str) -> None:
     typer.echo(f"note: {line}", err=True)
-
-
-_STOCK_KEYS = ("plate", "storage_plate", "bricks", "stock", "rules", "twist_deg")
-
-
-def import_brick_list(file: Path, *, output: Path, cell: Path | None = None) -> None:
-    """Make a scenario of a brick list.
-
-    Args:
-        file: brick list, one brick a line: hxw (x,y,z), as BrickGPT writes them.
-        output: scenario file to write.
-        cell: scenario whose cell, plate and stock are taken; by default a cell is chosen:
-            two arms across a plate, and feeding stations.
-    """
-    from planning.importers.brick_models.model import read_brick_list
-
-    _write(file, read_brick_list(file), output, cell)
-
-
-def import_ldraw(file: Path, **options: Any) -> None:
-    """Make a scenario of a model of LDraw, as LeoCAD, Studio and others write them.
-
-    Args:
-        file: model of LDraw, .ldr or .mpd.
-        options: those of import_brick_list.
-    """
-    from planning.importers.brick_models.ldraw import read_ldraw
-
-    _write(file, read_ldraw(file), **options)
 
 
 def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> None:
@@ -241,27 +297,3 @@ def _check_reach(scenario: Scenario, folder: Path) -> None:
     assembly = replace(build_lego(section), steps=steps)
     names = [f"{b.name} ({b.brick.name} at {b.cell.words})" for b in placed]
     check_reach(build_workcell(scenario, folder), assembly, names)
-
-
-_FILES: dict[str, Any] = {
-    "output": {"names": ("--output", "-o")},
-    "cell": {"names": ("--cell",), "metavar": "SCENARIO"},
-}
-
-app = typer.Typer(
-    no_args_is_help=True, help="Make scenarios from the files of other programs."
-)
-for _name, _command in {
-    "apex-mr": command(
-        f"{__name__}:import_apex_mr_task",
-        output=_FILES["output"],
-        press_from={"names": ("--press-from",)},
-    ),
-    "bricks": command(f"{__name__}:import_brick_list", **_FILES),
-    "ldraw": command(
-        f"{__name__}:import_ldraw",
-        passes_to=f"{__name__}:import_brick_list",
-        **_FILES,
-    ),
-}.items():
-    app.command(_name)(_command)

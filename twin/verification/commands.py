@@ -1,7 +1,4 @@
-"""``twin verify``: prove that a saved plan is safe, whatever is late or slightly out of place.
-
-``twin judge``: what is wrong with a plan that somebody else made, and how it does under delays.
-"""
+"""``twin verify``: prove that a saved plan is safe, whatever is late or slightly out of place."""
 
 from __future__ import annotations
 
@@ -9,49 +6,62 @@ import math
 import re
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from planning.errors import RequestError
-from twin.commands.command import View, command
-from twin.host.guard import COMPLETED, FAILED, print_json
+from twin.commands.options import AsJson, AuditEngine, Quiet
+from twin.host.guard import COMPLETED, FAILED, guarded, print_json
 
 if TYPE_CHECKING:
     from planning.cell.workcell import PoseError
     from scheduling.verification.verify import SurvivedErrors, VerificationReport
-    from twin.audit.case import Violation
     from twin.audit.standing_states import AdversaryReport
-    from twin.host.progress import Report
-    from twin.judge.judge import Judgement
 
 
-def verify_folder(
-    folder: Path,
-    *,
-    base_error: str | None = None,
-    deviation: str | None = None,
-    adversary: bool = True,
-    audit_engine: str | None = None,
-    as_json: bool = False,
-    quiet: bool = False,
+@guarded
+def verify(
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PLAN", help="Folder with plan.json and plan.npz, a run's."
+        ),
+    ],
+    base_error: Annotated[
+        str | None,
+        typer.Option(
+            metavar="M,RAD",
+            help="Also prove that nothing touches that may not while the base of every robot"
+            " is off by up to this, as 1mm,0.1deg: a way in any direction, a turn about any"
+            " axis. What limits the plan is named, and the largest such error that it"
+            " survives.",
+        ),
+    ] = None,
+    deviation: Annotated[
+        str | None,
+        typer.Option(
+            metavar="M,RAD",
+            help="The same while in every skill the flange of the robot, and with it the"
+            " tool and what it holds, is off its reference path by up to this, as under"
+            " force control.",
+        ),
+    ] = None,
+    adversary: Annotated[
+        bool,
+        typer.Option(
+            help="Also stop each robot wherever another waits for it, and audit what"
+            " stands."
+        ),
+    ] = True,
+    audit_engine: AuditEngine = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> int:
     """Prove that a saved plan is safe for any delays.
 
     The proof shares no code with the planner: it is slow and looks at everything anew. The
     worst delays are then tried out and audited: robots that stop for ever.
-
-    Args:
-        folder: folder with plan.json and plan.npz, a run's.
-        base_error: also prove that nothing touches that may not while the base of every robot is
-            off by up to this, as 1mm,0.1deg: a way in any direction, a turn about any axis. What
-            limits the plan is named, and the largest such error that it survives.
-        deviation: the same while in every skill the flange of the robot, and with it the tool and what
-            it holds, is off its reference path by up to this, as under force control.
-        adversary: also stop each robot wherever another waits for it, and audit what
-            stands.
-        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet
-            where it is installed, else coal.
     """
     from planning.cell.workcell import NO_ERROR
     from scheduling.verification.verify import verify_plan
@@ -207,109 +217,3 @@ def read_pose_error(text: str, option: str) -> PoseError:
             )
         found[kind] = value
     return PoseError(**found)
-
-
-verify = command(
-    f"{__name__}:verify_folder",
-    folder={"metavar": "PLAN"},
-    base_error={"metavar": "M,RAD"},
-    deviation={"metavar": "M,RAD"},
-)
-
-
-_TOLD = 20
-"""So many findings of one execution are printed."""
-
-
-def judge_file(
-    plan: Path,
-    *,
-    scenario: Path | None = None,
-    seeds: int = 5,
-    audit_engine: str | None = None,
-    progress: Report,
-) -> Judgement:
-    """Judge a plan of any planner, handed in as an open plan.
-
-    It is replayed at its own times, and under delays: collisions, limits of joints, what changes hands, places,
-    order and waits, by an engine that shares nothing with a planner. Ends with 1 where anything is wrong.
-
-    Args:
-        plan: file of the plan, as docs/reference/formats.md describes it.
-        scenario: its task, a scenario file or the name of one that comes with the program; by default the
-            one that the plan names.
-        seeds: executions under delays, with 0, 1, 2 and so on as their seeds.
-        audit_engine: what distances are measured with, pybullet or coal; by default PyBullet where it is
-            installed, else coal.
-        progress: told how far it has come.
-    """
-    from twin.audit.worlds.engines import engine_named
-    from twin.judge.judge import judge as judged
-
-    engine = engine_named(audit_engine) if audit_engine else None
-    return judged(plan, scenario, seeds=seeds, engine=engine, progress=progress)
-
-
-def _show(found: Judgement, view: View) -> int:
-    if view.as_json:
-        print_json(found.content())
-    elif not view.quiet:
-        for violation in found.findings[:_TOLD]:
-            typer.echo(told(violation))
-        _echo_more(len(found.findings))
-        for run in found.delayed:
-            for violation in run.findings[:_TOLD]:
-                typer.echo(f"with delays {run.seed}: {told(violation)}")
-            _echo_more(len(run.findings))
-        _echo_scores(found)
-    return COMPLETED if found.clean else FAILED
-
-
-def told(violation: Violation) -> str:
-    """Return a finding in words: what, who, when, how much."""
-    depth = f"overlap by {1e3 * violation.depth_m:.2f} mm, "
-    depth = depth if violation.kind == "contact" else ""
-    second = f" - {violation.second}" if violation.second else ""
-    when = f"from {violation.t_start:.3f} s to {violation.t_end:.3f} s"
-    if violation.t_start == violation.t_end:
-        when = f"at {violation.t_start:.3f} s"
-    return f"{violation.kind}: {violation.first}{second}: {when}: {depth}{violation.detail}"
-
-
-def _echo_more(count: int) -> None:
-    if count > _TOLD:
-        typer.echo(f"... and {count - _TOLD} more")
-
-
-def _echo_scores(found: Judgement) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    seconds = "{:.2f} s".format
-    rows = [
-        ("task", found.scenario),
-        ("planner", found.planner or "not said"),
-        ("goes by", "what waits for what" if found.waits else "the clock"),
-        ("planned", seconds(found.planned_s)),
-    ]
-    if found.mean_s is not None and found.p95_s is not None:
-        rows += [
-            (f"mean of {len(found.delayed)} with delays", seconds(found.mean_s)),
-            ("P95 with delays", seconds(found.p95_s)),
-            ("contacts with delays", str(found.contacts)),
-        ]
-    if found.planning_cpu_s is not None:
-        rows.append(("planning, processor time", seconds(found.planning_cpu_s)))
-    rows.append(("findings in the plan itself", str(len(found.findings))))
-    table = Table(show_header=False, box=None)
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
-
-
-judge = command(
-    f"{__name__}:judge_file",
-    _show,
-    scenario={"metavar": "SCENARIO"},
-    seeds={"min": 0, "max": 10_000},
-)
