@@ -39,7 +39,7 @@ _MODULES = {
     "explore": "twin.explore.api",
     "operate": "twin.operate.api",
     "replay": "twin.recorders.rerun.api",
-    "RunMoment": "twin.operate.plan_from_run",
+    "RunMoment": "twin.trial.run_moment",
     "ViewerError": "twin.recorders.rerun.viewer",
     "DeadlockError": "twin.run.events",
     "Comparison": "twin.study.api",
@@ -87,7 +87,6 @@ if TYPE_CHECKING:
     from twin.explore.api import Explored as Explored
     from twin.explore.api import explore as explore
     from twin.operate.api import operate as operate
-    from twin.operate.plan_from_run import RunMoment as RunMoment
     from twin.recorders.rerun.api import replay as replay
     from twin.recorders.rerun.viewer import ViewerError as ViewerError
     from twin.run.events import DeadlockError as DeadlockError
@@ -101,6 +100,7 @@ if TYPE_CHECKING:
     from twin.trial.loaded_scenario import load as load
     from twin.trial.plan_result import PlanResult as PlanResult
     from twin.trial.plan_result import read_plan as read_plan
+    from twin.trial.run_moment import RunMoment as RunMoment
     from twin.trial.run_result import RunResult as RunResult
     from twin.trial.run_result import read_run as read_run
     from twin.trial.trial import IncompleteRunError as IncompleteRunError

@@ -179,12 +179,13 @@ HOOKS = Group(
     "hooks",
     {
         "check": "twin.check.api:check",
-        "run moment": "twin.operate.plan_from_run:RunMoment",
         "plan from run": "twin.operate.plan_from_run:plan_from_run",
+        "driven cell": "twin.page.driven:DrivenCell",
         "design": "twin.explore.designs:begin_named_design",
     },
 )
 """Functions of optional parts that the core calls where they are installed."""
+
 RECOVERIES = Group(
     "recoveries",
     {"construction": "twin.kinds.construction.recovery:ConstructionRecovery"},

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from planning.errors import RequestError, ScenarioError
 from twin.api.checked import Checked, check_if_installed
 from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
-from twin.operate.plan_from_run import RunMoment
 from twin.recorders.observers import MemoryRecorder
 from twin.registry import HOOKS
 from twin.run.events import POLICIES
@@ -22,12 +21,10 @@ from twin.trial.auditor import load_auditor
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 from twin.trial.plan_result import PlanResult, require_plan_of, scenario_of_run
 from twin.trial.planning import plan_scenario
+from twin.trial.run_moment import RunMoment
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import execute
 from twin.trial.trial import run_plan_to_folder
-
-if TYPE_CHECKING:
-    from twin.operate.plan_from_run import RunMoment
 
 Begun = Callable[[Checked, Path], None]
 """Told of the check and of the folder of a run, before it is planned."""
@@ -60,9 +57,7 @@ def plan(
         RequestError: something cannot go on from there, or nothing is left to do.
         TwinError: the assembly cannot be built as it is, or no plan was found.
     """
-    moment = world
-    if isinstance(world, str):
-        moment = HOOKS.require("run moment", "a plan from a run").named(world)
+    moment = RunMoment.named(world) if isinstance(world, str) else world
     if scenario is None:
         if moment is None:
             raise RequestError("say what to plan: a scenario, or a time of a run")
@@ -76,7 +71,7 @@ def plan(
     checked.require_ok()
     if moment is None:
         return _plan_checked(checked, progress)
-    plan_from_run = HOOKS.load("plan from run")
+    plan_from_run = HOOKS.require("plan from run", "a plan from a run")
     made: PlanResult = plan_from_run(checked.scenario, moment, out_of_service, progress)
     return replace(made, warnings=checked.warnings, fits=checked.fits)
 

@@ -11,7 +11,6 @@ from planning.errors import RequestError
 from twin.commands.options import AsJson, OptionalScenarioFile, Quiet
 from twin.commands.view import View
 from twin.host.guard import guarded, print_error, print_json
-from twin.registry import HOOKS
 
 if TYPE_CHECKING:
     from twin.trial.plan_result import PlanResult
@@ -66,11 +65,12 @@ def plan(
     from twin.run.folder import run_folder
     from twin.trial.loaded_scenario import load
     from twin.trial.plan_result import scenario_of_run
+    from twin.trial.run_moment import RunMoment
     from twin.trial.trial import write_plan
 
     moment = None
     if world is not None:
-        moment = HOOKS.require("run moment", "a plan from a run").named(world)
+        moment = RunMoment.named(world)
     if scenario is not None:
         case = load(scenario)
     elif moment is not None:

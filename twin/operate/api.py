@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 from planning.errors import RequestError
 from twin.api.checked import check_if_installed
 from twin.api.runs import AnyPlan, Begun
-from twin.drivers.drivers_file import read_drivers
 from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
-from twin.live.executor import LiveExecutor
-from twin.live.session import Session
 from twin.operate.executor import OperatedExecutor
 from twin.operate.operation import require_picked, require_rolling
 from twin.operate.person import Says
-from twin.page.attended import AttendedSession, Panel
-from twin.run.folder import EVENTS, run_folder
+from twin.registry import HOOKS
+from twin.run.folder import run_folder
 from twin.run.policies import NAMED_POLICIES
 from twin.scenario.variations import Variant, layout_of, varied
 from twin.trial.auditor import load_auditor
@@ -28,9 +25,7 @@ from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, 
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate, with_failures
 from twin.trial.run_result import RunResult
-from twin.trial.simulation import scenario_execution
 from twin.trial.trial import run_plan_to_folder
-from twin.uncertainty.disturbances import Disturbances
 
 
 @checks_arguments
@@ -87,28 +82,21 @@ def operate(
     require_rolling(case.sections)
     checked = check_if_installed(case, progress)
     checked.require_ok()
-    session = None if drivers is None else _session(case, Path(drivers))
+    driven = None
+    if drivers is not None:
+        driven = HOOKS.require("driven cell", "--drivers")(case, Path(drivers))
     with run_folder(out, case.name) as folder:
         if begun is not None:
             begun(checked, folder)
         made = plan_to_operate(case, progress)
         if failures is not None:
             made = replace(made, scenario=with_failures(case, made.tpg, failures))
-        if session is not None:
-            session = replace(session, name=folder.name)
-        with ExitStack() as stack:
-            if session is not None and page is not None:
-                panel = stack.enter_context(
-                    _page(made.scenario, page, folder / EVENTS, opened)
-                )
-                session = AttendedSession(
-                    session.name, session.drivers, session.folder, panel=panel
-                )
-                asks = case.sections.execution.recovery.ask is not None
-                says = panel.says if asks and says is None else says
-            executor: Executor = OperatedExecutor(says)
-            if session is not None:
-                executor = LiveExecutor(session, says)
+        operated: AbstractContextManager[Executor] = nullcontext(OperatedExecutor(says))
+        if driven is not None:
+            operated = driven.executor(
+                made.scenario, folder, says=says, page=page, opened=opened
+            )
+        with operated as executor:
             return run_plan_to_folder(
                 replace(made, warnings=checked.warnings, fits=checked.fits),
                 folder,
@@ -117,32 +105,6 @@ def operate(
                 executor=executor,
                 progress=progress,
             )
-
-
-@contextmanager
-def _page(
-    case: LoadedScenario, port: int, log: Path, opened: Callable[[str], None] | None
-) -> Iterator[Panel]:
-    """Serve a page beside a run, and yield what both share."""
-    from twin.page.server import PageServer
-
-    model = scenario_execution(case.sections, case.folder)
-    # What fails is reported by drivers, and foreseen by nobody.
-    model = replace(model, disturbances=Disturbances())
-    panel = Panel(case.steps)
-    server = PageServer(panel, model, port, case.name, log)
-    with server.serving():
-        if opened is not None:
-            opened(server.address)
-        yield panel
-
-
-def _session(case: LoadedScenario, path: Path) -> Session:
-    """Return the session with the drivers that a file names, which can be held as far as is known before."""
-    robots = tuple(robot.name for robot in case.sections.cell.robots)
-    session = Session(case.name, read_drivers(path, robots), path.parent)
-    session.require_servable()
-    return session
 
 
 def require_operable(

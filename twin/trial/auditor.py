@@ -45,5 +45,5 @@ def load_auditor(engine: str | None = None) -> Auditor:
     Raises:
         RequestError: there is no auditor, or it has no such engine.
     """
-    found: Auditor = AUDITORS.load(AUDIT)(engine)
+    found: Auditor = AUDITORS.require(AUDIT, "an audit")(engine)
     return found
