@@ -179,6 +179,7 @@ HOOKS = Group(
     "hooks",
     {
         "check": "twin.check.api:check",
+        "audit engine": "twin.audit.engine_report:report_engine",
         "plan from run": "twin.operate.plan_from_run:plan_from_run",
         "driven cell": "twin.page.driven:DrivenCell",
         "design": "twin.explore.designs:begin_named_design",
