@@ -24,7 +24,8 @@ from twin.run.folder import (
     TRAJECTORY,
     require_as_written,
 )
-from twin.run.summary import require_figures, summary_rows
+from twin.run.summary import summary_rows
+from twin.run.summary_schema import require_figures
 from twin.run.trajectory import Trajectory
 from twin.scenario.manifest import MANIFEST
 from twin.scenario.sections.scenario import Scenario, restored
