@@ -23,7 +23,7 @@ from twin.host.progress import Report
 from twin.planning.build_workcell import build_workcell
 from twin.planning.construction import ConstructionKind
 from twin.planning.pipeline import motion_settings
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.scenario import Scenario, resolved, restored

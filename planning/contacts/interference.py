@@ -26,9 +26,9 @@ from planning.contacts.surface_depth import (
     winding,
 )
 from planning.contacts.surface_gap import surface_gap
-from planning.contacts.touching import Lying, near_to
 from planning.files import KeptAnswers
 from planning.geometry.exact import hull_shape
+from planning.geometry.touching import Lying, near_to
 from planning.transforms import Array, Transform, inverse, readonly, translation
 
 ROUNDING = 1e-5

@@ -18,7 +18,7 @@ from planning.contacts.interference import (
     forms_depth,
 )
 from planning.contacts.surface_gap import free_way, surface_gap
-from planning.contacts.touching import Lying, bounds
+from planning.geometry.touching import Lying, bounds
 from planning.transforms import Array, Transform, readonly, translation
 
 _LIFT = 1e-4

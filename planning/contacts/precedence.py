@@ -15,8 +15,8 @@ from itertools import pairwise
 from typing import TypeVar
 
 from planning.contacts.interference import Overlaps, leads_through
-from planning.contacts.touching import NEAR, TOUCH, Lying, lowest, near_to
 from planning.errors import ConstructionError
+from planning.geometry.touching import NEAR, TOUCH, Lying, lowest, near_to
 from planning.transforms import Array, translation
 
 _SINK = 0.01

@@ -21,8 +21,8 @@ from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.contacts.interference import ROUNDING, leads_through
-from planning.contacts.touching import Lying, near_to, standing
 from planning.errors import InfeasibleStepError
+from planning.geometry.touching import Lying, near_to, standing
 from planning.grips.fingers import firm_grips
 from planning.grips.tool_grips import overload, robot_grips
 from planning.parts.assembly import AnyStep, PartAssembly, PlacePart

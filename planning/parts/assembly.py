@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from planning.cell.standing_rules import Joint, StandingRules
 from planning.contacts.interference import Overlaps
 from planning.grips.grip import DOWN, UP, GripRules
-from planning.statics.standing import Joint, StandingRules
 from planning.tasks.task import TimeLag
 from planning.tasks.work import Supply
 from planning.transforms import Transform

@@ -11,6 +11,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import TypeGuard
 
+from planning.cell.standing_rules import Joint, StandingRules
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import PartAssembly
@@ -22,7 +23,7 @@ from planning.statics.build_order import (
     Waits,
     waits_for_balance,
 )
-from planning.statics.standing import Joint, Standing, StandingRules, body_at, ground_of
+from planning.statics.standing import Standing, body_at, ground_of
 
 _MOST_NAMED = 4
 """How many parts that would be held are named."""

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from planning.contacts.interference import depth_of_pieces
-from planning.contacts.touching import standing
+from planning.geometry.touching import standing
 from planning.grips.grip import Grip
 from planning.parts.assembly import MachineWork, PlacePart, Work
 from planning.parts.candidates import PartCandidates

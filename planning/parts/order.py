@@ -27,8 +27,8 @@ from planning.contacts.precedence import (
     build_part_graph,
     stacked,
 )
-from planning.contacts.touching import Lying, near_to, nearest_to
 from planning.errors import InfeasibleStepError
+from planning.geometry.touching import Lying, near_to, nearest_to
 from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, PlacePart, Work
 from planning.parts.balance import PartBalance, standing_of
 from planning.parts.candidates import PartCandidates, find_candidates

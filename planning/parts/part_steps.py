@@ -9,15 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.cell.shape import box_shape
+from planning.cell.standing_rules import Joint
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
 from planning.contacts.interference import Overlaps, depth, leads_through
 from planning.contacts.play import Play, play
-from planning.contacts.touching import Lying, near_to, nearest_words, standing
 from planning.errors import InfeasibleStepError
+from planning.geometry.touching import Lying, near_to, nearest_words, standing
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import tool_grips
 from planning.parts.assembly import AnyStep, PartAssembly, PlacePart, Spot, Work
-from planning.statics.standing import Joint
 from planning.steps.skill import Objects
 from planning.steps.tool_changes import with_each_tool
 from planning.transforms import Transform, readonly

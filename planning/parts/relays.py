@@ -21,7 +21,7 @@ from planning.cell.workcell import (
     Workcell,
     WorldState,
 )
-from planning.contacts.touching import near_to, standing
+from planning.geometry.touching import near_to, standing
 from planning.grips.fingers import firm_grips, in_the_way_of_fingers
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import overload, robot_grips

@@ -29,7 +29,8 @@ from itertools import chain, combinations
 
 import networkx as nx
 
-from planning.statics.standing import Joint, Standing
+from planning.cell.standing_rules import Joint
+from planning.statics.standing import Standing
 
 Waits = frozenset[tuple[int, int]]
 

@@ -18,9 +18,9 @@ import numpy as np
 
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import Attachment, PlacedRobot, RackTool, Workcell
-from planning.contacts.touching import near_to, standing
 from planning.errors import InfeasibleStepError
 from planning.geometry.robot_bodies import entity
+from planning.geometry.touching import near_to, standing
 from planning.steps.skill import (
     NOTHING,
     Obstruction,

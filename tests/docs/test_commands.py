@@ -173,7 +173,7 @@ def test_a_page_of_results_names_a_command_that_remakes_it() -> None:
 
 
 def test_every_key_of_a_scenario_is_in_the_reference() -> None:
-    from twin.scenario.manifest import scenario_schema
+    from twin.scenario.schema import scenario_schema
 
     text = (ROOT / "docs" / "reference" / "scenario.md").read_text(encoding="utf-8")
     words = set(re.findall(r"[\w-]+", text))

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from planning.expectations import Expectations
 from planning.files import require_own_files
 from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
@@ -53,7 +54,6 @@ from twin.audit.places import (
 from twin.audit.processes import process_violations
 from twin.audit.resting import balance_violations, hanging_violations, rest_violations
 from twin.audit.supports import support_violations
-from twin.audit.wanted import Wanted
 from twin.audit.worlds.engines import (
     Engine,
     engine_and_version,
@@ -121,7 +121,7 @@ def audit_run(
     *,
     ordered: bool = True,
     engine: Engine | None = None,
-    wanted: Wanted | None = None,
+    wanted: Expectations | None = None,
     finished: bool = True,
 ) -> AuditReport:
     """Audit a run that was written to a folder.
@@ -169,7 +169,7 @@ def audit_recording(
     *,
     ordered: bool = True,
     engine: Engine | None = None,
-    wanted: Wanted | None = None,
+    wanted: Expectations | None = None,
     finished: bool = True,
     spans: Mapping[str, NodeSpans] = MappingProxyType({}),
 ) -> AuditReport:
@@ -224,7 +224,7 @@ class Auditor(AbstractContextManager["Auditor"]):
         self,
         tpg: TemporalPlanGraph,
         engine: Engine | None = None,
-        wanted: Wanted | None = None,
+        wanted: Expectations | None = None,
     ) -> None:
         self._tpg, self._wanted = tpg, wanted
         self._allowed = allowed_contacts(tpg)

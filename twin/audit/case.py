@@ -17,12 +17,12 @@ import numpy.typing as npt
 from planning.cell.robot_model import ToolGrip
 from planning.cell.workcell import PlacedRobot
 from planning.errors import OutputError
+from planning.expectations import ChangedTool, Expectations
 from planning.files import parse_json, read_file
 from planning.transforms import Array, Transform
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.motion.executed import Recording, ReplayedRun, RobotRows
-from twin.audit.wanted import ChangedTool, Wanted
 from twin.audit.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
 
 ViolationKind = Literal[
@@ -262,12 +262,12 @@ class AuditCase(ReplayedRun):
         world: AuditWorld,
         tpg: TemporalPlanGraph,
         recording: Recording,
-        wanted: Wanted | None = None,
+        wanted: Expectations | None = None,
         logged: Mapping[str, NodeSpans] | None = None,
     ) -> None:
         super().__init__(tpg.cell, recording)
         self.world, self.tpg = world, tpg
-        self.wanted, self.logged = wanted or Wanted(), logged or {}
+        self.wanted, self.logged = wanted or Expectations(), logged or {}
         self.moved = moved_spans(tpg, self.robots)
         self.shapes = shapes_by_entity((*world.fixtures, *world.objects))
         self.numbers = {robot.name: k for k, robot in enumerate(self.cell.robots)}

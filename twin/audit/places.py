@@ -10,12 +10,12 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import CellObject, Workcell
+from planning.expectations import ChangedTool, Expectations, Place
 from planning.tasks.task import FAILED, GONE
 from planning.transforms import Array, Transform, rotation
 from twin.audit.case import AuditCase, Violation
 from twin.audit.motion.executed import ReplayedRun, Stay
 from twin.audit.motion.reach import travel_of_points
-from twin.audit.wanted import ChangedTool, Place, Wanted
 
 PLACED = 0.001
 """No point of an object is further than this away from where it belongs [m]."""
@@ -124,7 +124,7 @@ def place_violations(case: AuditCase) -> Iterator[Violation]:
             yield at_end(name, "start", away, detail)
 
 
-def helpers_left(replay: ReplayedRun, wanted: Wanted) -> tuple[str, ...]:
+def helpers_left(replay: ReplayedRun, wanted: Expectations) -> tuple[str, ...]:
     """Return the objects that were put down where they only help, such as temporary bricks."""
     there = replay.at()
     filled = taken(replay.cell, there, wanted.places)
@@ -146,7 +146,7 @@ def helpers_left(replay: ReplayedRun, wanted: Wanted) -> tuple[str, ...]:
     return tuple(box.name for box in replay.cell.objects if helps(box))
 
 
-def named_places(replay: ReplayedRun, wanted: Wanted) -> Wanted:
+def named_places(replay: ReplayedRun, wanted: Expectations) -> Expectations:
     """Return what is wanted with the names of whatever came to the places for which others will do, too."""
     filled = taken(replay.cell, replay.at(), wanted.places)
     pairs = list(zip(wanted.places, filled, strict=True))

@@ -12,6 +12,7 @@ from itertools import pairwise, product
 import networkx as nx
 import numpy as np
 
+from planning.expectations import TOUCH, WantedRest
 from planning.statics.standing import Standing, body_at, ground_of
 from planning.tasks.task import GONE, Task
 from planning.transforms import Transform, translation
@@ -19,7 +20,6 @@ from twin.audit.case import AuditCase, Violation
 from twin.audit.motion.executed import Stay
 from twin.audit.places import rests_at
 from twin.audit.supports import states_and_kept
-from twin.audit.wanted import TOUCH, WantedRest
 from twin.audit.worlds.world import FAR
 
 _SINKS = 0.3

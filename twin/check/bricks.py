@@ -11,8 +11,8 @@ from planning.cell.cover import box_body
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture
-from planning.contacts.touching import near_to
 from planning.geometry.exact import Solid, distance_at
+from planning.geometry.touching import near_to
 from planning.grips.tool_grips import tool_bodies
 from planning.lego.bricks.assembly import (
     BRICKS,

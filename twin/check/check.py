@@ -11,7 +11,6 @@ from typing import Any
 
 from twin.check.bricks import check_brick_places, check_brick_tools
 from twin.check.finding import Finding, Findings, Subject
-from twin.check.fits import KnownFit, known_fits
 from twin.check.gripping import (
     check_descriptions,
     check_lifts,
@@ -50,8 +49,9 @@ from twin.check.tools import (
     check_units,
 )
 from twin.check.usual import check_physics, check_rates, check_usual
-from twin.scenario.document.validation import FileProblem, InvalidScenarioError
-from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.document.validation import FileProblem, InvalidScenarioError
+from twin.document.yaml_text import KeyPath, YamlDocument
+from twin.planning.part_assembly.fits import KnownFit, known_fits
 from twin.scenario.sections.parts import PartsSection, StepSection
 from twin.scenario.sections.scenario import Scenario
 
@@ -247,7 +247,9 @@ def check_scenario(
         return mark.line, mark.column
 
     ordered = tuple(sorted(dict.fromkeys(found), key=place))
-    fits = () if any(item.error for item in found) else known_fits(subject)
+    fits: tuple[KnownFit, ...] = ()
+    if subject.parts is not None and not any(item.error for item in found):
+        fits = known_fits(subject.parts, scenario.cell.robots)
     return CheckReport(subject, document, ordered, fits)
 
 

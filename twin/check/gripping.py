@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture, PlacedRobot
-from planning.contacts.touching import Lying, near_to
+from planning.geometry.touching import Lying, near_to
 from planning.grips.pads import own_bodies
 from planning.grips.tool_grips import robot_grips
 from planning.kinematics.kinematics import frame_in_last_joint
@@ -27,12 +27,12 @@ from planning.transforms import Array, inverse, translation
 from twin.check.finding import (
     Finding,
     Findings,
-    OrderedParts,
     Subject,
     in_file,
     millimetres,
     of_parts,
 )
+from twin.planning.part_assembly.ordered_parts import OrderedParts
 from twin.scenario.sections.line import TraySection
 
 _FARTHEST, _STEP = 0.5, 0.005

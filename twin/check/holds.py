@@ -18,14 +18,14 @@ from planning.transforms import Transform
 from twin.check.finding import (
     Finding,
     Findings,
-    OrderedParts,
     Subject,
     millimetres,
     of_parts,
 )
 from twin.check.tools import finger_gap, has_fingers
+from twin.document.yaml_text import KeyPath
 from twin.durations.model import DurationModel
-from twin.scenario.document.yaml_text import KeyPath
+from twin.planning.part_assembly.ordered_parts import OrderedParts
 
 
 @of_parts

@@ -9,7 +9,7 @@ import numpy as np
 from planning.cell.shape import Mesh, Shape
 from planning.cell.workcell import Fixture, PlacedRobot
 from planning.contacts.interference import Overlaps, depth, depth_words
-from planning.contacts.touching import (
+from planning.geometry.touching import (
     Lying,
     bounds,
     near_to,
@@ -32,13 +32,13 @@ from planning.transforms import Transform, inverse
 from twin.check.finding import (
     Finding,
     Findings,
-    OrderedParts,
     Subject,
     in_file,
     millimetres,
     of_parts,
     position,
 )
+from twin.planning.part_assembly.ordered_parts import OrderedParts
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.parts import MachineSection, PartsSection
 

@@ -44,6 +44,7 @@ from twin.check.views import (
 )
 from twin.host.pictures import INK, new_picture, save_png
 from twin.scenario.sections.lego import LegoSection
+from twin.scenario.sections.scenario import Scenario
 
 
 def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
@@ -135,6 +136,16 @@ def draw_cell(subject: Subject, folder: Path) -> Path:
         raise OutputError(f"{folder}: cannot be made: {error}") from error
     save_png(cell_figure(subject), path)
     return path
+
+
+def scenario_figure(scenario: Scenario, folder: Path) -> Figure:
+    """Return the picture of the cell of a scenario; see ``cell_figure``.
+
+    Args:
+        scenario: passed the checks of its file.
+        folder: where relative paths in it start.
+    """
+    return cell_figure(Subject(scenario, folder))
 
 
 def cell_figure(

@@ -26,8 +26,9 @@ from planning.parts.part_steps import steps_in_order
 from planning.steps.skill import SkillTargets, in_some_posture
 from planning.steps.tool_changes import find_tool_changes
 from planning.transforms import Transform
-from twin.check.finding import Finding, Findings, OrderedParts, Subject, position
-from twin.scenario.document.yaml_text import KeyPath
+from twin.check.finding import Finding, Findings, Subject, position
+from twin.document.yaml_text import KeyPath
+from twin.planning.part_assembly.ordered_parts import OrderedParts
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.scenario import GoalsSection

@@ -28,7 +28,6 @@ from planning.transforms import Array, from_rpy
 from twin.check.finding import (
     Finding,
     Findings,
-    OrderedParts,
     Subject,
     in_file,
     millimetres,
@@ -36,6 +35,7 @@ from twin.check.finding import (
 )
 from twin.durations.measured import Packaged
 from twin.durations.model import DurationModel, PackagedSkill
+from twin.planning.part_assembly.ordered_parts import OrderedParts
 from twin.scenario.sections.parts import PartsSection
 from twin.uncertainty.skill_durations import SkillDurations
 

@@ -32,13 +32,13 @@ from planning.transforms import Array, Transform, readonly, translation
 from twin.check.finding import (
     Finding,
     Findings,
-    OrderedParts,
     Subject,
     millimetres,
     of_parts,
 )
 from twin.check.reach import away_from, reach_bound
-from twin.scenario.document.yaml_text import KeyPath
+from twin.document.yaml_text import KeyPath
+from twin.planning.part_assembly.ordered_parts import OrderedParts
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.parts import PartsSection

@@ -10,9 +10,9 @@ from importlib.util import find_spec
 
 import typer
 
-from planning.silence import silenced
-from twin.commands.command import command
-from twin.host.guard import COMPLETED, FAILED, print_json
+from twin.commands.options import AsJson
+from twin.host.guard import COMPLETED, FAILED, guarded, print_json
+from twin.registry import HOOKS
 
 # Distribution and the module that proves it works.
 PARTS = (
@@ -41,9 +41,10 @@ OPTIONAL = ("pybullet", "pybullet")
 """Distribution and module that the program can do without."""
 
 
-def print_versions(*, as_json: bool = False) -> int:
+@guarded
+def doctor(as_json: AsJson = False) -> int:
     """Print versions for a bug report, say what does not load, and what the audit uses."""
-    from twin.audit.worlds.engines import INSTALL, engine_named
+    from planning.silence import silenced
 
     found = {"python": platform.python_version(), "system": platform.platform()}
     found["processors"] = str(os.cpu_count())
@@ -56,7 +57,9 @@ def print_versions(*, as_json: bool = False) -> int:
         except Exception as error:  # a broken library may raise anything on import
             if find_spec(module.partition(".")[0]) or (distribution, module) in PARTS:
                 missing[distribution] = f"{type(error).__name__}: {error}"
-    engine = None if "coal" in missing else engine_named(None)
+    engine, hint = None, ""
+    if "coal" not in missing and "audit engine" in HOOKS:
+        engine, hint = HOOKS.load("audit engine")()
     if as_json:
         print_json({"versions": found, "missing": missing, "audit_engine": engine})
         return FAILED if missing else COMPLETED
@@ -66,8 +69,8 @@ def print_versions(*, as_json: bool = False) -> int:
         typer.echo(f"{name:<14} does not load: {text}")
     if engine is not None:
         typer.echo(f"{'audit engine':<14} {engine}")
-    if OPTIONAL[0] not in found:
-        typer.echo(f"PyBullet, the audit's stronger witness: {INSTALL}")
+    if hint and OPTIONAL[0] not in found:
+        typer.echo(hint)
     return FAILED if missing else COMPLETED
 
 
@@ -76,6 +79,3 @@ def _version(distribution: str) -> str:
         return version(distribution)
     except PackageNotFoundError:
         return "not installed as a package"
-
-
-doctor = command(f"{__name__}:print_versions")

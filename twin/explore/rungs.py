@@ -18,11 +18,11 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.check.check import quick_findings, reach_findings
 from twin.check.finding import Finding, Subject
 from twin.check.picture import cell_shapes
+from twin.document.expressions import ExpressionError, KeyValue
 from twin.host.progress import StageWatch
 from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import order_motions, plan_motions
-from twin.scenario.checks import find_problems
-from twin.scenario.document.expressions import ExpressionError, KeyValue
+from twin.reading.checks import find_problems
 from twin.scenario.sections.exploration import ExploreSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario, resolved

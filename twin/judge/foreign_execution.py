@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot
+from planning.expectations import ChangedTool
 from planning.tasks.task import GONE
 from planning.transforms import Array, Transform, inverse
 from twin.audit.case import Violation
 from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
-from twin.audit.wanted import ChangedTool
 from twin.audit.worlds.world import AuditWorld
 from twin.judge.foreign_graph import configurations, joint_columns
 from twin.judge.open_plan import OpenEvent, OpenMotion, OpenPlan

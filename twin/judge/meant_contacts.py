@@ -15,10 +15,10 @@ from itertools import product
 
 import numpy as np
 
+from planning.expectations import TOUCH, Expectations
 from planning.tasks.task import GONE, AllowedContact
 from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.wanted import TOUCH, Wanted
 from twin.audit.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
 from twin.judge.foreign_execution import ForeignChange, ForeignExecution
 from twin.judge.open_plan import OpenMotion, OpenPlan
@@ -32,7 +32,7 @@ def meant_contacts(
     graph: TemporalPlanGraph,
     world: AuditWorld,
     planned: ForeignExecution,
-    wanted: Wanted,
+    wanted: Expectations,
 ) -> tuple[AllowedContact, ...]:
     """Return the contacts that may be, and during which tasks.
 

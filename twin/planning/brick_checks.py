@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, GridPlace
 from planning.lego.bricks.grid import joined_to_plate
 from planning.lego.skills.targets import supported_span
-from twin.scenario.document.validation import Found, unknown_name, unless_known
-from twin.scenario.document.yaml_text import KeyPath
+from twin.document.validation import Found, unknown_name, unless_known
+from twin.document.yaml_text import KeyPath
 from twin.scenario.sections.lego import (
     BrickStepSection,
     LegoSection,

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from planning.cell.standing_rules import Joint, StandingRules
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ScenarioError
-from planning.statics.standing import Joint, StandingRules
+from planning.expectations import Expectations, Place
 from planning.transforms import Array, Transform, readonly
-from twin.audit.wanted import Place, Wanted
+from twin.document.validation import Found, unless_known
+from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.planning.part_assembly.problems import unlike_ends
-from twin.scenario.document.validation import Found, unless_known
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.construction import ConstructionSection, ModelSection
 from twin.scenario.sections.shapes import as_planned, build_transform
@@ -123,14 +123,16 @@ class ConstructionKind(AssemblyKind):
         laid_out = as_planned(layout, supply)
         return part_objects(self.parts, laid_out, starts, near=supply.near)
 
-    def wanted(self, _cell: CellSection) -> Wanted:
+    def wanted(self, _cell: CellSection) -> Expectations:
         """Return the places of the parts, which whatever they are joined to holds."""
         kinds = {item.name: item.kind for item in self.objects()}
         places = tuple(
             Place("its place in the structure", part.goal, kinds[part.name], part.name)
             for part in self.parts
         )
-        return Wanted(places, "joints", self.section.touch_m, statics=self._statics())
+        return Expectations(
+            places, "joints", self.section.touch_m, statics=self._statics()
+        )
 
     def _statics(self) -> StandingRules | None:
         """Return what everything must stand by; None where that is not looked at."""

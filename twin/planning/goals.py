@@ -17,9 +17,9 @@ from planning.steps.robot_goals import RobotGoal
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import readonly
+from twin.document.validation import Found, unless_known
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.scenario.document.validation import Found, unless_known
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.scenario import GoalsSection, MoveSection
 from twin.scenario.sections.shapes import build_transform

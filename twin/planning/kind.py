@@ -5,7 +5,7 @@ The times of a plan within its robots' limits, with corners rounded where the sc
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, Fixture, Workcell
 from planning.errors import RequestError
+from planning.expectations import Expectations
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import within_limits
 from scheduling.shortcuts.corners import round_corners
-from twin.audit.wanted import Wanted
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
-from twin.scenario.document.validation import Found
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.scenario import AssemblySection, Scenario
 
@@ -146,13 +146,22 @@ class AssemblyKind(Protocol):
         """Return how deep objects that are meant to touch may be in each other [m]."""
         return CONTACT_DEPTH
 
-    def wanted(self, cell: CellSection) -> Wanted:
+    def wanted(self, cell: CellSection) -> Expectations:
         """Return what the run is to come to, as the section says, for the audit.
 
         Args:
             cell: what the file says of the robots and fixtures around it.
         """
-        return Wanted()
+        return Expectations()
+
+    def place_misses(self, scenario: Scenario, folder: Path) -> Mapping[str, float]:
+        """Return how likely robots miss the places of what they put down, by ROBOT/OBJECT.
+
+        Args:
+            scenario: with this section.
+            folder: where relative paths in it start.
+        """
+        return {}
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

@@ -12,6 +12,7 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
+from planning.expectations import Expectations, Place
 from planning.lego.bricks.assembly import (
     BrickType,
     Cell,
@@ -23,11 +24,10 @@ from planning.lego.bricks.assembly import (
     StockBrick,
 )
 from planning.progress import Progress, no_progress
-from twin.audit.wanted import Place, Wanted
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.scenario.document.validation import Found
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.lego import (
     BrickStepSection,
@@ -115,7 +115,7 @@ class LegoKind(AssemblyKind):
 
         return stock_objects(build_lego(self.section))
 
-    def wanted(self, _cell: CellSection) -> Wanted:
+    def wanted(self, _cell: CellSection) -> Expectations:
         """Return the places of all bricks, of any brick of the type, and which steps are held."""
         from planning.lego.bricks.grid import box_pose
         from planning.lego.sequencing.remedies import on_plinth
@@ -141,7 +141,7 @@ class LegoKind(AssemblyKind):
             places.append(Place(words, pose, item.brick.name, temporary=helps))
         # Where the file gives steps, it says of each brick where it goes, of those that help too.
         more = bool(rules.scaffold) and self.section.structure is not None
-        return Wanted(tuple(places), hold="studs", helpers=more)
+        return Expectations(tuple(places), hold="studs", helpers=more)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,14 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, Workcell
+from planning.expectations import ChangedTool, Expectations, WantedProcess, WantedRest
+from planning.expectations import Place as WantedPlace
 from planning.parts.assembly import MachineWork, PlacePart, Work
+from planning.steps.tool_changes import with_every_tool
 from planning.tasks.task import DOOR
 from planning.transforms import Transform, readonly
-from twin.audit.wanted import ChangedTool, Wanted, WantedProcess, WantedRest
-from twin.audit.wanted import Place as WantedPlace
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
 from twin.durations.lifetimes import SkillOverride
 from twin.host.progress import StageWatch
-from twin.planning.build_workcell import build_shape
+from twin.planning.build_workcell import build_shape, build_workcell
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.planning.part_assembly.alike import (
     alike_parts,
@@ -32,12 +35,13 @@ from twin.planning.part_assembly.built import (
     line_pattern,
     overlaps_of,
 )
+from twin.planning.part_assembly.fits import place_misses
 from twin.planning.part_assembly.line import Line, machine_durations, written_out
+from twin.planning.part_assembly.ordered_parts import OrderedParts
 from twin.planning.part_assembly.problems import find_part_problems, machine_names
-from twin.scenario.document.validation import Found
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartSection, PartsSection
+from twin.scenario.sections.scenario import Scenario
 from twin.scenario.sections.shapes import as_planned, build_transform
 
 if TYPE_CHECKING:
@@ -136,9 +140,17 @@ class PartKind(AssemblyKind):
         said = overlaps_of(self.section).said.values()
         return max([CONTACT_DEPTH, *(deep + _ROUNDING for deep in said)])
 
-    def wanted(self, cell: CellSection) -> Wanted:
+    def wanted(self, cell: CellSection) -> Expectations:
         """Return the goals of the parts, the processes, and how far fingers stand open."""
         return _wanted(self.section, cell)
+
+    def place_misses(self, scenario: Scenario, folder: Path) -> Mapping[str, float]:
+        """Return how likely robots whose repeatability is stated miss the places of parts."""
+        robots = scenario.cell.robots
+        if not any(robot.repeatability_m for robot in robots):
+            return {}
+        cell = with_every_tool(build_workcell(scenario, folder))
+        return place_misses(OrderedParts(cell, self.section), robots)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
@@ -199,7 +211,7 @@ class PartKind(AssemblyKind):
         return replace(motions, pattern=pattern)
 
 
-def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
+def _wanted(section: PartsSection, cell: CellSection) -> Expectations:
     """Return the goals of the parts, where they lie on their way, and what is done to them."""
     line = written_out(section, whole=True)
     assembly, parts = assembly_of(line), {p.name: p for p in line.section.parts}
@@ -253,7 +265,7 @@ def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
                 )
                 places.append(place)
     own_grips = [part.grips for part in section.parts if part.grips]
-    return Wanted(
+    return Expectations(
         tuple(places),
         "weight",
         section.touch_m,

@@ -10,7 +10,7 @@ class IncompleteRunError(TwinError):
 
 
 class ResumeError(TwinError):
-    """The resumed run differs from its log.
+    """A run cannot be resumed, or it differs from its log.
 
     Attributes:
         row: number of the first row of the log that differs, from 1; None where it is none.

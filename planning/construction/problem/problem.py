@@ -16,12 +16,13 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from planning.cell.standing_rules import StandingRules
 from planning.cell.workcell import CellObject, Workcell
 from planning.construction.problem.balance import SiteBalance
 from planning.contacts.precedence import PartGraph
-from planning.contacts.touching import NEAR, Lying, near_to, standing
+from planning.geometry.touching import NEAR, Lying, near_to, standing
 from planning.kinematics.kinematics import frame_in_flange
-from planning.statics.standing import Standing, StandingRules, body_at, ground_of
+from planning.statics.standing import Standing, body_at, ground_of
 from planning.steps.skill import Pairs, touching
 from planning.tasks.task import ExceptionKey, strongest_exception
 from planning.transforms import Array, Transform, inverse, readonly, rotation

@@ -22,9 +22,9 @@ from planning.construction.problem.reach_bounds import (
 )
 from planning.contacts.interference import Overlaps
 from planning.contacts.precedence import build_part_graph, stacked, with_insertions
-from planning.contacts.touching import NEAR, TOUCH, Lying, near_to, standing
 from planning.errors import ConstructionError, listed
 from planning.geometry.scene_checker import SceneChecker
+from planning.geometry.touching import NEAR, TOUCH, Lying, near_to, standing
 from planning.transforms import Array, Transform, readonly, rotation, translation
 
 

@@ -32,7 +32,7 @@ from planning.contacts.interference import (
 )
 from planning.contacts.play import ISO_9283, Play, play
 from planning.contacts.surface_depth import ConvexSolid, deepest_point, winding
-from planning.contacts.touching import Lying, near_to
+from planning.geometry.touching import Lying, near_to
 from planning.transforms import Array, Transform, from_rpy, translation
 
 edges = st.tuples(*[st.floats(0.02, 0.3)] * 3)

@@ -25,10 +25,10 @@ from tests.planning.importers.published_form import published_cell as cell
 from tests.planning.importers.published_form import published_cell as cell_as_published
 from tests.planning.importers.published_form import write_published
 from tests.twin.program import invoke
+from twin.document.yaml_text import scenario_text
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego, find_sequence, sequencing_rules
-from twin.scenario.document.yaml_text import scenario_text
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.lego import LegoSection
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios" / "lego"

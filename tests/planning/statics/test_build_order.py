@@ -8,6 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from planning.cell.standing_rules import Joint
 from planning.statics.build_order import (
     BuildStep,
     Fall,
@@ -15,7 +16,7 @@ from planning.statics.build_order import (
     Waits,
     waits_for_balance,
 )
-from planning.statics.standing import Joint, PlacedBody, Standing
+from planning.statics.standing import PlacedBody, Standing
 from tests.planning.statics.bodies import box, table
 
 

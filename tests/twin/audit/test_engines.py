@@ -21,8 +21,8 @@ from planning.cell.shape import (
     shape_of,
 )
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
-from planning.contacts.touching import near_to
 from planning.errors import RequestError
+from planning.geometry.touching import near_to
 from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, rotation, translation
 from scheduling.verification.reference import ReferenceRobot, measure, resting_parts

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Capsule, Cylinder, Element, Shape, box_shape, shape_of
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
+from planning.expectations import Expectations
 from planning.grips.pads import pads_at
 from planning.kinematics.kinematics import frame_in_last_joint, frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
@@ -24,7 +25,6 @@ from twin.audit.case import AuditCase
 from twin.audit.grips import _Grasp
 from twin.audit.motion.executed import read_recording
 from twin.audit.supports import nearest_hand
-from twin.audit.wanted import Wanted
 from twin.audit.worlds.engines import ENGINES, Engine, open_world
 
 
@@ -72,7 +72,7 @@ def found(
     run.move("arm", [0.0, 2.0], np.stack([model.home] * 2))
     flange = frame_pose(robot, model.home, "flange")
     run.put(1.0, "part", "arm", inverse(flange) @ part.start)
-    wanted = Wanted(opening_m=0.5, gripped_at="tool", by_suction=by_suction)
+    wanted = Expectations(opening_m=0.5, gripped_at="tool", by_suction=by_suction)
     report = audit_run(run.write(folder), wanted=wanted, finished=False, engine=engine)
     return [v.detail for v in report.violations if v.kind == "grip"]
 
@@ -267,7 +267,10 @@ def test_who_holds_something_in_place_holds_it_by_its_pads(
     run.write(tmp_path)
     recording = read_recording(tmp_path, run.cell)
     world = open_world(run.cell)
-    for wanted in (Wanted(opening_m=0.5, gripped_at="tool"), Wanted(opening_m=0.5)):
+    for wanted in (
+        Expectations(opening_m=0.5, gripped_at="tool"),
+        Expectations(opening_m=0.5),
+    ):
         case = AuditCase(world, run.tpg(), recording, wanted)
         found = nearest_hand(case, (0.0, 2.0), "nobody", case.at())
         told = wanted.gripped_at is not None

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.statics.standing import StandingRules
+from planning.cell.standing_rules import StandingRules
+from planning.expectations import Expectations, Hold, Place
 from planning.transforms import Array, Transform, rotation, translation
 from tests.twin.audit.audit_cell import (
     BRICK,
@@ -22,11 +23,10 @@ from tests.twin.audit.audit_cell import (
 from twin.audit.audit import Auditor, audit_run
 from twin.audit.case import Violation
 from twin.audit.motion.executed import read_recording
-from twin.audit.wanted import Hold, Place, Wanted
 
 X, Y = 0.42, -0.08
 EDGE = X + BRICK[0] / 2
-STUDS = Wanted(hold="studs")
+STUDS = Expectations(hold="studs")
 START = brick("b1", X, Y).start
 
 
@@ -56,7 +56,7 @@ def moved_brick(to: Transform | None = START) -> HandWrittenRun:
 
 
 def found(
-    run: HandWrittenRun, folder: Path, wanted: Wanted, *kinds: str
+    run: HandWrittenRun, folder: Path, wanted: Expectations, *kinds: str
 ) -> tuple[Violation, ...]:
     """The violations of some kinds."""
     report = audit_run(run.write(folder), wanted=wanted)
@@ -94,7 +94,9 @@ def test_what_is_joined_across_a_gap_rests_as_near_as_its_joint_says(
     """30 mm above the plate that it is joined to."""
     goal = at(X, Y, CONTACT - BRICK[2] / 2 + 0.03)
     joined = {frozenset({"b1", "plate"}): room}
-    wanted = Wanted((Place("step 1", goal, "2x4", "b1"),), "weight", joined=joined)
+    wanted = Expectations(
+        (Place("step 1", goal, "2x4", "b1"),), "weight", joined=joined
+    )
     seen = found(moved_brick(goal), tmp_path, wanted, "hanging")
     assert [v.second for v in seen] == (["plate"] if hangs else [])
 
@@ -110,7 +112,7 @@ def test_what_is_put_down_on_an_edge_falls(
     goal = at(0.29 + inside, Y)
     statics = StandingRules(joined_within=0.001 if joined else 0.0)
     places = (Place("its place", goal, "2x4", "b1"),)
-    wanted = Wanted(places, statics=statics)
+    wanted = Expectations(places, statics=statics)
     seen = found(moved_brick(goal), tmp_path, wanted, "balance")
     assert [(v.first, v.second, v.t_start) for v in seen] == (
         [("b1", "gravity", 9.0)] if falls else []
@@ -199,7 +201,7 @@ def test_what_rests_on_nothing(
     objects: list[tuple[float, float, float]],
     hangs: list[str],
 ) -> None:
-    violations = found(still(*objects), tmp_path, Wanted(hold=hold))
+    violations = found(still(*objects), tmp_path, Expectations(hold=hold))
     assert [(v.kind, v.first) for v in violations] == [("hanging", b) for b in hangs]
     for v in violations:
         assert (v.t_start, v.t_end) == (0.0, 1.0)
@@ -210,7 +212,7 @@ def test_joints_have_room_in_their_places_only(tmp_path: Path) -> None:
     poses = [(X, Y, 1), (X, Y, 2), (X + 0.026, Y, 2)]
     run = still(*poses)
     places = [Place("place", box.start, box.kind, box.name) for box in run.cell.objects]
-    wanted = Wanted(tuple(places), "joints", 0.012)
+    wanted = Expectations(tuple(places), "joints", 0.012)
     assert found(run, tmp_path, wanted) == ()
     (v,) = found(run, tmp_path, replace(wanted, places=tuple(places[:2])))
     assert (v.kind, v.first, v.second) == ("hanging", "b2", "plate")
@@ -263,7 +265,7 @@ def test_an_object_that_hangs_away_from_the_tool(
 ) -> None:
     """The brick is taken though the tool is that far above it; its lever is 3.2 mm nearer."""
     run = taking(below)
-    violations = found(run, tmp_path, Wanted(opening_m=opening))
+    violations = found(run, tmp_path, Expectations(opening_m=opening))
     assert [v.kind for v in violations] == (["grip"] if gap else [])
     for v in violations:
         assert (v.first, v.second, v.t_start, v.t_end) == ("b1", "left", 3.0, 6.0)

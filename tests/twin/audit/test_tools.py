@@ -14,6 +14,7 @@ import pytest
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Box, Capsule, Cylinder, Element, box_shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.expectations import Expectations, WantedProcess
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
@@ -27,7 +28,6 @@ from twin.audit.audit import audit_run
 from twin.audit.case import AuditCase
 from twin.audit.motion.executed import Recording, RobotRows
 from twin.audit.processes import process_violations
-from twin.audit.wanted import Wanted, WantedProcess
 from twin.audit.worlds.engines import ENGINES, open_world
 
 PART = (0.05, 0.03, 0.04)
@@ -61,7 +61,7 @@ def holding(model: RobotModel, size: tuple[float, ...]) -> HandWrittenRun:
 
 def grips(run: HandWrittenRun, folder: Path) -> list[str]:
     run.write(folder)
-    report = audit_run(folder, wanted=Wanted(opening_m=0.5), finished=False)
+    report = audit_run(folder, wanted=Expectations(opening_m=0.5), finished=False)
     return [v.detail for v in report.violations if v.kind == "grip"]
 
 
@@ -221,7 +221,7 @@ def said(place: Transform, *, passed: bool = True) -> list[str]:
     still = cell.robot("right").home[None]
     rows["right"] = RobotRows(np.zeros(1), still, np.full(1, -1))
     snap = WantedProcess("snap in", "snap", None, place, (np.eye(4),))
-    recording, wanted = Recording(rows, (), 4.0), Wanted(processes=(snap,))
+    recording, wanted = Recording(rows, (), 4.0), Expectations(processes=(snap,))
     with closing(open_world(cell)) as world:
         found = process_violations(AuditCase(world, plan, recording, wanted))
         return [violation.detail for violation in found]

@@ -11,7 +11,7 @@ from planning.tasks.assignment import NO_TOOLS
 from tests.twin.written import Change, checked, written
 from twin.check.finding import Subject
 from twin.check.picture import _doors, cell_figure
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.trial.planning import plan_scenario
 
 CELL = """\

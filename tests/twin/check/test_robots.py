@@ -35,7 +35,7 @@ from twin.check.picture import cell_figure
 from twin.check.robots import check_payloads
 from twin.check.tools import finger_gap
 from twin.check.views import MOST, close_ups
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import resolved, restored
 from twin.scenario.shipped import scenario_path
 

@@ -22,7 +22,7 @@ from twin.explore.report import write_report
 from twin.explore.rungs import Climb, Evaluation
 from twin.explore.summary import summary_of
 from twin.host.progress import report_nothing
-from twin.scenario.manifest import load_scenario, scenario_of
+from twin.reading.scenario_file import load_scenario, scenario_of
 from twin.scenario.sections.exploration import GoalSection, VarySection
 from twin.scenario.shipped import shipped_scenarios
 from twin.scenario.variations import varied

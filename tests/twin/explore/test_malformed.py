@@ -6,8 +6,8 @@ import pytest
 
 from tests.twin.explore.sliders import slider_file
 from tests.twin.program import invoke
+from twin.document.expressions import Expression, ExpressionError, Inequality
 from twin.explore.dimensions import dimensions_of, vary_section
-from twin.scenario.document.expressions import Expression, ExpressionError, Inequality
 from twin.scenario.sections.exploration import ExploreSection
 from twin.trial.loaded_scenario import load
 

@@ -15,7 +15,7 @@ from planning.importers.brick_models.ldraw import read_ldraw
 from planning.robots.registry import robot_model
 from tests.twin.program import invoke
 from twin.planning.lego import build_lego, build_structure
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.lego import LegoSection
 
 ROOT = Path(__file__).parents[3]

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from planning.expectations import Expectations, Place
 from planning.tasks.task import PRESENT
 from planning.transforms import rotation
 from tests.planted import rows
@@ -15,7 +16,6 @@ from tests.twin.audit.audit_cell import HandWrittenRun, brick, two_arm_cell
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.written import checked, loaded, refusal, written
 from twin.audit.audit import audit_run
-from twin.audit.wanted import Place, Wanted
 from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.alike import (
     alike_parts,
@@ -23,7 +23,7 @@ from twin.planning.part_assembly.alike import (
     with_named_parts,
 )
 from twin.planning.part_assembly.built import build_assembly
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.line import GridSection, PlacesSection
 from twin.scenario.sections.parts import PartSection, PartsSection
 from twin.trial.planning import plan_scenario
@@ -296,7 +296,7 @@ def test_any_of_a_kind_fills_a_goal_and_nothing_else_does(
     for entry in ends.split(", "):
         name, _, where = entry.partition(" ")
         run.put(1.0, name, None, at[where])
-    wanted = Wanted(
+    wanted = Expectations(
         tuple(
             Place(f"goal {k}", at[str(k)], "peg", any_of=frozenset(PEGS))
             for k in range(len(GOALS))

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from planning.expectations import Expectations
 from planning.lego.bricks.assembly import Cell, Press, Support
 from planning.transforms import rotation
 from tests.twin.written import loaded
-from twin.audit.wanted import Wanted
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import assembly_kind
 from twin.planning.lego import build_lego
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 
 SCENARIO = """\
 version: 1
@@ -88,7 +88,7 @@ def test_cell_and_assembly_hold_what_the_file_says(tmp_path: Path) -> None:
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 
 
-def wanted(name: str) -> Wanted:
+def wanted(name: str) -> Expectations:
     scenario = load_scenario(SCENARIOS / name)
     return assembly_kind(scenario.assembly).wanted(scenario.cell)
 

@@ -15,12 +15,12 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from tests.planted import rows
 from tests.twin.written import loaded, refusal
+from twin.document.validation import InvalidScenarioError
 from twin.host.progress import StageWatch
 from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.line import slots, written_out
+from twin.reading.scenario_file import load_scenario
 from twin.run.throughput import line_summary, product_nodes
-from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.study.comparison import plan_to_compare
 from twin.trial.planning import plan_scenario

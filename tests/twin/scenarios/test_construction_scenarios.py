@@ -36,7 +36,7 @@ from twin.planning.build_workcell import build_workcell
 from twin.planning.construction import ConstructionKind
 from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import motion_settings
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.trial.planning import plan_scenario
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "construction"

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from planning.errors import ScenarioError
+from planning.expectations import Expectations, WantedProcess
 from planning.tasks.task import HOLD
 from planning.transforms import from_rpy, translation
 from scheduling.graph.dispatcher import earliest_times
@@ -17,7 +18,6 @@ from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
 from tests.twin.written import loaded
 from twin.audit.audit import audit_run
-from twin.audit.wanted import Wanted, WantedProcess
 from twin.check.finding import Subject
 from twin.check.lying import check_goals
 from twin.check.reach import check_reach
@@ -153,7 +153,7 @@ def test_the_audit_finds_what_was_not_done_as_wanted(
     wanted = assembly_kind(scenario.assembly).wanted(scenario.cell)
     processes = list(wanted.processes)
     processes[step] = change(processes[step])
-    other: Wanted = replace(wanted, processes=tuple(processes))
+    other: Expectations = replace(wanted, processes=tuple(processes))
     report = audit_run(trial.folder, wanted=other)
     assert [v.kind for v in report.violations] == [kind]
     assert says in report.violations[0].detail

@@ -25,7 +25,7 @@ from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import varied
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
-from twin.trial.simulation import audit_standing_states
+from twin.verification.standing_states import audit_standing_states
 
 SCENARIO = cell(
     "fence",

@@ -20,6 +20,7 @@ from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import motion_settings
+from twin.reading.scenario_file import load_scenario
 from twin.run.events import ExecutionRecord
 from twin.run.policies import (
     ASYNCHRONOUS,
@@ -30,7 +31,6 @@ from twin.run.policies import (
     SYNCHRONOUS_TPG,
 )
 from twin.run.summary import lower_bound_s
-from twin.scenario.manifest import load_scenario
 from twin.study.comparison import (
     BASELINES,
     COMPARED,

@@ -14,7 +14,7 @@ from tests.twin.program import invoke, python
 from tests.twin.turning_arms import QUICK, planned_arms, run_arms, running
 from twin.run.folder import locked
 from twin.trial.errors import ResumeError
-from twin.trial.trial import resume_run
+from twin.trial.resume import resume_run
 
 DISTURBED = """\
   stalls: {rate_per_h: 600, duration: {kind: fixed, value_s: 2}}

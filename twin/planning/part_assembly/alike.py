@@ -12,8 +12,8 @@ from itertools import product, zip_longest
 from typing import TypeVar
 
 from scheduling.repeat import numbered
-from twin.scenario.document.validation import Found
-from twin.scenario.document.yaml_text import KeyPath
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
 from twin.scenario.sections.between import FitSection, JoinedSection
 from twin.scenario.sections.line import PlacesSection
 from twin.scenario.sections.parts import PartSection, PartsSection, StepSection

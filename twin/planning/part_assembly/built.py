@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from planning.cell.standing_rules import Joint, StandingRules
 from planning.contacts.interference import Overlaps
 from planning.errors import PlanInvariantError
 from planning.grips.grip import GripRules
@@ -24,7 +25,6 @@ from planning.parts.assembly import (
     Spot,
     Work,
 )
-from planning.statics.standing import Joint, StandingRules
 from planning.tasks.task import (
     ARRIVE,
     LEAVE,

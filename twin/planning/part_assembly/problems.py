@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator
 
 import networkx as nx
 
+from twin.document.validation import Found, unknown_name, unless_known
+from twin.document.yaml_text import KeyPath
 from twin.planning.part_assembly.alike import find_alike_problems
 from twin.planning.part_assembly.line import OUTFEED, Line, presenter
-from twin.scenario.document.validation import Found, unknown_name, unless_known
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartsSection, StepSection
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, model_validator
 
 from planning.bounds import LONGEST_S
-from twin.scenario.document.section import Name, Section, Two, with_tuples
+from twin.document.section import Name, Section, Two, with_tuples
 
 
 class JoinedSection(Section):

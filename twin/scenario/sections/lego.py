@@ -17,7 +17,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.insertion.rules import SequencingRules
-from twin.scenario.document.section import Name, Section, Several, Two
+from twin.document.section import Name, Section, Several, Two
 from twin.scenario.sections.shapes import (
     Colour,
     GridCell,

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from planning.bounds import DENSEST_KG_M3
+from twin.document.section import Name, Section, Several, with_tuples
 from twin.durations.lifetimes import AnyDuration
-from twin.scenario.document.section import Name, Section, Several, with_tuples
 from twin.scenario.sections.between import AfterSection, FitSection, JoinedParts
 from twin.scenario.sections.cell import ActuationTime
 from twin.scenario.sections.line import Amount, Places, ProductsSection, SourceSection

@@ -33,9 +33,9 @@ from planning.lego.bricks.drawing import (
     read_layer,
 )
 from planning.transforms import Transform, from_quat_wxyz, from_rpy, quat_wxyz, readonly
-from twin.scenario.document.section import Name, Section, Three, Two
-from twin.scenario.document.validation import unknown_name
-from twin.scenario.document.yaml_text import KeyPath
+from twin.document.section import Name, Section, Three, Two
+from twin.document.validation import unknown_name
+from twin.document.yaml_text import KeyPath
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -1,0 +1,56 @@
+"""Rules by which bodies at rest must stand: friction, tilt, and what is joined."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Two bodies joined where they touch, such as by a weld or a screw, or across a gap.
+
+    Attributes:
+        first, second: names of the bodies, either of which may be of the ground.
+        force: most that it bears along each axis [N].
+        torque: most that it bears about each axis [N m].
+        gap: room between them, of a connector that is no part [m].
+        by: name of the step that joins them; None for the one that places the later of them.
+    """
+
+    first: str
+    second: str
+    force: float = math.inf
+    torque: float = math.inf
+    gap: float = 0.0
+    by: str | None = None
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """Names of both bodies."""
+        return self.first, self.second
+
+    @property
+    def endless(self) -> bool:
+        """True if it bears whatever comes."""
+        return math.isinf(self.force) and math.isinf(self.torque)
+
+
+@dataclass(frozen=True)
+class StandingRules:
+    """Assumptions about bodies at rest.
+
+    Attributes:
+        friction: least coefficient of friction of all contacts.
+        tilt: by which gravity may be tilted [rad].
+        touch: bodies that are nearer to each other than this touch [m].
+        joints: what is joined, and when.
+        joined_within: bodies that are nearer to each other than this are joined, too, and these
+            joints bear whatever comes; 0 for none [m].
+    """
+
+    friction: float = 0.4
+    tilt: float = math.radians(1.0)
+    touch: float = 0.002
+    joints: tuple[Joint, ...] = ()
+    joined_within: float = 0.0
