@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,7 +22,9 @@ from twin.commands.options import (
 from twin.commands.run import announcer, show_run, values_of
 from twin.commands.view import View
 from twin.host.guard import guarded
-from twin.operate.person import Question
+
+if TYPE_CHECKING:
+    from twin.operate.person import Question
 
 
 @guarded
