@@ -24,7 +24,12 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.kind import PlannedMotions, assembly_kind, timed
-from twin.planning.pipeline import default_shortcuts, plan_in_turns, planned_shortcuts
+from twin.planning.pipeline import (
+    default_shortcuts,
+    plan_motions,
+    planned_shortcuts,
+    require_sequential,
+)
 from twin.run.events import ExecutionRecord
 from twin.run.policies import (
     NAMED_POLICIES,
@@ -219,7 +224,8 @@ def plan_to_compare(
             "no plan in slots can wait for machines, sources and products: study the"
             " scenario instead, with the policies sequential and asynchronous"
         )
-    return plan_in_turns(scenario, base, watch)
+    require_sequential(scenario)
+    return plan_motions(scenario, base, watch)
 
 
 def measure_plans(

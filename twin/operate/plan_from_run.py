@@ -15,9 +15,9 @@ from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch
 from twin.operate.committed import Failure
 from twin.operate.operation import require_rolling
-from twin.operate.remainder import plan_remainder
+from twin.operate.remainder import remaining_graph
 from twin.operate.rolling import OUT_FOR_GOOD
-from twin.planning.pipeline import plan_wanted, planned_shortcuts
+from twin.planning.pipeline import plan_motions, planned_shortcuts, wanted_steps
 from twin.run.policies import IN_TURNS, SHORTENED
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
@@ -66,9 +66,15 @@ def plan_from_run(
     gone = {e.robot for e in run.history if e.t_ns <= t_ns and e.detail == OUT_FOR_GOOD}
     watch = StageWatch(progress)
     last = max((task.step for task in tpg.tasks), default=0)
-    motions = plan_wanted(case.sections, case.folder, watch, steps=last)
+    motions = plan_motions(
+        case.sections,
+        case.folder,
+        watch,
+        whole=True,
+        first=wanted_steps(case.sections, last),
+    )
     with watch.stage("motion"):
-        found = plan_remainder(
+        found = remaining_graph(
             case.sections,
             motions,
             tpg,
