@@ -34,19 +34,19 @@ from benchmarks.machine import forget_answers, machine_line
 from benchmarks.store import Row, RowStore
 from planning.errors import TwinError
 from planning.importers.apex_mr.importer import available_tasks
-from twin.comparison.comparison import (
-    Measurement,
-    comparison_figures,
-    measure_plans,
-    plan_to_compare,
-    shortcut_budget,
-)
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.kinds.lego.imports import import_task
 from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import plan_in_slots
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario, follow_references
+from twin.study.comparison import (
+    Measurement,
+    comparison_figures,
+    measure_policies,
+    shared_motions,
+)
+from twin.study.plans import shortcut_budget
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "benchmarks" / ".measured" / "apex_mr"
@@ -203,13 +203,13 @@ class _Case:
         before = os.getloadavg()[0]
         scenario = self.scenario.model_copy(update={"seed": seed})
         watch = StageWatch(progress, clock=time.process_time)
-        turns = plan_to_compare(scenario, self.base, watch)
-        found = measure_plans(
+        turns = shared_motions(scenario, self.base, watch)
+        found = measure_policies(
             turns, scenario, watch, candidates=self.candidates, base=self.base
         )
         always = {"joint_planning": "always"}
         planning = scenario.planning.model_copy(update=always)
-        joint = measure_plans(
+        joint = measure_policies(
             turns,
             scenario.model_copy(update={"planning": planning}),
             watch,

@@ -22,7 +22,7 @@ from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PlacePart
 from planning.parts.part_skills import process_targets
 from planning.parts.part_steps import lying_by_then, steps_in_order
-from planning.robots.overview import description_doubts, empty_shapes
+from planning.robots.overview import overview
 from planning.transforms import Array, inverse, translation
 from twin.check.finding import (
     Finding,
@@ -45,7 +45,8 @@ _TOLD = 4
 def check_descriptions(subject: Subject) -> Findings:
     """Yield collision shapes without a volume, and what is likely in a wrong unit in descriptions."""
     for robot in subject.unlike_robots:
-        for words in (*empty_shapes(robot.model), *description_doubts(robot.model)):
+        found = overview(robot.model)
+        for words in (*found.left_out, *found.doubts):
             at = subject.robot_at(robot.name, "model")
             yield Finding(at, f"{robot.name}: {words}")
 

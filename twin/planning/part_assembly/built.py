@@ -40,7 +40,6 @@ from twin.host.progress import StageWatch
 from twin.planning.part_assembly.line import Line, MachineJob, written_out
 from twin.run.policies import IN_TURNS, SHORTENED
 from twin.scenario.sections.parts import (
-    GripSection,
     PartGripSection,
     PartSection,
     PartsSection,
@@ -110,7 +109,7 @@ def _balance(section: PartsSection) -> StandingRules | None:
     return as_planned(StandingRules, own, touch=section.touch_m, joints=tuple(joints))
 
 
-def _grip_rules(section: GripSection | PartGripSection, rules: GripRules) -> GripRules:
+def _grip_rules(section: PartGripSection, rules: GripRules) -> GripRules:
     """Return rules with what a section says in place of what they say."""
     values = plain_values(section)
     for key in ("close_s", "open_s"):
