@@ -44,7 +44,7 @@ from twin.study.comparison import (
     Measurement,
     comparison_figures,
     measure_policies,
-    plan_to_compare,
+    shared_motions,
 )
 from twin.study.plans import shortcut_budget
 
@@ -203,7 +203,7 @@ class _Case:
         before = os.getloadavg()[0]
         scenario = self.scenario.model_copy(update={"seed": seed})
         watch = StageWatch(progress, clock=time.process_time)
-        turns = plan_to_compare(scenario, self.base, watch)
+        turns = shared_motions(scenario, self.base, watch)
         found = measure_policies(
             turns, scenario, watch, candidates=self.candidates, base=self.base
         )

@@ -40,7 +40,7 @@ from twin.operate.replicated.hindsight import Hindsight
 from twin.recorders.observers import write_motion
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate, with_failures
+from twin.trial.planning import plan_scenario, with_failures
 from twin.trial.simulation import scenario_execution
 
 ROOT = Path(__file__).parents[1]
@@ -252,7 +252,7 @@ def main() -> int:
                     if row is None and options.table:
                         continue
                     if row is None:
-                        plan = plan or plan_to_operate(case)
+                        plan = plan or plan_scenario(case, keep=True)
                         sure = seed < options.verified
                         row = store.save(key, measure(plan, rate, seed, verified=sure))
                     sys.stderr.write(f"{key}: {row['ours']['makespan_s']:.1f} s\n")

@@ -20,7 +20,7 @@ from planning.tasks.task import Task
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.host.guard import replacing
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
-from twin.planning.pipeline import order_motions, plan_in_turns
+from twin.planning.pipeline import order_motions, plan_motions
 from twin.reading.scenario_file import load_scenario
 from twin.study.replications.workload import bare_cell, timing_graph
 from twin.uncertainty.contraction import contract
@@ -114,7 +114,7 @@ def contracted_graph(
     """Plan a scenario one task after another and return its contracted timing graph."""
     scenario = load_scenario(path)
     watch = StageWatch(progress)
-    turns = plan_in_turns(scenario, path.parent, watch)
+    turns = plan_motions(scenario, path.parent, watch)
     tpg = order_motions(turns.motion_plan, watch)
     return timing_graph(contract(tpg).tpg)
 

@@ -25,14 +25,17 @@ class PlannedOnce:
         watch: StageWatch,
         *,
         whole: bool = False,
+        first: int | None = None,
     ) -> PlannedMotions:
         """Return the motions, with the time that each stage took in the watch."""
+        if whole or first is not None:
+            return plan_motions(scenario, folder, watch, whole=whole, first=first)
         content = resolved(scenario)
         execution = content.pop("execution")
         skills = [execution[key] for key in ("skills", "skill_overrides")]
-        key = json.dumps([content, skills, str(folder.resolve()), whole])
+        key = json.dumps([content, skills, str(folder.resolve())])
         if key not in self._planned:
-            found = plan_motions(scenario, folder, watch, whole=whole)
+            found = plan_motions(scenario, folder, watch)
             self._planned[key] = found, dict(watch.seconds)
         motions, seconds = self._planned[key]
         watch.seconds.update(seconds)

@@ -27,7 +27,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.engine import Simulator
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 from twin.trial.simulation import scenario_execution
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "assembly" / "fr3_cubes.yaml"
@@ -177,7 +177,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("logs/live"))
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    plan = plan_to_operate(load(given.scenario))
+    plan = plan_scenario(load(given.scenario), keep=True)
     planned = Simulator(
         plan.tpg,
         scenario_execution(plan.scenario.sections, plan.scenario.folder),

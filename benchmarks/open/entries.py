@@ -31,7 +31,7 @@ from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import default_shortcuts, motion_settings
 from twin.run import policies
-from twin.study.plans import plan_for_study
+from twin.study.plans import study_plans
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
 
@@ -76,7 +76,7 @@ def own_plan(task: LoadedScenario, policy: str) -> Document:
     begun = time.process_time()
     budget = default_shortcuts(scenario)
     try:
-        plans = plan_for_study(
+        plans = study_plans(
             scenario,
             task.folder,
             (policy,),

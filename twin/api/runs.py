@@ -79,8 +79,8 @@ def plan(
 def _plan_checked(checked: Checked, progress: Report) -> PlanResult:
     """Plan a scenario whose check found no errors."""
     loaded = checked.scenario
-    made = plan_scenario(loaded.sections, loaded.folder, progress)
-    return replace(made, scenario=loaded, warnings=checked.warnings, fits=checked.fits)
+    made = plan_scenario(loaded, loaded.folder, progress)
+    return replace(made, warnings=checked.warnings, fits=checked.fits)
 
 
 def scenario_of(source: AnyPlan) -> LoadedScenario:

@@ -36,7 +36,7 @@ class RunAuditor:
         finished: bool,
         progress: Report,
     ) -> Mapping[str, Any]:
-        """Return what was found in a run; see Auditor."""
+        """Return what was found in a run; see RunJudge."""
         return audit_execution(
             scenario,
             folder,

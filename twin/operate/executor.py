@@ -18,7 +18,7 @@ from twin.trial.errors import ResumeError
 from twin.trial.executor import Executed
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 from twin.trial.simulation import scenario_execution
 from twin.uncertainty.disturbances import Disturbances
 
@@ -86,7 +86,7 @@ def plan_again(case: LoadedScenario, folder: Path) -> PlanResult:
     Raises:
         ResumeError: it is another one now.
     """
-    plan = plan_to_operate(case)
+    plan = plan_scenario(case, keep=True)
     if plan_sha256(plan.tpg) != plan_sha256(load_plan(folder / FIRST)):
         raise ResumeError(f"{folder / FIRST}: planned again, it is another plan")
     return plan

@@ -15,8 +15,8 @@ from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch
 from twin.operate.committed import Failure
 from twin.operate.operation import require_rolling
-from twin.operate.remainder import plan_remainder
-from twin.planning.pipeline import plan_wanted, planned_shortcuts
+from twin.operate.remainder import remaining_graph
+from twin.planning.pipeline import plan_motions, planned_shortcuts, wanted_steps
 from twin.run.events import EventCode
 from twin.run.policies import IN_TURNS, SHORTENED
 from twin.trial.loaded_scenario import LoadedScenario
@@ -70,9 +70,15 @@ def plan_from_run(
     }
     watch = StageWatch(progress)
     last = max((task.step for task in tpg.tasks), default=0)
-    motions = plan_wanted(case.sections, case.folder, watch, steps=last)
+    motions = plan_motions(
+        case.sections,
+        case.folder,
+        watch,
+        whole=True,
+        first=wanted_steps(case.sections, last),
+    )
     with watch.stage("motion"):
-        found = plan_remainder(
+        found = remaining_graph(
             case.sections,
             motions,
             tpg,

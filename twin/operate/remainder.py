@@ -49,7 +49,7 @@ _SAME = 1e-6
 """Joint values of a task that differ by less, in turns, are the same."""
 
 
-def plan_remainder(
+def remaining_graph(
     scenario: Scenario,
     motions: PlannedMotions,
     tpg: TemporalPlanGraph,

@@ -26,7 +26,7 @@ from scheduling.ordering.synchronous import (
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_workcell
-from twin.planning.kind import PlannedMotions, assembly_kind
+from twin.planning.kind import AssemblyKind, PlannedMotions, assembly_kind
 from twin.registry import PLANNERS
 from twin.scenario.sections.scenario import Scenario
 
@@ -39,7 +39,12 @@ CANDIDATES_PER_STEP, FEWEST_CANDIDATES = 150, 5000
 
 
 def plan_motions(
-    scenario: Scenario, folder: Path, watch: StageWatch, *, whole: bool = False
+    scenario: Scenario,
+    folder: Path,
+    watch: StageWatch,
+    *,
+    whole: bool = False,
+    first: int | None = None,
 ) -> PlannedMotions:
     """Plan assignment and motions, before robots are let move at once.
 
@@ -50,68 +55,61 @@ def plan_motions(
         folder: where relative paths in it start.
         watch: measures the stages.
         whole: plan every product by itself, where plans else repeat after the first ones.
-    """
-    kind = assembly_kind(scenario.assembly)
-    kind = kind.written_out() if whole else kind
-    if kind.at_once and scenario.planning.coordination != "sequential":
-        raise ScenarioError(
-            f"a {scenario.assembly.kind} is planned in space and time at once, not in slots:"
-            " leave out the planning's coordination"
-        )
-    if kind.machines() and scenario.planning.coordination != "sequential":
-        raise ScenarioError(
-            "no slot can wait for machines, sources and products: leave out coordination"
-        )
-    cell = build_workcell(scenario, folder, kind)
-    return kind.plan(cell, motion_settings(scenario, cell, folder), watch)
-
-
-def plan_first_steps(
-    scenario: Scenario, folder: Path, watch: StageWatch, count: int
-) -> PlannedMotions:
-    """Plan assignment and motions of the first so many steps of an assembly, its products written out.
+        first: plan only so many first steps, every product by itself, and keep the work of the others.
 
     Raises:
         RequestError: steps of this kind are looked at together.
-        TwinError: see plan_scenario.
     """
+    kind = assembly_kind(scenario.assembly)
+    kind = kind.written_out() if whole or first is not None else kind
+    if first is None:
+        _require_plannable(scenario, kind)
+    cell = build_workcell(scenario, folder, kind)
+    settings = motion_settings(scenario, cell, folder)
+    if first is None:
+        return kind.plan(cell, settings, watch)
     from twin.planning.goals import plan_in_turns
 
-    kind = assembly_kind(scenario.assembly).written_out()
-    cell = build_workcell(scenario, folder, kind)
     ahead = kind.ahead(cell, watch)
     with watch.stage("assignment"):
-        work = ahead.first(ahead.whole(count))
-    settings = motion_settings(scenario, cell, folder)
+        work = ahead.first(ahead.whole(first))
     motions = plan_in_turns(cell, work.assembly, work, settings, watch)
     return replace(kind.finished(motions), ahead=ahead)
 
 
-def plan_wanted(
-    scenario: Scenario, folder: Path, watch: StageWatch, steps: int = 0
-) -> PlannedMotions:
-    """Plan assignment and motions of all that is wanted, from which it can be planned anew.
+def _require_plannable(scenario: Scenario, kind: AssemblyKind) -> None:
+    """Refuse a coordination that a kind of assembly cannot have.
+
+    Raises:
+        ScenarioError: says why.
+    """
+    if scenario.planning.coordination == "sequential":
+        return
+    if kind.at_once:
+        raise ScenarioError(
+            f"a {scenario.assembly.kind} is planned in space and time at once, not in slots:"
+            " leave out the planning's coordination"
+        )
+    if kind.machines():
+        raise ScenarioError(
+            "no slot can wait for machines, sources and products: leave out coordination"
+        )
+
+
+def wanted_steps(scenario: Scenario, least: int = 0) -> int | None:
+    """Return how many first steps are planned of a scenario that can be planned anew; None for all of them.
 
     Args:
         scenario: a checked scenario.
-        folder: where relative paths in it start.
-        watch: measures the stages.
-        steps: so many first ones at least, those of spare products among them.
-
-    Raises:
-        TwinError: see plan_scenario.
+        least: so many at least, those of spare products among them.
     """
     kind = assembly_kind(scenario.assembly).written_out()
-    if kind.wanted_steps() == kind.steps():
-        return plan_motions(scenario, folder, watch, whole=True)
-    count = max(kind.wanted_steps(), steps)
-    return plan_first_steps(scenario, folder, watch, count)
+    wanted = kind.wanted_steps()
+    return None if wanted == kind.steps() else max(wanted, least)
 
 
-def plan_in_turns(
-    scenario: Scenario, folder: Path, watch: StageWatch
-) -> PlannedMotions:
-    """Plan as plan_motions does, but only what can be planned one task after another.
+def require_sequential(scenario: Scenario) -> None:
+    """Refuse a scenario that is not planned one task after another.
 
     Raises:
         ScenarioError: the scenario is planned in space and time.
@@ -121,7 +119,6 @@ def plan_in_turns(
             f"a {scenario.assembly.kind} is planned in space and time at once, not one task"
             " after another"
         )
-    return plan_motions(scenario, folder, watch)
 
 
 def plan_in_slots(

@@ -46,13 +46,13 @@ class _Machine(TypedDict):
     utilisation: float
 
 
-class _Actuation(TypedDict):
+class _ActuationTimes(TypedDict):
     times: int
     within_skills: int
     s: float
 
 
-class _Window(TypedDict):
+class _KeptWindow(TypedDict):
     window: str
     at_least_s: float
     within_s: float | None
@@ -140,11 +140,11 @@ class RunSummary(TypedDict):
     warnings: NotRequired[list[str]]
     checks_off: NotRequired[list[_CheckOff]]
     fits: NotRequired[list[_Fit]]
-    actuations: NotRequired[dict[str, _Actuation]]
+    actuations: NotRequired[dict[str, _ActuationTimes]]
     machines: NotRequired[dict[str, _Machine]]
     slowed: NotRequired[dict[str, _Slowed]]
     tracking: NotRequired[dict[str, _Tracking]]
-    windows: NotRequired[list[_Window]]
+    windows: NotRequired[list[_KeptWindow]]
     line: NotRequired[_Line]
     operation: NotRequired[_Operation]
 

@@ -30,7 +30,7 @@ from twin.study.comparison import (
     SEEDS,
     comparison_figures,
     measure_policies,
-    plan_to_compare,
+    shared_motions,
 )
 from twin.study.folder import (
     EDGES,
@@ -416,7 +416,7 @@ def compare(
         for k, seed in enumerate(numbers):
             progress(SEEDS, k, seeds)
             own = chosen.model_copy(update={"seed": seed})
-            turns = plan_to_compare(own, base, watch := StageWatch(progress))
+            turns = shared_motions(own, base, watch := StageWatch(progress))
             found[seed] = measure_policies(
                 turns, own, watch, candidates=candidates, base=base
             )

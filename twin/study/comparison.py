@@ -21,7 +21,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.planning.kind import PlannedMotions, timed
-from twin.planning.pipeline import plan_in_turns
+from twin.planning.pipeline import plan_motions, require_sequential
 from twin.run.events import ExecutionRecord
 from twin.run.policies import (
     NAMED_POLICIES,
@@ -86,16 +86,15 @@ Rows = Mapping[int, Mapping[str, Measurement]]
 """Measurements of all policies, by seed and policy."""
 
 
-def plan_to_compare(
-    scenario: Scenario, base: Path, watch: StageWatch
-) -> PlannedMotions:
-    """Plan the tasks and motions that all policies share.
+def shared_motions(scenario: Scenario, base: Path, watch: StageWatch) -> PlannedMotions:
+    """Return the tasks and motions that all policies share.
 
     Raises:
         TwinError: it cannot be planned, or not in slots; see ``plan_scenario``.
     """
     require_no_machines(scenario)
-    return plan_in_turns(scenario, base, watch)
+    require_sequential(scenario)
+    return plan_motions(scenario, base, watch)
 
 
 def measure_policies(

@@ -43,8 +43,9 @@ from twin.scenario.variations import Variant, layout_of, varied
 from twin.study.folder import Refused, StudyRequest
 from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import Workload, timing_graph
+from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import CoordinatedPlans, chooses_crew, plan_best
+from twin.trial.planning import CoordinatedPlans, chooses_crew, shortest_plan
 from twin.trial.simulation import scenario_execution
 
 Plans = Mapping[str, TemporalPlanGraph]
@@ -86,7 +87,7 @@ def require_no_machines(scenario: Scenario) -> None:
         )
 
 
-def plan_for_study(
+def study_plans(
     scenario: Scenario,
     base: Path,
     policies: tuple[str, ...],
@@ -94,7 +95,7 @@ def plan_for_study(
     candidates: int,
     progress: Report,
 ) -> Plans:
-    """Make the plans that some policies need, all of the same motions.
+    """Return the plans that some policies need, all of the same motions.
 
     Args:
         scenario: a checked scenario.
@@ -111,7 +112,7 @@ def plan_for_study(
     if needed & {IN_SLOTS, SLOTS_SHORTENED}:
         require_no_machines(scenario)
     if chooses_crew(scenario):
-        turns = plan_best(scenario, base, watch).motions
+        turns = shortest_plan(LoadedScenario(scenario, base), watch).motions
     else:
         turns = plan_motions(scenario, base, watch)
     made = CoordinatedPlans(turns, scenario, lambda: watch, candidates=candidates)
@@ -284,7 +285,9 @@ def distinct(variants: Iterable[Variant]) -> list[Variant]:
     return list({json.dumps(variant): variant for variant in variants}.values())
 
 
-def plan_layouts(request: StudyRequest, progress: Report) -> tuple[StudyRequest, Plans]:
+def plans_of_layouts(
+    request: StudyRequest, progress: Report
+) -> tuple[StudyRequest, Plans]:
     """Plan every layout of a study; those that have no plan are left out, with the reason.
 
     Where nothing is varied that a plan depends on there is one layout, and it must have a plan.
@@ -335,7 +338,7 @@ def _planned(request: StudyRequest, layout: Variant, progress: Report) -> Plans:
     if layout:
         for message in _errors(scenario, request.base):
             raise RequestError(message)
-    return plan_for_study(
+    return study_plans(
         scenario,
         request.base,
         request.experiment.policies,

@@ -64,7 +64,7 @@ from twin.study.plans import (
     load_plans,
     plan_hashes,
     plan_key,
-    plan_layouts,
+    plans_of_layouts,
     save_plans,
     workloads,
 )
@@ -76,7 +76,7 @@ from twin.study.replications.workload import Workload
 from twin.study.sensitivity import INFLUENCES, influences, sobol_indices
 from twin.study.summary import StudySummary, shown_cell, summarise_study
 from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.base_errors import drawn_base, drawn_deviations
 from twin.uncertainty.disturbances import Speed
@@ -142,7 +142,7 @@ def start_study(
         if layout_of(variant):
             _require_fitting(varied(scenario, variant), request.base)
     if plans is None:
-        request, plans = plan_layouts(request, progress)
+        request, plans = plans_of_layouts(request, progress)
     elif any(map(layout_of, experiment.variants)):
         keys = ", ".join(layout_of(experiment.variants[0]))
         raise RequestError(f"{keys}: a plan that is there cannot be varied; plan anew")
@@ -166,7 +166,9 @@ def resume_study(
     request = read_request(folder)
     plans, motions = load_plans(folder / PLANS, request.experiment), None
     if request.operated:
-        made = plan_to_operate(LoadedScenario(request.scenario, request.base), progress)
+        made = plan_scenario(
+            LoadedScenario(request.scenario, request.base), progress=progress, keep=True
+        )
         motions, plans = made.motions, given_plans(made, request.experiment.policies)
     require_same_plans(folder, plan_hashes(plans))
     return _run(request, folder, plans, motions, open_executor, progress)

@@ -11,7 +11,7 @@ from twin.registry import AUDIT, AUDITORS
 from twin.scenario.sections.scenario import Scenario
 
 
-class Auditor(Protocol):
+class RunJudge(Protocol):
     """Judges what was executed by all that a scenario says of it."""
 
     def judge(
@@ -36,7 +36,7 @@ class Auditor(Protocol):
         ...
 
 
-def load_auditor(engine: str | None = None) -> Auditor:
+def load_auditor(engine: str | None = None) -> RunJudge:
     """Return the auditor of runs.
 
     Args:
@@ -45,5 +45,5 @@ def load_auditor(engine: str | None = None) -> Auditor:
     Raises:
         RequestError: there is no auditor, or it has no such engine.
     """
-    found: Auditor = AUDITORS.require(AUDIT, "an audit")(engine)
+    found: RunJudge = AUDITORS.require(AUDIT, "an audit")(engine)
     return found

@@ -28,13 +28,12 @@ from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import (
     MOST_CANDIDATES,
     order_motions,
-    plan_first_steps,
     plan_in_slots,
     plan_motions,
-    plan_wanted,
     planned_shortcuts,
     planned_sidesteps,
     shorten,
+    wanted_steps,
 )
 from twin.run.policies import (
     AT_ONCE,
@@ -59,11 +58,12 @@ _NEAR = 0.05
 
 
 def plan_scenario(
-    scenario: Scenario,
+    scenario: Scenario | LoadedScenario,
     folder: Path = Path(),
     progress: Report = report_nothing,
     *,
     motions: PlannedMotions | None = None,
+    keep: bool = False,
 ) -> PlanResult:
     """Plan a scenario from the cell to the temporal plan graph.
 
@@ -73,9 +73,11 @@ def plan_scenario(
 
     Args:
         scenario: a checked scenario.
-        folder: where relative paths in it start, that of its file.
+        folder: where relative paths in it start, that of its file; known of one that was loaded.
         progress: told how far each stage has come.
         motions: what ``plan_motions`` has made of the scenario, where that is there already.
+        keep: keep what other plans can be made from: every product is planned by itself, and no more
+            than what is wanted, or what the window of the scenario says.
 
     Raises:
         RobotModelError: a robot description cannot be used.
@@ -84,7 +86,12 @@ def plan_scenario(
         TransitError: no collision-free path was found.
         PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
     """
-    plan = plan_best(scenario, folder, watch := StageWatch(progress), motions)
+    case, watch = scenario, StageWatch(progress)
+    if not isinstance(case, LoadedScenario):
+        case = LoadedScenario(case, folder)
+    if keep:
+        return _plan_to_keep(case, watch)
+    plan = shortest_plan(case, watch, motions)
     first = plan.motions
     # What other plans can be made from is no longer needed, and cannot be saved.
     plan = replace(plan, made_of=replace(first, work=None))
@@ -96,22 +103,15 @@ def plan_scenario(
     return replace(plan, load_bound_s=bound)
 
 
-def plan_to_operate(
-    case: LoadedScenario, progress: Report = report_nothing
-) -> PlanResult:
-    """Plan a scenario, or its first steps, and keep what other plans can be made from.
-
-    See plan_scenario for the errors.
-    """
-    watch, window = StageWatch(progress), case.sections.execution.window
+def _plan_to_keep(case: LoadedScenario, watch: StageWatch) -> PlanResult:
+    """Return the plan of what is wanted, or of the first steps, with what other plans can be made from."""
+    sections, window = case.sections, case.sections.execution.window
+    first = wanted_steps(sections) if window is None else window.first
+    motions = plan_motions(sections, case.folder, watch, whole=True, first=first)
     if window is None:
-        motions = plan_wanted(case.sections, case.folder, watch)
-        plan = plan_best(case.sections, case.folder, watch, motions)
-        return replace(plan, scenario=case)
-    first = plan_first_steps(case.sections, case.folder, watch, window.first)
+        return shortest_plan(case, watch, motions)
     # Shortened as much as the steps that come after them will be.
-    few = case.sections.execution.recovery.shortcuts
-    return _coordinated(case, first, watch, few)
+    return _coordinated(case, motions, watch, sections.execution.recovery.shortcuts)
 
 
 _NO_SKILLS = {TRANSIT, STRAIGHT, LEAVE_TOOL, TAKE_TOOL, *SUPPLY_KINDS}
@@ -143,21 +143,18 @@ def with_failures(
     )
 
 
-def plan_best(
-    scenario: Scenario,
-    folder: Path,
-    watch: StageWatch,
-    motions: PlannedMotions | None = None,
+def shortest_plan(
+    case: LoadedScenario, watch: StageWatch, motions: PlannedMotions | None = None
 ) -> PlanResult:
     """Return the plan of the products that are planned, by the crew whose plan is shortest.
 
     See plan_scenario for the errors, and for motions that are there already.
     """
-    loaded = LoadedScenario(scenario, folder)
+    scenario = case.sections
     if motions is None:
-        motions = plan_motions(scenario, folder, watch)
+        motions = plan_motions(scenario, case.folder, watch)
     first, *others = _motions_of_crews(scenario, motions, watch)
-    plan = _coordinated(loaded, first, watch)
+    plan = _coordinated(case, first, watch)
     for other in others:
         plan = _shorter(plan, other, watch)
     return replace(plan, idle=find_idle(plan.tpg, motions))

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -180,7 +181,9 @@ def test_a_study_has_a_row_a_policy_and_variant(
     assert found.report.is_file()
     assert found.tasks.num_rows == 4 * len(plan.tpg.tasks)
     # The report is there, and as long to draw again.
-    monkeypatch.setattr("twin.study.api.write_report", lambda result, progress: None)
+    monkeypatch.setattr(
+        import_module("twin.study.api"), "write_report", lambda result, progress: None
+    )
     again = twin.resume_study(found.folder, FILE, workers=0)
     assert again.summary == found.summary
     with pytest.raises(RequestError, match="holds a study of scenario"):

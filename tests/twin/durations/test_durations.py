@@ -21,7 +21,7 @@ from twin.durations.measured import Empirical, MeasuredTimes, Packaged, packaged
 from twin.durations.model import to_nanoseconds
 from twin.durations.normal import Lognormal
 from twin.host.progress import StageWatch
-from twin.planning.pipeline import plan_in_turns, plan_motions
+from twin.planning.pipeline import plan_motions
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import follow_references
 from twin.trial.simulation import skill_durations
@@ -151,7 +151,7 @@ TOWER = ROOT / "scenarios" / "construction" / "tower.yaml"
 def test_they_move_at_the_speed_of_transits_and_never_vary() -> None:
     scenario = follow_references(load_scenario(CLIFF))
     assert scenario.execution.skill_models() == {}
-    turns = plan_in_turns(scenario, CLIFF.parent, StageWatch())
+    turns = plan_motions(scenario, CLIFF.parent, StageWatch())
     speed = scenario.planning.l1_rad_s
     seen = set()
     for task, motion in zip(
@@ -190,7 +190,7 @@ def test_the_planner_takes_the_means_of_exceptions(tmp_path: Path) -> None:
         "    - {skill: pick, object: 2x4, duration: {kind: fixed, value_s: 50}}\n"
     )
     scenario = loaded(tmp_path, text)
-    plan = plan_in_turns(scenario, tmp_path, StageWatch()).motion_plan
+    plan = plan_motions(scenario, tmp_path, StageWatch()).motion_plan
     kinds = {item.name: item.kind for item in plan.cell.objects}
     packaged = packaged_timings()["pick"].mean
     seen = set()

@@ -24,7 +24,7 @@ from twin.run.events import Event
 from twin.run.folder import EVENTS, SUMMARY
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import execute, scenario_execution
 
@@ -60,7 +60,7 @@ FEW = {"planning.shortcut_candidates": 30, "recovery.shortcuts": 4}
 
 def planned(file: Path, **values: Any) -> PlanResult:
     """Return a plan of a scenario with few shortcuts, and with other values of it."""
-    return plan_to_operate(load(file).varied({**FEW, **values}))
+    return plan_scenario(load(file).varied({**FEW, **values}), keep=True)
 
 
 @cache

@@ -35,7 +35,7 @@ from twin.planning.kind import assembly_kind
 from twin.run.events import Event
 from twin.run.trajectory import object_placements
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate, with_failures
+from twin.trial.planning import plan_scenario, with_failures
 
 ROOT = Path(__file__).parents[3] / "scenarios"
 
@@ -127,7 +127,7 @@ def _whole(name: str) -> PlanResult:
     plan = plan_of(name)
     if plan.scenario.sections.execution.window is None:
         return plan
-    return plan_to_operate(plan.scenario.varied({"window": None}))
+    return plan_scenario(plan.scenario.varied({"window": None}), keep=True)
 
 
 def drawn_values(name: str, seed: int) -> Values:

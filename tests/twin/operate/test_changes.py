@@ -31,7 +31,7 @@ from tests.twin.program import invoke
 from twin.operate.operation import Operation
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 
 
 def dropping(at_s: float, *steps: int) -> dict[str, Any]:
@@ -233,7 +233,7 @@ def limited(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
     file = tmp_path_factory.mktemp("limited") / "stack.yaml"
     few = "shortcut_candidates: 30, speed_model: limits"
     file.write_text(STACK.replace("shortcut_candidates: 30", few))
-    return plan_to_operate(load(file))
+    return plan_scenario(load(file), keep=True)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

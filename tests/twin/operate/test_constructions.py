@@ -32,7 +32,7 @@ from twin.operate.person import PERSON
 from twin.planning.kind import assembly_kind
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 
 ROOT = Path(__file__).parents[3] / "scenarios" / "construction"
 LEVELS = 6
@@ -42,7 +42,7 @@ LEVELS = 6
 def plan() -> PlanResult:
     """A low tower, by three robots."""
     few = {"assembly.model.levels": LEVELS, "cell.team.count": 3}
-    return plan_to_operate(load(ROOT / "tower.yaml").varied(few))
+    return plan_scenario(load(ROOT / "tower.yaml").varied(few), keep=True)
 
 
 def require_true(plan: PlanResult, done: Operation) -> list[int]:
@@ -255,7 +255,7 @@ execution:
 def beam(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
     file = tmp_path_factory.mktemp("beam") / "beam.yaml"
     file.write_text(BEAM)
-    return plan_to_operate(load(file))
+    return plan_scenario(load(file), keep=True)
 
 
 def require_kept_hold(plan: PlanResult, done: Operation) -> bool:

@@ -21,7 +21,7 @@ from tests.twin.operate.random_operations import plan_of
 from twin.operate.operation import Operation
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 TENDING = SCENARIOS / "assembly" / "machine_tending.yaml"
@@ -180,7 +180,7 @@ def test_what_is_rejected_is_scrapped(inspected: PlanResult) -> None:
 
 @pytest.mark.nightly
 def test_what_a_step_that_is_begun_anew_waited_for_is_no_reason_to_give_up() -> None:
-    plan = plan_to_operate(load(TENDING.parents[1] / "lego" / "cliff.yaml"))
+    plan = plan_scenario(load(TENDING.parents[1] / "lego" / "cliff.yaml"), keep=True)
     own = {"probability": 0.15, "retries": 1, "loses": 0.5}
     kinds = {
         "failures.place-down": {**own, "slips": 0.6},
@@ -195,7 +195,7 @@ def test_what_a_step_that_is_begun_anew_waited_for_is_no_reason_to_give_up() -> 
 @pytest.mark.nightly
 def test_a_robot_leaves_the_rack_of_its_tools_as_it_would_have() -> None:
     """It has taken the driver there for a screw of a cover that is lost meanwhile."""
-    plan = plan_to_operate(load(SCENARIOS / "assembly" / "gearbox.yaml"))
+    plan = plan_scenario(load(SCENARIOS / "assembly" / "gearbox.yaml"), keep=True)
     fails = {"probability": 0.25, "retries": 0, "loses": 1.0, "slips": 0.5}
     done, _ = operated(plan, 24, **{"failures.place-down": fails})
     taken = [t.index for t in done.tpg.tasks if t.kind == TAKE_TOOL]
@@ -209,7 +209,7 @@ def test_a_robot_leaves_the_rack_of_its_tools_as_it_would_have() -> None:
 
 @pytest.mark.nightly
 def test_who_keeps_hold_goes_nowhere_while_what_it_waits_for_is_done_again() -> None:
-    plan = plan_to_operate(load(SCENARIOS / "assembly" / "truss.yaml"))
+    plan = plan_scenario(load(SCENARIOS / "assembly" / "truss.yaml"), keep=True)
     fails = {"failures.weld": {"probability": 0.3, "retries": 0}}
     done, _ = operated(plan, 0, **fails, **{"recovery.again": 9})
     assert done.versions

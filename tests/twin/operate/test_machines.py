@@ -44,7 +44,7 @@ from twin.operate.operation import Operation
 from twin.run.throughput import line_summary
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 
 ROOT = Path(__file__).parents[3] / "scenarios" / "assembly"
 STEPS = 5
@@ -63,7 +63,7 @@ def plan() -> PlanResult:
         "assembly.products.places": {"counts": [1, 1], "pitch_m": [0.1, 0.1]},
         "machines": {},
     }
-    return plan_to_operate(case.varied(few))
+    return plan_scenario(case.varied(few), keep=True)
 
 
 def require_true(done: Operation) -> None:
@@ -242,7 +242,7 @@ def test_what_comes_up_waits_for_what_an_earlier_plan_had_taken_from_there() -> 
 @pytest.mark.nightly
 def test_a_kitting_line_goes_on(tmp_path: Path) -> None:
     case = load(ROOT / "kitting.yaml").varied({"assembly.products.count": 6})
-    plan = plan_to_operate(case)
+    plan = plan_scenario(case, keep=True)
     for seed in range(4):
         done, _ = operated(plan, seed, **lost(0.1))
         require_safe(done.tpg)

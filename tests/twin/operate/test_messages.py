@@ -15,7 +15,7 @@ from twin.operate.operation import operate
 from twin.run.events import Event
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 from twin.trial.simulation import scenario_execution
 
 
@@ -71,7 +71,7 @@ def test_a_failure_is_told_by_a_message_as_all_else(plan: PlanResult) -> None:
 @given(seed=st.integers(0, 10_000), planning_s=st.sampled_from([0.0, 3.0]))
 @example(seed=5473, planning_s=0.0)  # a failure was known before what came before it
 def test_messages_of_three_robots_are_kept(seed: int, planning_s: float) -> None:
-    plan = plan_to_operate(load("taskboard"))
+    plan = plan_scenario(load("taskboard"), keep=True)
     late: dict[str, Any] = {"report_latency_s": 10.0, "queue_depth": 7}
     done, _ = operated(
         plan, seed, **late, **lost(0.3), **{"recovery.planning_s": planning_s}
@@ -132,7 +132,7 @@ def test_no_task_is_released_long_before_it_begins(plan: PlanResult) -> None:
 
 @pytest.fixture(scope="module")
 def within_limits() -> PlanResult:
-    return plan_to_operate(load("taskboard"))
+    return plan_scenario(load("taskboard"), keep=True)
 
 
 @pytest.mark.nightly

@@ -37,7 +37,7 @@ from tests.twin.scenarios.test_processes import SCENARIO as COVER
 from twin.operate.operation import Operation, operate
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 from twin.trial.simulation import scenario_execution
 
 
@@ -245,7 +245,9 @@ def test_a_robot_lets_go_of_what_comes_later_where_nobody_else_can_go_on(
     file = tmp_path / "few.yaml"
     file.write_text(few)
     sure = {"probability": 0.35, "retries": 0, "loses": 1.0}
-    done, _ = operated(plan_to_operate(load(file)), 3, **{"failures.place-down": sure})
+    done, _ = operated(
+        plan_scenario(load(file), keep=True), 3, **{"failures.place-down": sure}
+    )
     require_safe(done.tpg)
     assert [t.object for t in done.tpg.tasks if t.kind == FAILED] == ["left_a"]
     assert [t.object for t in done.tpg.tasks if t.kind == TAKEN_OUT] == ["right_b"]
@@ -259,7 +261,7 @@ def test_a_robot_that_keeps_hold_can_support_what_is_begun_anew(tmp_path: Path) 
         f"failures.{skill}": {"probability": 0.4, "retries": 0, "loses": 0.0}
         for skill in ("pick", "place-down")
     }
-    done, _ = operated(plan_to_operate(load(file)), 4, **fails)
+    done, _ = operated(plan_scenario(load(file), keep=True), 4, **fails)
     assert any(t.object == "pin" and t.kind == FAILED for t in done.tpg.tasks)
     assert done.record.outcome == "completed"
 
@@ -268,7 +270,7 @@ def test_a_robot_that_keeps_hold_can_support_what_is_begun_anew(tmp_path: Path) 
 @pytest.mark.parametrize("robot", ["left", "right"])
 def test_a_robot_may_be_out_in_the_middle_of_a_handover(robot: str) -> None:
     """Who has got the brick goes on with it once it has been let go of."""
-    plan = plan_to_operate(load(CLIFF.with_name("faucet.yaml")))
+    plan = plan_scenario(load(CLIFF.with_name("faucet.yaml")), keep=True)
     _, events = operated(plan, 0)
     ends = {e.task: e.t_ns for e in events if e.kind == "completed"}
     moments = [

@@ -36,7 +36,7 @@ from twin.operate.operation import Operation, operate
 from twin.operate.replicated.hindsight import Hindsight
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 from twin.trial.simulation import scenario_execution
 
 MAGAZINE = Path(__file__).parents[3] / "scenarios" / "assembly" / "magazine.yaml"
@@ -160,7 +160,7 @@ def presented(fed_stack: Path) -> PlanResult:
 
 @pytest.fixture(scope="module")
 def shortened(fed: Path) -> PlanResult:
-    return plan_to_operate(load(fed))
+    return plan_scenario(load(fed), keep=True)
 
 
 def spoiled(chance: float, loses: float, wrong: float, slips: float) -> dict[str, Any]:

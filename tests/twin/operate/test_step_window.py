@@ -42,7 +42,7 @@ from twin.planning.parts import PartKind
 from twin.scenario.sections.lego import LegoSection
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 
 ASSEMBLY = Path(__file__).parents[3] / "scenarios" / "assembly"
 KITS = 5
@@ -61,7 +61,7 @@ def planned(stack_file: Path) -> Planned:
     @cache
     def plan(steps: int, least: int) -> PlanResult:
         window = {"steps": steps, "least": least}
-        return plan_to_operate(load(stack_file).varied({"window": window}))
+        return plan_scenario(load(stack_file).varied({"window": window}), keep=True)
 
     return plan
 
@@ -180,7 +180,7 @@ def told(problem: AssignmentProblem) -> tuple[object, ...]:
 def test_whole_products_of_a_line_are_planned_at_a_time(
     line: LoadedScenario, chance: float, seed: int
 ) -> None:
-    plan = plan_to_operate(line.varied({"window": {"steps": 6, "least": 2}}))
+    plan = plan_scenario(line.varied({"window": {"steps": 6, "least": 2}}), keep=True)
     assert len(plan.motions.task_plan.choices) == 4
     done, events = operated(plan, seed, **lost(chance))
     check_invariant(DerivedTpg(done.tpg))
@@ -203,7 +203,7 @@ def test_spare_products_come_into_the_window_when_others_are_lost(
     products = {"count": 3, "spare": 4, "leave_s": 1.0}
     window = {"steps": 4, "least": 2}
     some = line.varied({"assembly.products": products, "window": window})
-    done, _ = operated(plan_to_operate(some), seed, **lost(0.15))
+    done, _ = operated(plan_scenario(some, keep=True), seed, **lost(0.15))
     require_safe(done.tpg)
     assert done.record.outcome == "completed"
     placed = {t.step for t in done.tpg.tasks if t.kind == "place-down"}
@@ -217,8 +217,8 @@ def test_an_order_of_products_ends_where_nobody_can_make_the_next_ones() -> None
     products = {"count": 4, "spare": 1, "leave_s": 1.0}
     window = {"steps": 5, "least": 2}
     case = load(ASSEMBLY / "machine_tending.yaml")
-    plan = plan_to_operate(
-        case.varied({"assembly.products": products, "window": window})
+    plan = plan_scenario(
+        case.varied({"assembly.products": products, "window": window}), keep=True
     )
     outages = [{"robot": "cart", "at_s": 56.92}]
     done, _ = operated(plan, 249228, **lost(0.3), outages=outages)
@@ -230,4 +230,4 @@ def test_an_order_of_products_ends_where_nobody_can_make_the_next_ones() -> None
 def test_other_kinds_are_looked_at_as_a_whole(name: str) -> None:
     case = load(ASSEMBLY / f"{name}.yaml").varied({"window": {"steps": 2}})
     with pytest.raises(RequestError, match="only steps of a LEGO assembly, and prod"):
-        plan_to_operate(case)
+        plan_scenario(case, keep=True)

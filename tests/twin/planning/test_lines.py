@@ -22,7 +22,7 @@ from twin.planning.part_assembly.line import slots, written_out
 from twin.reading.scenario_file import load_scenario
 from twin.run.throughput import line_summary, product_nodes
 from twin.scenario.sections.scenario import Scenario
-from twin.study.comparison import plan_to_compare
+from twin.study.comparison import shared_motions
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute
 
@@ -181,4 +181,4 @@ def test_a_part_that_lies_there_once_makes_one_product(tmp_path: Path) -> None:
 def test_lines_have_no_slots(tmp_path: Path) -> None:
     own = scenario(tmp_path)
     with pytest.raises(ScenarioError, match="no plan in slots"):
-        plan_to_compare(own, tmp_path, StageWatch())
+        shared_motions(own, tmp_path, StageWatch())

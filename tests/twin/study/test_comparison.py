@@ -36,7 +36,7 @@ from twin.study.comparison import (
     COMPARED,
     Measurement,
     measure_policies,
-    plan_to_compare,
+    shared_motions,
     straight_line_ratio,
     straight_line_s,
 )
@@ -74,7 +74,7 @@ def goals(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def cliff() -> Mapping[str, Measurement]:
     scenario = load_scenario(CLIFF).model_copy(update={"seed": 3})
-    turns = plan_to_compare(scenario, CLIFF.parent, watch := StageWatch())
+    turns = shared_motions(scenario, CLIFF.parent, watch := StageWatch())
     return measure_policies(turns, scenario, watch, candidates=400, base=CLIFF.parent)
 
 

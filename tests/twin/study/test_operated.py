@@ -4,6 +4,7 @@ import shutil
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from twin.study.replications import runner
 from twin.study.replications.block_results import cell_blocks
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_to_operate
+from twin.trial.planning import plan_scenario
 from twin.trial.simulation import scenario_execution
 
 COUNT = 24
@@ -43,14 +44,18 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> LoadedScenario:
 
 @pytest.fixture(scope="module")
 def plan(case: LoadedScenario) -> PlanResult:
-    return plan_to_operate(case)
+    return plan_scenario(case, keep=True)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _of_several_blocks() -> Iterator[None]:
     """Studies are of several blocks, as longer ones, and draw nothing."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.study.api.write_report", lambda result, progress: None)
+        patch.setattr(
+            import_module("twin.study.api"),
+            "write_report",
+            lambda result, progress: None,
+        )
         patch.setattr(runner, "EVENTS_BLOCK", 8)
         yield
 
@@ -240,7 +245,9 @@ def test_what_cannot_be_planned_anew_is_refused_before_anything_is_planned(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(
-        "twin.operate.api.plan_to_operate", lambda *_: pytest.fail("planned")
+        import_module("twin.operate.api"),
+        "plan_scenario",
+        lambda *_, **__: pytest.fail("planned"),
     )
     with pytest.raises(RequestError, match=words):
         twin.study(scenario, out=tmp_path / "out", **{"operate": True, **options})
