@@ -34,6 +34,7 @@ from benchmarks.machine import forget_answers, machine_line
 from benchmarks.store import Row, RowStore
 from planning.errors import TwinError
 from planning.importers.apex_mr.importer import available_tasks
+from scheduling.planned_motions import PlannedMotions
 from twin.commands.scenario_imports import import_apex_mr_task
 from twin.comparison.comparison import (
     Measurement,
@@ -43,7 +44,6 @@ from twin.comparison.comparison import (
     shortcut_budget,
 )
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
-from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import plan_in_slots
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario, follow_references

@@ -111,3 +111,6 @@ KINDS = Group(
     },
 )
 """Kinds of assembly, by the ``kind`` of the assembly section of a scenario."""
+
+SECTIONS = Group("sections", {"explore": "twin.explore.section:ExploreSection"})
+"""Optional sections of wings at the top of a scenario, by their key; nothing of a run depends on them."""

@@ -14,9 +14,9 @@ from planning.parts.assembly import PartAssembly, Work
 from planning.parts.part_steps import KnownStep, part_steps
 from planning.steps.tool_changes import rack_tools, with_every_tool
 from twin.planning.build_workcell import build_workcell
-from twin.planning.kind import AssemblyKind, assembly_kind
 from twin.planning.part_assembly.alike import listed_steps
 from twin.scenario.document.yaml_text import KeyPath
+from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
 

@@ -379,7 +379,7 @@ def _from_door(own: MachineSection, lying: Lying, subject: Subject) -> float | N
     """Return how far a part is from the door of a machine, None where it has none [m]."""
     if own.door is None:
         return None
-    from twin.planning.build_workcell import build_shape
+    from twin.planning.shapes import build_shape
     from twin.scenario.sections.shapes import build_transform
 
     shape = build_shape("door", own.door.described, subject.folder)

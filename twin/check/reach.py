@@ -30,8 +30,8 @@ from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, OrderedParts, Subject, position
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.construction import ConstructionSection
+from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.lego import LegoSection
-from twin.scenario.sections.scenario import GoalsSection
 
 _MOST_GRIPS = 40
 """Grips of a part that are tried by each robot."""

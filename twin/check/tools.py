@@ -41,8 +41,8 @@ from twin.check.reach import away_from, reach_bound
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.construction import ConstructionSection
+from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.parts import PartsSection
-from twin.scenario.sections.scenario import GoalsSection
 from twin.scenario.sections.shapes import PoseSection
 
 _FAR = 0.02

@@ -46,10 +46,10 @@ def import_apex_mr_task(
     from twin.check.finding import Subject
     from twin.commands.sequence import choose_tool
     from twin.host.guard import write_text
-    from twin.planning.kind import assembly_kind
     from twin.planning.lego import build_lego
     from twin.scenario.document.yaml_text import scenario_text
     from twin.scenario.manifest import scenario_of
+    from twin.scenario.sections.kind import assembly_kind
     from twin.scenario.sections.lego import LegoSection
 
     known: tuple[PressFrom, ...] = get_args(PressFrom)

@@ -89,7 +89,7 @@ def validate_files(files: Sequence[Path], *, resolved: bool = False) -> int:
         files: scenario files.
         resolved: print each scenario with all defaults, as JSON.
     """
-    from twin.planning.kind import assembly_kind
+    from twin.scenario.sections.kind import assembly_kind
     from twin.trial.loaded_scenario import load
 
     code = COMPLETED

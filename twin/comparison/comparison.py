@@ -21,10 +21,11 @@ from planning.motion.speed import SpeedModel
 from planning.transforms import Array, Indices
 from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch, report_nothing
-from twin.planning.kind import PlannedMotions, assembly_kind, timed
 from twin.planning.pipeline import default_shortcuts, plan_in_turns, planned_shortcuts
+from twin.planning.time_parameterization import timed
 from twin.run.events import ExecutionRecord
 from twin.run.policies import (
     NAMED_POLICIES,
@@ -34,6 +35,7 @@ from twin.run.policies import (
     WHOLE_PLANS,
 )
 from twin.run.summary import lower_bound_s
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.planning import CoordinatedPlans
 from twin.trial.simulation import execute

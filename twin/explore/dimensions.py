@@ -14,6 +14,7 @@ from typing import Any
 
 from planning.errors import ScenarioError
 from planning.robots.registry import ROBOTS
+from twin.explore.section import ExploreSection, VarySection, explore_section
 from twin.scenario.checks import find_problems
 from twin.scenario.document.validation import (
     FileProblem,
@@ -24,7 +25,6 @@ from twin.scenario.document.validation import (
 )
 from twin.scenario.document.yaml_text import YamlDocument
 from twin.scenario.manifest import scenario_schema
-from twin.scenario.sections.exploration import ExploreSection, VarySection
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import (
     Variant,
@@ -250,7 +250,7 @@ def dimensions_of(
         )
     if not problems:
         return tuple(found)
-    if scenario.explore == section and document.nearest(problems[0][0]):
+    if explore_section(scenario) == section and document.nearest(problems[0][0]):
         told: list[FileProblem] = [document.problem(*item) for item in problems]
         raise InvalidScenarioError(document.path, told, document.lines)
     raise ScenarioError("; ".join(text for _, text in problems))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,6 +27,7 @@ from planning.lego.bricks.brick_world import brick_colour, stock_objects
 from planning.lego.bricks.grid import box_pose, box_size
 from planning.transforms import Transform, inverse
 from twin.scenario.sections.lego import LegoSection, brick_types
+from twin.scenario.sections.scenario import Scenario
 from twin.trial.run_result import RunResult
 
 if TYPE_CHECKING:
@@ -75,20 +77,23 @@ def ldraw_files(run: RunResult) -> Mapping[str, bytes]:
     return {f"{run.name}.ldr": ldraw_model(run.name, bricks)}
 
 
-def ldraw_of_scenario(section: LegoSection, name: str) -> bytes:
+def ldraw_of_scenario(scenario: Scenario, file: Path) -> bytes:
     """Return what a scenario builds as a model, before anything is planned.
 
     Steps are those that it gives; of a structure every layer is one.
 
     Args:
-        section: plate, stock, and steps or structure.
-        name: of the scenario.
+        scenario: of a LEGO assembly.
+        file: that it is read from, for messages.
 
     Raises:
-        OutputError: LDraw has no part for a brick.
+        OutputError: it is no LEGO assembly, or LDraw has no part for a brick.
     """
     from twin.planning.lego import brick_colours, build_lego, build_structure
 
+    section = scenario.assembly
+    if not isinstance(section, LegoSection):
+        raise OutputError(f"{file}: only a LEGO assembly is a model of LDraw")
     assembly = build_lego(section)
     away = inverse(assembly.plate.pose)
     numbered: Sequence[tuple[int, PlacedBrick]] = list(
@@ -107,7 +112,7 @@ def ldraw_of_scenario(section: LegoSection, name: str) -> bytes:
         height = float(box_size(item.brick)[2])
         colour = colours.get(item.cell, brick_colour(item.brick))
         bricks.append(ShownBrick(item.brick, pose, height, colour, step))
-    return ldraw_model(name, bricks)
+    return ldraw_model(scenario.name, bricks)
 
 
 def ldraw_model(name: str, bricks: Iterable[ShownBrick]) -> bytes:

@@ -32,6 +32,7 @@ from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, taken_by
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from scheduling.rolling.supply import alone, going_on
 from twin.operate.committed import Committed, Failure, Incident, Recut
@@ -39,7 +40,6 @@ from twin.operate.constructing import ConstructionRecovery
 from twin.operate.going import Planner
 from twin.operate.person import Person
 from twin.operate.recovery import Recovery
-from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import planned_shortcuts
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.draws import TaskName

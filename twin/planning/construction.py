@@ -16,18 +16,19 @@ from planning.errors import ScenarioError
 from planning.expectations import Expectations, Place
 from planning.transforms import Array, Transform, readonly
 from twin.host.progress import StageWatch
-from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.planning.part_assembly.problems import unlike_ends
 from twin.scenario.document.validation import Found, unless_known
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.construction import ConstructionSection, ModelSection
+from twin.scenario.sections.kind import AssemblyKind
 from twin.scenario.sections.shapes import as_planned, build_transform
 
 if TYPE_CHECKING:
     from planning.construction.problem.models import ModelPart
     from planning.construction.problem.problem import ConstructionProblem
     from planning.motion.sequential import MotionSettings
+    from scheduling.planned_motions import PlannedMotions
 
 CHECKS, PARTS = "what can be built", "parts"
 """Names of the stages for progress displays."""
@@ -44,6 +45,10 @@ class ConstructionKind(AssemblyKind):
     Attributes:
         section: what the file says.
     """
+
+    section_class = ConstructionSection
+    default_speed_model = "joint"
+    allows_deviation = False
 
     section: ConstructionSection
 
@@ -156,6 +161,7 @@ class ConstructionKind(AssemblyKind):
         from planning.construction.planner import plan_construction
         from planning.construction.problem.problem import PlannerSettings
         from planning.tasks.assignment import TaskPlan
+        from scheduling.planned_motions import PlannedMotions
 
         with watch.stage("checks", CHECKS):
             problem = self.problem(cell, settings)

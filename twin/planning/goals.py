@@ -1,31 +1,26 @@
-"""Goals of a scenario: from their section to data of planning, and to motions.
-
-Sequential planning, one task after another, for most kinds of assemblies (APEX-MR IV).
-"""
+"""Kind ``goals``: from its section of a scenario to data of planning, and to motions."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import ScenarioError
-from planning.motion.sequential import MotionSettings, plan_sequential
-from planning.steps.robot_goals import RobotGoal
-from planning.tasks.highs_solver import assign_steps
-from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import readonly
 from twin.host.progress import StageWatch
-from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.validation import Found, unless_known
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.scenario import GoalsSection, MoveSection
+from twin.scenario.sections.goals import GoalsSection, MoveSection
+from twin.scenario.sections.kind import AssemblyKind
 from twin.scenario.sections.shapes import build_transform
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
+    from planning.steps.robot_goals import RobotGoal
+    from scheduling.planned_motions import PlannedMotions
 
 
 @dataclass(frozen=True)
@@ -35,6 +30,9 @@ class GoalsKind(AssemblyKind):
     Attributes:
         section: what the file says.
     """
+
+    section_class = GoalsSection
+    tries_sidesteps = True
 
     section: GoalsSection
 
@@ -58,6 +56,7 @@ class GoalsKind(AssemblyKind):
     ) -> PlannedMotions:
         """Find the configurations of all goals, then the ways to them."""
         from planning.steps.robot_goals import prepare_goals
+        from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
 
         goals = tuple(
             _goal(cell, move, k) for k, move in enumerate(self.section.moves, start=1)
@@ -68,6 +67,8 @@ class GoalsKind(AssemblyKind):
 
 
 def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
+    from planning.steps.robot_goals import RobotGoal
+
     robot = cell.robot(move.robot)
     if move.to is not None:
         frames = robot.model.frames
@@ -89,43 +90,3 @@ def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
             f"move {number}: robot {move.robot!r} has {dof} joints, not {len(joints)}"
         )
     return RobotGoal(move.robot, joints=readonly(joints))
-
-
-ASSIGNMENT, MOTION = "who does what", "motions"
-"""Names of the stages for progress displays."""
-
-
-def plan_in_turns(
-    cell: Workcell,
-    assembly: Any,
-    work: AssemblyWork,
-    settings: MotionSettings,
-    watch: StageWatch,
-) -> PlannedMotions:
-    """Choose who does what, and plan how everyone moves; the stages are assignment and motion.
-
-    Args:
-        cell: where it is built.
-        assembly: what is built.
-        work: its candidates, and the tasks that follow from a choice.
-        settings: how tasks are turned into motions.
-        watch: measures and reports the stages.
-
-    Raises:
-        InfeasibleStepError: a step that no robot, object and grasp can do.
-        TransitError: no collision-free path was found.
-    """
-    with watch.stage("assignment"):
-        task_plan = assign_steps(work.problem)
-    with watch.stage("motion"):
-        steps = StepExpansions(work, task_plan)
-        watch.report(MOTION, 0, len(task_plan.choices))
-        motion_plan = plan_sequential(
-            cell,
-            steps.callables(),
-            work.link,
-            settings,
-            watch.reporter(MOTION),
-            windows=work.windows,
-        )
-    return PlannedMotions(cell, assembly, steps.plan, motion_plan, settings, work=work)

@@ -10,7 +10,7 @@ from planning.grips.tool_grips import robot_grips
 from planning.parts.assembly import PartAssembly, PlacePart, Work
 from scheduling.graph.task_edges import idle_robots
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.planning.kind import PlannedMotions
+from scheduling.planned_motions import PlannedMotions
 
 IdleReason = Literal[
     "no reach", "tools", "not allowed", "makespan", "balance", "search", "unknown"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -25,10 +25,10 @@ from planning.lego.bricks.assembly import (
 )
 from planning.progress import Progress, no_progress
 from twin.host.progress import StageWatch
-from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.validation import Found
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
+from twin.scenario.sections.kind import AssemblyKind
 from twin.scenario.sections.lego import (
     BrickStepSection,
     LegoSection,
@@ -36,7 +36,12 @@ from twin.scenario.sections.lego import (
     cell_of,
     support_of,
 )
-from twin.scenario.sections.shapes import Colour, as_planned, read_structure
+from twin.scenario.sections.shapes import (
+    Colour,
+    StructureSection,
+    as_planned,
+    read_structure,
+)
 
 if TYPE_CHECKING:
     from planning.lego.insertion.rules import SequencingRules
@@ -44,6 +49,7 @@ if TYPE_CHECKING:
     from planning.lego.sequencing.sequencing import SequencedStructure
     from planning.motion.sequential import MotionSettings
     from planning.tasks.work import AssemblyWork, WorkAhead
+    from scheduling.planned_motions import PlannedMotions
 
 _BESIDE_STOCK = 3
 """So many studs beside the stock no temporary brick stands beyond what it carries."""
@@ -59,6 +65,11 @@ class LegoKind(AssemblyKind):
     Attributes:
         section: what the file says.
     """
+
+    section_class = LegoSection
+    included: ClassVar = {"structure": StructureSection}
+    default_speed_model = "l1"
+    chooses_robots = True
 
     section: LegoSection
 
@@ -98,6 +109,26 @@ class LegoKind(AssemblyKind):
         from twin.planning.brick_checks import find_lego_problems
 
         return find_lego_problems(self.section)
+
+    def included_problems(self) -> Found:
+        """Yield the problems of a structure, with keys in its file."""
+        from twin.planning.brick_checks import find_structure_problems
+
+        types = brick_types(self.section)
+        if all(item.brick in types for item in self.section.stock):
+            yield from find_structure_problems(self.section)
+
+    def object_named(
+        self, name: str, known: Mapping[str, CellObject]
+    ) -> CellObject | None:
+        """Return a further brick of a feeding station, ``<station>.2`` and so on."""
+        from planning.lego.bricks.brick_world import next_copy, source_of
+
+        stations = {item.name for item in self.section.stock if item.station}
+        source = source_of(name, stations)
+        if source == name:
+            return None
+        return next_copy(known[source], source, int(name.rpartition(".")[2]))
 
     def fixtures(self) -> tuple[Fixture, ...]:
         """Return the plates."""
@@ -153,7 +184,7 @@ class LegoKind(AssemblyKind):
         """
         from planning.lego.skills.candidates import find_candidates
         from planning.lego.skills.expansion import lego_work
-        from twin.planning.goals import ASSIGNMENT, plan_in_turns
+        from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
 
         if self.section.structure is not None:
             work = self._sequenced(cell, watch)
@@ -242,7 +273,7 @@ def buildable_sequence(
         TwinError: there is none even for the tool alone, or a place that no arm reaches.
     """
     from planning.lego.sequencing.arms import sequence_for_arms
-    from twin.planning.goals import ASSIGNMENT
+    from twin.planning.in_turns import ASSIGNMENT
 
     robots, carrier = len(cell.robots), tool_carrier(cell)
 

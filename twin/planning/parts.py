@@ -2,47 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, Workcell
-from planning.expectations import ChangedTool, Expectations, WantedProcess, WantedRest
-from planning.expectations import Place as WantedPlace
-from planning.parts.assembly import MachineWork, PlacePart, Work
-from planning.tasks.task import DOOR
-from planning.transforms import Transform, readonly
-from twin.durations.lifetimes import SkillOverride
+from planning.expectations import Expectations
+from planning.tasks.task import CLOSE, DOOR, OPEN, ActuationKey
+from planning.transforms import readonly
+from twin.durations.lifetimes import AnyDuration, SkillOverride
+from twin.durations.model import DurationModel
 from twin.host.progress import StageWatch
-from twin.planning.build_workcell import build_shape
-from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.planning.part_assembly.alike import (
     alike_parts,
     listed_steps,
-    of_each,
     with_named_parts,
 )
-from twin.planning.part_assembly.built import (
-    assembly_of,
-    joined_pairs,
-    line_pattern,
-    overlaps_of,
-)
 from twin.planning.part_assembly.line import Line, machine_durations, written_out
-from twin.planning.part_assembly.problems import find_part_problems, machine_names
+from twin.planning.part_assembly.problems import (
+    disturbed_machines,
+    find_part_problems,
+    machine_names,
+)
+from twin.planning.shapes import build_shape
 from twin.scenario.document.validation import Found
 from twin.scenario.document.yaml_text import KeyPath
-from twin.scenario.sections.cell import CellSection
+from twin.scenario.sections.cell import CellSection, actuation_model
+from twin.scenario.sections.kind import AssemblyKind
 from twin.scenario.sections.parts import PartSection, PartsSection
 from twin.scenario.sections.shapes import as_planned, build_transform
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
     from planning.tasks.work import AssemblyWork, WorkAhead
+    from scheduling.planned_motions import PlannedMotions
 
 
 _GREY_BLUE = (196, 214, 226)
@@ -62,6 +57,10 @@ class PartKind(AssemblyKind):
         section: what the file says.
         whole: whether all products are written out, and not those of a pattern only.
     """
+
+    section_class = PartsSection
+    chooses_robots = True
+    changes_tools = True
 
     section: PartsSection
     whole: bool = False
@@ -106,6 +105,46 @@ class PartKind(AssemblyKind):
                 yield ("assembly", "parts", where[own.kind], "name"), name
         yield from machine_names(self.section)
 
+    def part_names(self) -> Iterable[str]:
+        """Return the names of the parts as the file gives them."""
+        return [part.name for part in self.section.parts]
+
+    def working_machines(self) -> Iterable[str]:
+        """Return the names of the machines."""
+        return self.section.machines
+
+    def disturbed_machines(self) -> Iterable[str]:
+        """Return the names of the machines that may be disturbed; what nobody does is none."""
+        return disturbed_machines(self.section)
+
+    def lies_as_given(self) -> bool:
+        """Return whether no part comes from a source or belongs to one of several products."""
+        return not (self.section.sources or self.section.products)
+
+    def default_durations(self) -> Mapping[str, AnyDuration]:
+        """Return nothing: skills take their motions, and what tools take to close and to open."""
+        return {}
+
+    def processes(self) -> Mapping[str, AnyDuration | None]:
+        """Return the duration of each process."""
+        processes = self.section.processes
+        return {name: process.duration for name, process in processes.items()}
+
+    def actuations(self, cell: CellSection) -> Mapping[ActuationKey, DurationModel]:
+        """Return how long tools take to close and to open: as they say, or else as the section does."""
+        found: dict[ActuationKey, DurationModel] = {}
+        rules = self.section.grips
+        for robot in (outfit for one in cell.robots for outfit in one.outfits):
+            tool = cell.tools.get(robot.tool or "")
+            told = tool is not None and (tool.suction or tool.opening_m is not None)
+            suction = tool.suction if tool is not None and told else rules.suction
+            for act, key in ((CLOSE, "close_s"), (OPEN, "open_s")):
+                said = None if tool is None else getattr(tool, key)
+                given = getattr(rules, key) if said is None else said
+                model = actuation_model(given, suction=suction)
+                found[act, robot.name, robot.tool] = model
+        return found
+
     def problems(self, cell: CellSection) -> Found:
         """Yield the problems of the section: steps and parts name what there is, no part twice."""
         return find_part_problems(self.section, cell)
@@ -133,18 +172,22 @@ class PartKind(AssemblyKind):
 
     def contact_depth(self) -> float:
         """Return how deep they may be: bars that are joined may meet in a node [m]."""
+        from twin.planning.part_assembly.built import overlaps_of
+
         said = overlaps_of(self.section).said.values()
         return max([CONTACT_DEPTH, *(deep + _ROUNDING for deep in said)])
 
     def wanted(self, cell: CellSection) -> Expectations:
         """Return the goals of the parts, the processes, and how far fingers stand open."""
-        return _wanted(self.section, cell)
+        from twin.planning.part_assembly.expected import expectations_of
+
+        return expectations_of(self.section, cell)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
     ) -> PlannedMotions:
         """Find the candidates, choose, and plan one task after another."""
-        from twin.planning.goals import plan_in_turns
+        from twin.planning.in_turns import plan_in_turns
 
         assembly, work = self._work(cell, watch)
         return self.finished(plan_in_turns(cell, assembly, work, settings, watch))
@@ -157,7 +200,8 @@ class PartKind(AssemblyKind):
         from planning.parts.candidates import StepsAhead
         from planning.parts.work import first_work
         from planning.tasks.work import WorkAhead
-        from twin.planning.goals import ASSIGNMENT
+        from twin.planning.in_turns import ASSIGNMENT
+        from twin.planning.part_assembly.built import assembly_of
 
         section, period = self.section, len(listed_steps(self.section))
         first: Callable[[int], AssemblyWork]
@@ -178,7 +222,8 @@ class PartKind(AssemblyKind):
         from planning.parts.candidates import find_candidates
         from planning.parts.order import find_ordered_candidates, in_found_order
         from planning.parts.work import part_work
-        from twin.planning.goals import ASSIGNMENT
+        from twin.planning.in_turns import ASSIGNMENT
+        from twin.planning.part_assembly.built import assembly_of
 
         assembly = assembly_of(self.line)
         with watch.stage("assignment", ASSIGNMENT):
@@ -195,143 +240,10 @@ class PartKind(AssemblyKind):
         line = self.line
         if line.products == 1 or self.whole:
             return motions
+        from twin.planning.part_assembly.pattern import line_pattern
+
         pattern = line_pattern(line, motions.motion_plan.tasks)
         return replace(motions, pattern=pattern)
-
-
-def _wanted(section: PartsSection, cell: CellSection) -> Expectations:
-    """Return the goals of the parts, where they lie on their way, and what is done to them."""
-    line = written_out(section, whole=True)
-    assembly, parts = assembly_of(line), {p.name: p for p in line.section.parts}
-    gone = {
-        name for leaving in line.supply.leaves.values() for name, _ in leaving.parts
-    }
-    where = {k: build_transform(p.start) for k, p in parts.items() if p.start}
-    if section.order == "find":  # then all is done at parts in their places
-        where |= {name: assembly.goals[name] for name in assembly.placed}
-    places, processes, rests = [], [], []
-    goals = {
-        name: (own, number)
-        for own in line.alike
-        if line.section.products is None
-        for number, name in enumerate(own.with_goals, start=1)
-    }
-    for k, step in enumerate(assembly.steps, start=1):
-        known: Any = {"name": step.name or f"step {k}", "after": step.after}
-        if isinstance(step, Work):
-            processes.append(_wanted_process(cell, step, {**known, "step": k}))
-        elif isinstance(step, MachineWork):
-            lies = where[step.part]
-            machine = section.processes[step.process].machine
-            done = step.words, step.part, lies, step.process, machine
-            rests.append(WantedRest(*done, **known, step=k))
-        elif step.stop is not None:
-            frame = _fixture_frame(cell, step.stop.owner, step.stop.frame)
-            where[step.part] = readonly(frame @ step.stop.pose)
-            rests.append(WantedRest(step.words, step.part, where[step.part], step=k))
-        else:
-            where[step.part] = assembly.goals[step.part]
-            if step.part not in gone:
-                words, kind = f"goal of step {k}", parts[step.part].shape_words
-                of: tuple[str, ...] = ()
-                if step.part in goals:
-                    own, number = goals[step.part]
-                    words, kind, of = (
-                        f"goal {number} of {own.kind}",
-                        own.kind,
-                        own.names,
-                    )
-                place = WantedPlace(
-                    words,
-                    assembly.goals[step.part],
-                    kind,
-                    None if of else step.part,
-                    any_of=frozenset(of),
-                    held=step.hold is not None,
-                    name=step.name,
-                    after=step.after,
-                )
-                places.append(place)
-    own_grips = [part.grips for part in section.parts if part.grips]
-    return Expectations(
-        tuple(places),
-        "weight",
-        section.touch_m,
-        max([section.grips.opening_m, *(own.opening_m or 0.0 for own in own_grips)]),
-        gripped_at=section.grips.frame,
-        by_suction=frozenset(
-            name for name in assembly.goals if assembly.handling(name).grips.suction
-        ),
-        processes=tuple(processes),
-        joined=of_each(joined_pairs(section), line.alike),
-        overlaps_m={
-            **overlaps_of(line.section).said,
-            **of_each(overlaps_of(section).said, line.alike),
-        },
-        rests=tuple(rests),
-        doors=frozenset(job.door for job in line.jobs.values() if job.door),
-        tools=tuple(_changed_tools(cell)),
-        lags={
-            (step.name or f"step {k}", lag.step): lag.least
-            for k, step in enumerate(assembly.steps, start=1)
-            for lag in step.lags
-        },
-        keeps={
-            step.part: step.until
-            for step in assembly.steps
-            if isinstance(step, PlacePart) and step.until is not None
-        },
-    )
-
-
-def _changed_tools(cell: CellSection) -> Iterator[ChangedTool]:
-    for robot in cell.robots:
-        for name in robot.tools:
-            section = cell.tools[name]
-            assert section.rack is not None
-            yield ChangedTool(
-                name,
-                robot.name,
-                build_transform(section.mount),
-                build_transform(section.rack),
-                section.grip(name),
-                first=name == robot.tools[0],
-            )
-
-
-def _fixture_frame(
-    cell: CellSection, fixture: str | None, frame: str | None
-) -> Transform:
-    """Return the pose of a fixture of the file, or of one of its frames; None for the world."""
-    for item in cell.fixtures:
-        if item.name == fixture:
-            inside = np.eye(4) if frame is None else build_transform(item.frames[frame])
-            return np.asarray(build_transform(item.pose) @ inside)
-    return np.eye(4)
-
-
-def _wanted_process(cell: CellSection, step: Work, known: Any) -> WantedProcess:
-    spot, tool = step.spot, step.process.tool
-    owner, pose = spot.owner, spot.pose
-    robots = step.robots
-    if tool is not None:
-        having = [r.name for r in cell.robots if tool in (r.tool, *r.tools)]
-        robots = tuple(name for name in having if step.done_by(name))
-    if any(item.name == owner for item in cell.fixtures):
-        pose = _fixture_frame(cell, owner, spot.frame) @ pose
-        owner = None
-    return WantedProcess(
-        words=step.words,
-        process=step.process.name,
-        owner=owner,
-        pose=pose,
-        path=step.process.path or (readonly(np.eye(4)),),
-        frame=step.process.frame,
-        robots=robots,
-        tool=tool,
-        hold=step.hold,
-        **known,
-    )
 
 
 def _objects(line: Line, folder: Path) -> tuple[CellObject, ...]:

@@ -29,10 +29,12 @@ from scheduling.ordering.synchronous import (
     TaskConflicts,
     plan_synchronous,
 )
+from scheduling.planned_motions import PlannedMotions
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_workcell
-from twin.planning.kind import PlannedMotions, assembly_kind, timed
+from twin.planning.time_parameterization import timed
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
 SLOTS, ORDER = "who moves at once", "what waits for what"
@@ -80,7 +82,7 @@ def plan_first_steps(
         RequestError: steps of this kind are looked at together.
         TwinError: see plan_scenario.
     """
-    from twin.planning.goals import plan_in_turns
+    from twin.planning.in_turns import plan_in_turns
 
     kind = assembly_kind(scenario.assembly).written_out()
     cell = build_workcell(scenario, folder, kind)
@@ -235,7 +237,7 @@ def planned_sidesteps(scenario: Scenario) -> int:
     candidates = scenario.planning.sidestep_candidates
     if candidates != "auto":
         return candidates
-    return default_shortcuts(scenario) if scenario.assembly.kind == "goals" else 0
+    return default_shortcuts(scenario) if scenario.kind.tries_sidesteps else 0
 
 
 def default_shortcuts(scenario: Scenario) -> int:

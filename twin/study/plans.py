@@ -12,14 +12,14 @@ from planning.errors import RequestError, ScenarioError, TwinError, in_a_line
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
+from scheduling.planned_motions import PlannedMotions
 from twin.check.check import check_scenario
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.execution_model import ExecutionModel
 from twin.host.guard import versions
 from twin.host.progress import Report, StageWatch
-from twin.planning.kind import PlannedMotions
-from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import plan_motions, planned_shortcuts
+from twin.planning.repetition import repeated_plans
 from twin.run.policies import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUTS,

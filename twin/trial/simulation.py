@@ -36,13 +36,13 @@ from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.host.progress import Report, report_nothing
 from twin.planning.idle_robots import IdleRobot
-from twin.planning.kind import assembly_kind
 from twin.recorders.observers import Recorder
 from twin.run.events import DeadlockError, ExecutionRecord, Policy
 from twin.run.policies import SHORTENED
 from twin.run.summary import Preparation, summarise
 from twin.run.windows import window_doubts
 from twin.scenario.manifest import MANIFEST, load_scenario, manifest_base, read_manifest
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
 from twin.uncertainty.skill_durations import SkillDurations

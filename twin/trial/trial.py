@@ -293,7 +293,7 @@ def audit_execution(
         progress: told how far the audit has come.
     """
     from twin.audit.audit import audit_run
-    from twin.planning.kind import assembly_kind
+    from twin.scenario.sections.kind import assembly_kind
 
     return audit_run(
         folder,

@@ -35,10 +35,10 @@ from tests.twin.operate.operated import (
 )
 from tests.twin.program import invoke
 from twin.planning.build_workcell import build_workcell
-from twin.planning.kind import assembly_kind
 from twin.planning.lego import build_lego
 from twin.planning.part_assembly.built import assembly_of
 from twin.planning.parts import PartKind
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.lego import LegoSection
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult

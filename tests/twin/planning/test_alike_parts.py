@@ -16,7 +16,6 @@ from tests.twin.audit.audit_cell import HandWrittenRun, brick, two_arm_cell
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.written import checked, loaded, refusal, written
 from twin.audit.audit import audit_run
-from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.alike import (
     alike_parts,
     listed_steps,
@@ -24,6 +23,7 @@ from twin.planning.part_assembly.alike import (
 )
 from twin.planning.part_assembly.built import build_assembly
 from twin.scenario.manifest import load_scenario
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.line import GridSection, PlacesSection
 from twin.scenario.sections.parts import PartSection, PartsSection
 from twin.trial.planning import plan_scenario

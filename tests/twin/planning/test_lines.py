@@ -16,11 +16,11 @@ from scheduling.invariant import check_invariant
 from tests.planted import rows
 from tests.twin.written import loaded, refusal
 from twin.comparison.comparison import measure_policies
-from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.line import slots, written_out
 from twin.run.throughput import line_summary, product_nodes
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.manifest import load_scenario
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute

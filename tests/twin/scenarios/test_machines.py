@@ -32,9 +32,9 @@ from twin.durations.bounded import Fixed, Uniform
 from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.execution_model import ExecutionModel
-from twin.planning.kind import assembly_kind
 from twin.run.summary import summarise
 from twin.scenario.document.validation import InvalidScenarioError
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.block_results import task_groups
 from twin.study.replications.statistics import Block

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from twin.scenario.document.section import Name, Section, Several, Two
 from twin.scenario.sections.between import JoinedParts
+from twin.scenario.sections.kind import AssemblySection
 from twin.scenario.sections.parts import BalanceSection
 from twin.scenario.sections.shapes import (
     Colour,
@@ -197,7 +198,7 @@ class PadSection(Section):
     offsets_m: Several[Coordinate] = (0.0,)
 
 
-class ConstructionSection(Section):
+class ConstructionSection(AssemblySection):
     """A construction: what is built, where its parts lie, and how they are held.
 
     Attributes:

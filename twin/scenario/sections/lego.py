@@ -18,6 +18,7 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.insertion.rules import SequencingRules
 from twin.scenario.document.section import Name, Section, Several, Two
+from twin.scenario.sections.kind import AssemblySection
 from twin.scenario.sections.shapes import (
     Colour,
     GridCell,
@@ -238,7 +239,7 @@ def _or_file(schema: dict[str, Any]) -> None:
     )
 
 
-class LegoSection(Section):
+class LegoSection(AssemblySection):
     """A LEGO structure, what it is built from, and in which order.
 
     Attributes:

@@ -11,6 +11,7 @@ from twin.durations.lifetimes import AnyDuration
 from twin.scenario.document.section import Name, Section, Several, with_tuples
 from twin.scenario.sections.between import AfterSection, FitSection, JoinedParts
 from twin.scenario.sections.cell import ActuationTime
+from twin.scenario.sections.kind import AssemblySection
 from twin.scenario.sections.line import Amount, Places, ProductsSection, SourceSection
 from twin.scenario.sections.shapes import (
     Colour,
@@ -369,7 +370,7 @@ Step = Annotated[
 ]
 
 
-class PartsSection(Section):
+class PartsSection(AssemblySection):
     """Parts, where they go, what is done to them, and in which order.
 
     Attributes:

@@ -12,11 +12,11 @@ import numpy.typing as npt
 from planning.tasks.task import FAILED, STRAIGHT, TAKEN_OUT, TRANSIT
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.operation import Operation, operate
-from twin.planning.kind import PlannedMotions
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.hindsight import Hindsight
 

@@ -1,61 +1,31 @@
-"""The interface of a kind of assemblies, the motions that it plans, and the kinds there are.
-
-The times of a plan within its robots' limits, with corners rounded where the scenario says so.
-"""
+"""Interface of a kind of assembly: its section of a scenario, and how it is planned."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
-from importlib import import_module
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, Self, get_args
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, Fixture, Workcell
 from planning.errors import RequestError
 from planning.expectations import Expectations
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import within_limits
-from scheduling.shortcuts.corners import round_corners
+from planning.tasks.task import ActuationKey
+from twin.durations.lifetimes import AnyDuration, SkillOverride
+from twin.durations.measured import Packaged
+from twin.durations.model import DurationModel, PackagedSkill
 from twin.host.progress import StageWatch
+from twin.registry import KINDS
+from twin.scenario.document.section import Section
 from twin.scenario.document.validation import Found
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.scenario import AssemblySection, Scenario
 
 if TYPE_CHECKING:
-    from planning.motion.known_motions import MotionPlan
     from planning.motion.sequential import MotionSettings
-    from planning.tasks.assignment import TaskPlan
-    from planning.tasks.work import AssemblyWork, WorkAhead
-    from scheduling.repeat import Pattern
-    from twin.durations.lifetimes import SkillOverride
+    from planning.tasks.work import WorkAhead
+    from scheduling.planned_motions import PlannedMotions
 
-
-@dataclass(frozen=True)
-class PlannedMotions:
-    """An assembly with its motions: what every coordination starts from.
-
-    Attributes:
-        cell: the workcell.
-        assembly: what is built, such as a ``LegoAssembly``; the plan of a construction.
-        task_plan: who does what; empty where that is decided along with the motions.
-        motion_plan: how everyone moves.
-        settings: how tasks were turned into motions.
-        work: what task and motion plan were made from, where others can be made from it.
-        pattern: how the plan goes on for further products, None where it is that of all.
-        ahead: the work of more steps, None where all are planned.
-    """
-
-    cell: Workcell
-    assembly: Any
-    task_plan: TaskPlan
-    motion_plan: MotionPlan
-    settings: MotionSettings
-    work: AssemblyWork | None = field(default=None, kw_only=True)
-    pattern: Pattern | None = field(default=None, kw_only=True)
-    ahead: WorkAhead | None = field(default=None, kw_only=True)
-
+SpeedModelName = Literal["limits", "joint", "l1"]
 
 NO_WINDOW = (
     "execution.window: only steps of a LEGO assembly, and products of a line whose steps are listed and whose"
@@ -63,11 +33,39 @@ NO_WINDOW = (
 )
 
 
+class AssemblySection(Section):
+    """Section of an assembly.
+
+    Attributes:
+        kind: name of its kind in the registry.
+    """
+
+    kind: str
+
+
 class AssemblyKind(Protocol):
     """The section of an assembly in a scenario, and how it is planned.
 
-    Defaults are those of a kind that brings neither objects nor fixtures of its own.
+    Defaults are those of a kind that brings neither objects nor fixtures of its own. The class is
+    loaded with every scenario, so its module imports no planner.
+
+    Attributes:
+        section_class: class of the section.
+        included: sections that may be in a file of their own, by their key in the assembly.
+        default_speed_model: speed model of a plan whose scenario gives none.
+        tries_sidesteps: whether sidesteps are tried where the scenario does not say.
+        chooses_robots: whether fewer robots may do the steps than there are, where that shortens the plan.
+        changes_tools: whether robots may change their tools.
+        allows_deviation: whether force control may deviate from the reference path.
     """
+
+    section_class: ClassVar[type[AssemblySection]]
+    included: ClassVar[Mapping[str, type[Section]]] = {}
+    default_speed_model: ClassVar[SpeedModelName] = "limits"
+    tries_sidesteps: ClassVar[bool] = False
+    chooses_robots: ClassVar[bool] = False
+    changes_tools: ClassVar[bool] = False
+    allows_deviation: ClassVar[bool] = True
 
     @property
     def at_once(self) -> bool:
@@ -186,38 +184,56 @@ class AssemblyKind(Protocol):
         """Return motions that were planned otherwise, as ``plan`` would have left them."""
         return motions
 
+    def included_problems(self) -> Found:
+        """Yield the problems of an included section, with keys in its own file."""
+        yield from ()
 
-_KINDS = {
-    "lego": ("twin.planning.lego", "LegoKind"),
-    "assembly": ("twin.planning.parts", "PartKind"),
-    "goals": ("twin.planning.goals", "GoalsKind"),
-    "construction": ("twin.planning.construction", "ConstructionKind"),
-}
-"""Module and class by the ``kind`` of a section."""
+    def default_durations(self) -> Mapping[str, AnyDuration]:
+        """Return the duration of each skill that takes a packaged time where the scenario gives none."""
+        names: tuple[PackagedSkill, ...] = get_args(PackagedSkill)
+        return {name: Packaged(skill=name) for name in names}
+
+    def processes(self) -> Mapping[str, AnyDuration | None]:
+        """Return the duration of each process that it names, None where ``execution.skills`` gives it."""
+        return {}
+
+    def actuations(self, cell: CellSection) -> Mapping[ActuationKey, DurationModel]:
+        """Return how long tools take to close and to open, by act, robot and tool.
+
+        Args:
+            cell: what the file says of the robots and their tools.
+        """
+        return {}
+
+    def part_names(self) -> Iterable[str]:
+        """Return the names by which a failure may refer to an object."""
+        return [name for _, name in self.names()]
+
+    def working_machines(self) -> Iterable[str]:
+        """Return the names of the machines that work at parts."""
+        return ()
+
+    def disturbed_machines(self) -> Iterable[str]:
+        """Return the names of the machines that may be disturbed."""
+        return ()
+
+    def lies_as_given(self) -> bool:
+        """Return whether every part lies at the start where the scenario gives its pose."""
+        return False
+
+    def object_named(
+        self, name: str, known: Mapping[str, CellObject]
+    ) -> CellObject | None:
+        """Return an object that is supplied during execution, None if no such name is supplied.
+
+        Args:
+            name: not among those of the start.
+            known: the objects by name.
+        """
+        return None
 
 
 def assembly_kind(section: AssemblySection) -> AssemblyKind:
     """Return the assembly kind of a section."""
-    module, name = _KINDS[section.kind]
-    found: AssemblyKind = getattr(import_module(module), name)(section)
+    found: AssemblyKind = KINDS.load(section.kind)(section)
     return found
-
-
-CORNERS = "corners"
-"""Name of the stage for progress displays."""
-
-
-def timed(
-    tpg: TemporalPlanGraph, scenario: Scenario, watch: StageWatch
-) -> TemporalPlanGraph:
-    """Return a graph with the times that robots need within their limits; the stage is tpg.
-
-    Corners are rounded first, where the scenario says so; what has no edges yet, or is executed slot
-    by slot, stays as it was planned.
-    """
-    limited = scenario.speed_model == "limits" and scenario.planning.corners == "smooth"
-    ordered = len(tpg.edges) > 0 or len(tpg.chains) < 2
-    if limited and ordered and not len(tpg.slots):
-        with watch.stage("tpg", CORNERS):
-            tpg = round_corners(tpg, progress=watch.reporter(CORNERS))
-    return within_limits(tpg)

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from planning.bounds import LONGEST_S
 from twin.scenario.document.expressions import Expression, Inequality
-from twin.scenario.document.section import Section
+from twin.scenario.document.section import Section, WingSection
 
 RESULTS = (
     "makespan_s",
@@ -124,7 +124,7 @@ class GoalSection(Section):
         return f"{'minimise' if self.minimise else 'maximise'} {self.expression.text}"
 
 
-class ExploreSection(Section):
+class ExploreSection(WingSection):
     """What ``twin explore`` varies, and what it looks for.
 
     Attributes:
@@ -148,6 +148,11 @@ class ExploreSection(Section):
             a feeder or of a base, and of a quicker tool.
         design_limit_s: a design that takes longer is given up [s].
     """
+
+    purpose = (
+        "What may be different, and what is looked for, where designs of the cell are explored; nothing else"
+        " depends on it."
+    )
 
     vary: Annotated[tuple[VarySection, ...], Field(max_length=1000)] = ()
     goals: Annotated[tuple[GoalSection, ...], Field(min_length=1, max_length=4)] = (
@@ -210,3 +215,9 @@ class ExploreSection(Section):
     def replicates(self) -> bool:
         """True if a goal or a constraint takes replications."""
         return any(one.used & REPLICATED for one in self.expressions)
+
+
+def explore_section(scenario: Section) -> ExploreSection | None:
+    """Return the explore section of a scenario, None if it has none."""
+    found: ExploreSection | None = getattr(scenario, "explore", None)
+    return found
