@@ -33,7 +33,7 @@ from benchmarks.apex_mr_tables import JOINTLY, PUBLISHED, Measured
 from benchmarks.machine import forget_answers, machine_line
 from benchmarks.store import Row, RowStore
 from planning.errors import TwinError
-from planning.importers.apex_mr.importer import available_tasks
+from planning.lego.importers.apex_mr.importer import available_tasks
 from scheduling.planned_motions import PlannedMotions
 from twin.commands.scenario_imports import import_apex_mr_task
 from twin.comparison.comparison import (

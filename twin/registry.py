@@ -104,10 +104,10 @@ def _is_installed(module: str) -> bool:
 KINDS = Group(
     "kinds",
     {
-        "lego": "twin.planning.lego:LegoKind",
-        "assembly": "twin.planning.parts:PartKind",
-        "goals": "twin.planning.goals:GoalsKind",
-        "construction": "twin.planning.construction:ConstructionKind",
+        "lego": "twin.kinds.lego.kind:LegoKind",
+        "assembly": "twin.kinds.parts.kind:PartKind",
+        "goals": "twin.kinds.goals.kind:GoalsKind",
+        "construction": "twin.kinds.construction.kind:ConstructionKind",
     },
 )
 """Kinds of assembly, by the ``kind`` of the assembly section of a scenario."""

@@ -29,7 +29,7 @@ from twin.audit.contacts import CONTACT_DEPTH
 from twin.audit.grips import GRIP
 from twin.audit.supports import SUPPORT
 from twin.check.finding import Finding, Findings, Subject, millimetres
-from twin.planning.lego import LegoKind, build_lego, build_structure
+from twin.kinds.lego.kind import LegoKind, build_lego, build_structure
 
 _MEETS = 0.001
 """A tool is at a brick if it is no farther from it than this [m]."""

@@ -50,9 +50,9 @@ from twin.check.tools import (
     check_units,
 )
 from twin.check.usual import check_physics, check_rates, check_usual
+from twin.kinds.parts.section import PartsSection, StepSection
 from twin.scenario.document.validation import FileProblem, InvalidScenarioError
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
-from twin.scenario.sections.parts import PartsSection, StepSection
 from twin.scenario.sections.scenario import Scenario
 
 Waits = dict[int, list[tuple[int, float, float]]]

@@ -13,11 +13,11 @@ from planning.errors import ConstructionError, InfeasibleStepError
 from planning.parts.assembly import PartAssembly, Work
 from planning.parts.part_steps import KnownStep, part_steps
 from planning.steps.tool_changes import rack_tools, with_every_tool
+from twin.kinds.parts.alike import listed_steps
+from twin.kinds.parts.section import PartsSection
 from twin.planning.build_workcell import build_workcell
-from twin.planning.part_assembly.alike import listed_steps
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
-from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
 
 
@@ -41,7 +41,7 @@ class OrderedParts:
     @cached_property
     def listed(self) -> PartAssembly:
         """The assembly with its steps as the file lists them."""
-        from twin.planning.part_assembly.built import build_assembly
+        from twin.kinds.parts.built import build_assembly
 
         return build_assembly(self.section)
 

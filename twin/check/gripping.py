@@ -33,7 +33,7 @@ from twin.check.finding import (
     millimetres,
     of_parts,
 )
-from twin.scenario.sections.line import TraySection
+from twin.kinds.parts.sources import TraySection
 
 _FARTHEST, _STEP = 0.5, 0.005
 """Parts are lifted so far, in such steps, to see what is enough [m]."""

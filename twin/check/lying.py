@@ -39,8 +39,8 @@ from twin.check.finding import (
     of_parts,
     position,
 )
-from twin.scenario.sections.lego import LegoSection
-from twin.scenario.sections.parts import MachineSection, PartsSection
+from twin.kinds.lego.section import LegoSection
+from twin.kinds.parts.section import MachineSection, PartsSection
 
 _TOUCH = 0.002
 """Distance up to which things touch where the scenario does not say [m]."""
@@ -391,7 +391,7 @@ def _from_door(own: MachineSection, lying: Lying, subject: Subject) -> float | N
 def check_helpers(subject: Subject) -> Findings:
     """Yield temporary bricks that nobody can take out again: an error where the rules ask for that."""
     from planning.lego.sequencing.remedies import Design, shut_in
-    from twin.planning.lego import (
+    from twin.kinds.lego.kind import (
         build_lego,
         sequencing_rules,
         structure_and_helpers,

@@ -43,7 +43,7 @@ from twin.check.views import (
     widened,
 )
 from twin.host.pictures import INK, new_picture, save_png
-from twin.scenario.sections.lego import LegoSection
+from twin.kinds.lego.section import LegoSection
 
 
 def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
@@ -67,7 +67,7 @@ def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
     elif isinstance(section, LegoSection):
         yield from _bricks(section)
     else:
-        from twin.planning.construction import ConstructionKind
+        from twin.kinds.construction.kind import ConstructionKind
 
         if isinstance(subject.kind, ConstructionKind):
             for part in subject.kind.parts:
@@ -76,7 +76,7 @@ def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
 
 def _bricks(section: LegoSection) -> Iterator[tuple[str, Array]]:
     from planning.lego.bricks.grid import box_pose, box_size
-    from twin.planning.lego import build_lego, build_structure
+    from twin.kinds.lego.kind import build_lego, build_structure
 
     assembly = build_lego(section)
     bricks = build_structure(section) or assembly.structure

@@ -28,10 +28,10 @@ from planning.steps.skill import SkillTargets, in_some_posture
 from planning.steps.tool_changes import find_tool_changes, rack_tools
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, OrderedParts, Subject, position
+from twin.kinds.construction.section import ConstructionSection
+from twin.kinds.goals.section import GoalsSection
+from twin.kinds.lego.section import LegoSection
 from twin.scenario.document.yaml_text import KeyPath
-from twin.scenario.sections.construction import ConstructionSection
-from twin.scenario.sections.goals import GoalsSection
-from twin.scenario.sections.lego import LegoSection
 
 _MOST_GRIPS = 40
 """Grips of a part that are tried by each robot."""
@@ -327,7 +327,7 @@ def _check_moves(subject: Subject, section: GoalsSection) -> Findings:
 
 def _check_bricks(subject: Subject, section: LegoSection) -> Findings:
     from planning.lego.sequencing.blocking import check_reach as check_steps
-    from twin.planning.lego import build_lego, build_structure
+    from twin.kinds.lego.kind import build_lego, build_structure
 
     assembly, cell = build_lego(section), subject.cell
     structure = build_structure(section) or ()
@@ -377,7 +377,7 @@ def _handles_bricks(
 def _check_construction(subject: Subject) -> Findings:
     """Ask the planner of constructions for the first thing that its lower bounds rule out."""
     from planning.construction.problem.reach_bounds import reach_bounds
-    from twin.planning.construction import ConstructionKind
+    from twin.kinds.construction.kind import ConstructionKind
     from twin.planning.pipeline import motion_settings
 
     kind, cell = subject.kind, subject.cell

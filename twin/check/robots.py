@@ -36,7 +36,7 @@ from twin.check.finding import (
 )
 from twin.durations.measured import Packaged
 from twin.durations.model import DurationModel, PackagedSkill
-from twin.scenario.sections.parts import PartsSection
+from twin.kinds.parts.section import PartsSection
 from twin.uncertainty.skill_durations import SkillDurations
 
 _SUNK = 0.005

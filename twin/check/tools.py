@@ -38,11 +38,11 @@ from twin.check.finding import (
     of_parts,
 )
 from twin.check.reach import away_from, reach_bound
+from twin.kinds.construction.section import ConstructionSection
+from twin.kinds.goals.section import GoalsSection
+from twin.kinds.parts.section import PartsSection
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.construction import ConstructionSection
-from twin.scenario.sections.goals import GoalsSection
-from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.shapes import PoseSection
 
 _FAR = 0.02

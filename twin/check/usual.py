@@ -16,12 +16,12 @@ from twin.check.finding import Finding, Findings, Subject
 from twin.durations.model import DurationModel
 from twin.durations.normal import TruncatedNormal
 from twin.durations.usual_range import UsualRange, usual_duration
+from twin.kinds.parts.section import PartsSection
+from twin.kinds.parts.sources import ConveyorSection
 from twin.planning.build_workcell import fitted_model
 from twin.scenario.document.section import parts_of
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import LimitsSection
-from twin.scenario.sections.line import ConveyorSection
-from twin.scenario.sections.parts import PartsSection
 
 _RANGES: Mapping[str, UsualRange] = {
     # Robots, tools and grips.

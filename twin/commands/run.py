@@ -232,8 +232,8 @@ def export_files(
 
 def _export_scenario(file: Path, out: Path | None) -> Path:
     """Write what a scenario builds as a model of LDraw; return the file."""
-    from twin.exports.ldraw import ldraw_of_scenario
     from twin.host.guard import replacing
+    from twin.kinds.lego.ldraw import ldraw_of_scenario
     from twin.scenario.manifest import load_scenario
 
     scenario = load_scenario(file)

@@ -27,6 +27,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import complete_tasks, kept_hold
 from twin.host.progress import StageWatch
+from twin.kinds.construction.kind import ConstructionKind
 from twin.operate.committed import (
     Committed,
     Draw,
@@ -39,7 +40,6 @@ from twin.operate.committed import (
 from twin.operate.going import Extension, Known, Luck, Planner, appended, nothing_new
 from twin.operate.judging import Judging, asks_for_another
 from twin.operate.person import Ledger, Person
-from twin.planning.construction import ConstructionKind
 from twin.planning.pipeline import graph_from
 from twin.planning.time_parameterization import timed
 from twin.scenario.sections.kind import assembly_kind

@@ -16,7 +16,7 @@ from scheduling.invariant import check_invariant
 from tests.planted import rows
 from tests.twin.written import loaded, refusal
 from twin.comparison.comparison import measure_policies
-from twin.planning.part_assembly.line import slots, written_out
+from twin.kinds.parts.line import slots, written_out
 from twin.run.throughput import line_summary, product_nodes
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.manifest import load_scenario

@@ -18,7 +18,7 @@ from planning.lego.sequencing.stable_steps import stable_steps
 from tests.planted import rows
 from tests.twin.program import invoke
 from tests.twin.written import written
-from twin.planning.lego import build_lego
+from twin.kinds.lego.kind import build_lego
 from twin.scenario.manifest import load_scenario, scenario_schema
 
 ROOT = Path(__file__).parents[3]

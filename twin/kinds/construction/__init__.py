@@ -1,0 +1,1 @@
+"""Constructions: parts that mobile robots put in their places, planned in space and time."""

@@ -1,0 +1,1 @@
+"""LEGO assemblies: bricks of a stock that are put on a plate."""
