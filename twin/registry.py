@@ -112,5 +112,16 @@ KINDS = Group(
 )
 """Kinds of assembly, by the ``kind`` of the assembly section of a scenario."""
 
+CHECKS = Group(
+    "checks",
+    {
+        "lego": "twin.kinds.lego.checks:LegoChecks",
+        "assembly": "twin.kinds.parts.checks.checks:PartChecks",
+        "goals": "twin.kinds.goals.checks:GoalsChecks",
+        "construction": "twin.kinds.construction.checks:ConstructionChecks",
+    },
+)
+"""Checks of a scenario that depend on its kind of assembly, by the name of the kind."""
+
 SECTIONS = Group("sections", {"explore": "twin.explore.section:ExploreSection"})
 """Optional sections of wings at the top of a scenario, by their key; nothing of a run depends on them."""

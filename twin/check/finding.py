@@ -1,98 +1,25 @@
-"""What a check finds, and the cell that it looks at, its parts in the order of their steps."""
+"""What a check finds, the scenario that it looks at, and what depends on the kind of its assembly."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, wraps
+from functools import cached_property
 from pathlib import Path
+from typing import Any, ClassVar, Protocol
 
 from planning.cell.robot_model import RobotModel
-from planning.cell.workcell import PlacedRobot, Workcell
-from planning.errors import ConstructionError, InfeasibleStepError
-from planning.parts.assembly import PartAssembly, Work
-from planning.parts.part_steps import KnownStep, part_steps
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.contacts.interference import Overlaps
+from planning.expectations import TOUCH
 from planning.steps.tool_changes import rack_tools, with_every_tool
-from twin.kinds.parts.alike import listed_steps
-from twin.kinds.parts.section import PartsSection
+from planning.transforms import Array, Transform
+from twin.durations.model import PackagedSkill
 from twin.planning.build_workcell import build_workcell
+from twin.registry import CHECKS
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import Scenario
-
-
-@dataclass(frozen=True)
-class OrderedParts:
-    """An assembly of parts, as listed and in order.
-
-    Attributes:
-        cell: its objects are the parts.
-        section: what the file says.
-    """
-
-    cell: Workcell
-    section: PartsSection
-
-    @property
-    def count(self) -> int:
-        """Number of its steps; of those of a product where several are made."""
-        return len(listed_steps(self.section))
-
-    @cached_property
-    def listed(self) -> PartAssembly:
-        """The assembly with its steps as the file lists them."""
-        from twin.kinds.parts.built import build_assembly
-
-        return build_assembly(self.section)
-
-    @cached_property
-    def there(self) -> Workcell:
-        """The cell as steps find it: parts that are alike are nowhere, as each may come from anywhere."""
-        from planning.parts.alike import from_nowhere
-
-        return from_nowhere(self.cell, self.listed)
-
-    @cached_property
-    def found(self) -> PartAssembly | str:
-        """The assembly in its order, the one that is found if the file asks for that; or why not."""
-        from planning.parts.order import in_found_order
-
-        if self.section.order != "find":
-            return self.listed
-        try:
-            return in_found_order(self.there, self.listed)
-        except (ConstructionError, InfeasibleStepError) as error:
-            return error.message
-
-    @cached_property
-    def steps(self) -> tuple[KnownStep, ...] | None:
-        """Its steps in that order; None where one cannot be, or there is no order."""
-        if isinstance(self.found, str):
-            return None
-        try:
-            return part_steps(self.there, self.found)
-        except InfeasibleStepError:
-            return None
-
-    def works(self) -> Iterator[tuple[int, KnownStep, Work, list[PlacedRobot]]]:
-        """Yield processes of robots in that order: number as listed, from 1, and who may do each.
-
-        There are none where a step cannot be, which is said elsewhere.
-        """
-        listed = {id(step): k for k, step in enumerate(self.listed.steps, start=1)}
-        for known in self.steps or ():
-            step = known.step
-            if not isinstance(step, Work):
-                continue
-            process = step.process
-            robots = [
-                robot
-                for robot in self.cell.robots
-                if step.done_by(robot.name)
-                and process.tool in (None, robot.tool)
-                and process.frame in {"flange", *robot.model.frames}
-            ]
-            yield listed[id(step)], known, step, robots
 
 
 @dataclass(frozen=True)
@@ -111,18 +38,6 @@ class Finding:
 
 
 Findings = Iterator[Finding]
-
-
-def of_parts(
-    check: Callable[[Subject, OrderedParts], Findings],
-) -> Callable[[Subject], Findings]:
-    """Make a check of assemblies of parts one of all scenarios, which finds nothing in others."""
-
-    @wraps(check)
-    def checked(subject: Subject) -> Findings:
-        return iter(()) if subject.parts is None else check(subject, subject.parts)
-
-    return checked
 
 
 @dataclass(frozen=True)
@@ -153,12 +68,11 @@ class Subject:
         return assembly_kind(self.scenario.assembly)
 
     @cached_property
-    def parts(self) -> OrderedParts | None:
-        """The assembly in order, where it is one of parts."""
-        section = self.scenario.assembly
-        if not isinstance(section, PartsSection):
-            return None
-        return OrderedParts(self.cell, section)
+    def checks(self) -> KindChecks:
+        """The checks that depend on the kind of the assembly."""
+        kind = self.scenario.assembly.kind
+        found: type[KindChecks] = CHECKS.load(kind) if kind in CHECKS else KindChecks
+        return found(self)
 
     @cached_property
     def unlike_robots(self) -> tuple[PlacedRobot, ...]:
@@ -183,28 +97,13 @@ class Subject:
         key = next((k for k in keys if getattr(section, k)), "name")
         return ("cell", "robots", number, key)
 
-    def step_at(self, number: int, *keys: str) -> KeyPath:
-        """Return where a step is in the file, by its number from 1; all products share theirs."""
-        assert self.parts is not None
-        listed = listed_steps(self.parts.section)
-        return ("assembly", "steps", listed[(number - 1) % len(listed)], *keys)
-
     def thing_at(self, name: str, key: str = "name") -> KeyPath:
         """Return where an object or a fixture is in the file; where it begins may be its source."""
         places, known = self._places, in_file(name, self._places)
         path = places.get(known, ("assembly",))
         if path[-1] != "name":
             return path
-        section = self.scenario.assembly
-        if isinstance(section, PartsSection) and path[:2] == ("assembly", "parts"):
-            number = path[2]
-            assert isinstance(number, int)
-            part = section.parts[number]
-            if key == "start" and part.source is not None:
-                return ("assembly", "sources", part.source, "pose")
-            if part.several and key in ("start", "goal"):
-                key += "s"
-        return (*path[:-1], key)
+        return self.checks.key_at(path, key)
 
     @cached_property
     def _places(self) -> dict[str, KeyPath]:
@@ -217,6 +116,93 @@ class Subject:
             for tool in rack_tools(self.built)
         }
         return {name: path for path, name in self.kind.names()} | fixtures | racks
+
+
+class KindChecks:
+    """What checks and pictures of a scenario ask of its kind of assembly; for kinds with nothing of their own.
+
+    Attributes:
+        subject: the scenario and its cell.
+        quick: its quick checks in their order; empty for the general ones.
+        skills: skills that every assembly of the kind uses, and for which no time is packaged.
+    """
+
+    quick: ClassVar[tuple[Callable[[Subject], Findings], ...]] = ()
+    skills: ClassVar[tuple[PackagedSkill, ...]] = ()
+
+    def __init__(self, subject: Subject) -> None:
+        self.subject = subject
+
+    @property
+    def by_suction(self) -> bool:
+        """Whether tools hold by suction where nothing else is said of them."""
+        return False
+
+    @property
+    def touch_m(self) -> float:
+        """Distance up to which things touch at the start [m]."""
+        return TOUCH
+
+    @property
+    def overlaps(self) -> Overlaps:
+        """How deep objects may be in each other."""
+        return Overlaps()
+
+    def reach(self) -> Findings:
+        """Yield what no robot reaches: an error where the planner would find none either."""
+        yield from ()
+
+    def goals(self) -> Mapping[str, Transform]:
+        """Return where objects are put, by their names."""
+        return {}
+
+    def goal_pieces(self) -> Iterator[tuple[str, Array]]:
+        """Yield what is put somewhere, with the corners of each of its pieces there, shape (v, 3) [m]."""
+        yield from ()
+
+    def tool_frames(self) -> Iterator[tuple[str, str, bool]]:
+        """Yield the tool frames that are used, each with its robot, and whether it holds parts there."""
+        for robot in self.subject.cell.robots:
+            yield robot.name, "tool", True
+
+    def sized(self) -> Sequence[CellObject]:
+        """Return the objects whose sizes the file gives."""
+        return ()
+
+    def placed(self) -> Sequence[CellObject]:
+        """Return the objects that are put in place and whose masses count."""
+        return ()
+
+    def key_at(self, path: KeyPath, key: str) -> KeyPath:
+        """Return the key of a property of an object or a fixture.
+
+        Args:
+            path: key of its name.
+            key: such as ``start`` or ``goal``.
+        """
+        return (*path[:-1], key)
+
+    def fits(self) -> tuple[Fit, ...]:
+        """Return how parts fit where they are put, in the order of the steps."""
+        return ()
+
+
+class Fit(Protocol):
+    """How a part fits where it is put."""
+
+    @property
+    def step(self) -> int:
+        """Number of the step, from 1."""
+        ...
+
+    @property
+    def words(self) -> str:
+        """What it is, for people."""
+        ...
+
+    def content(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        ...
 
 
 def in_file(name: str, known: Container[str]) -> str:

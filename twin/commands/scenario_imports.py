@@ -42,10 +42,10 @@ def import_apex_mr_task(
     from planning.lego.importers.apex_mr.importer import PressFrom, import_apex_mr
     from planning.lego.sequencing.stable_steps import stable_steps
     from planning.robots.registry import with_tool
-    from twin.check.bricks import check_brick_tools
     from twin.check.finding import Subject
     from twin.commands.sequence import choose_tool
     from twin.host.guard import write_text
+    from twin.kinds.lego.checks import check_brick_tools
     from twin.kinds.lego.kind import build_lego
     from twin.kinds.lego.section import LegoSection
     from twin.scenario.document.yaml_text import scenario_text

@@ -123,7 +123,7 @@ def _show_check(found: Check, view: View) -> int:
             print_error(report.excerpts(shown).report())
         if not view.quiet:
             for fit in report.fits:
-                typer.echo(f"step {fit.fit.step}: {fit.words}")
+                typer.echo(f"step {fit.step}: {fit.words}")
             typer.echo(f"{view.given['scenario']}: {verdict(report)}")
             if picture is not None:
                 typer.echo(f"picture: {picture}")

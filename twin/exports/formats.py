@@ -12,16 +12,16 @@ from twin.host.guard import replacing
 from twin.trial.run_result import RunResult
 
 _WRITERS = {
-    "csv": "tables.csv_files",
-    "parquet": "tables.parquet_files",
-    "perfetto": "tables.perfetto_files",
-    "joint-trajectory": "tables.joint_trajectory_files",
-    "joint-csv": "tables.joint_csv_files",
-    "mcap": "ros.mcap_file.mcap_files",
-    "graphml": "graphs.graphml_files",
-    "task-graph": "graphs.task_graph_files",
-    "open-plan": "open_plan.open_plan_files",
-    "ldraw": "ldraw.ldraw_files",
+    "csv": "twin.exports.tables:csv_files",
+    "parquet": "twin.exports.tables:parquet_files",
+    "perfetto": "twin.exports.tables:perfetto_files",
+    "joint-trajectory": "twin.exports.tables:joint_trajectory_files",
+    "joint-csv": "twin.exports.tables:joint_csv_files",
+    "mcap": "twin.exports.ros.mcap_file:mcap_files",
+    "graphml": "twin.exports.graphs:graphml_files",
+    "task-graph": "twin.exports.graphs:task_graph_files",
+    "open-plan": "twin.exports.open_plan:open_plan_files",
+    "ldraw": "twin.kinds.lego.ldraw:ldraw_files",
 }
 FORMATS = tuple(_WRITERS)
 
@@ -46,8 +46,8 @@ def exported_files(
     """
     if name not in _WRITERS:
         raise OutputError(f"unknown format {name!r}", choices=FORMATS)
-    module, function = _WRITERS[name].rsplit(".", 1)
-    write = getattr(import_module(f"twin.exports.{module}"), function)
+    module, function = _WRITERS[name].split(":")
+    write = getattr(import_module(module), function)
     given = (
         {"nodes": nodes} if rate_hz is None else {"nodes": nodes, "rate_hz": rate_hz}
     )

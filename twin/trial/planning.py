@@ -162,7 +162,7 @@ def plan_best(
     plan = _coordinated(loaded, first, watch)
     for other in others:
         plan = _shorter(plan, other, watch)
-    return replace(plan, idle=find_idle(plan.tpg, motions))
+    return replace(plan, idle=find_idle(plan.tpg, motions, scenario.kind))
 
 
 def _shorter(

@@ -28,14 +28,13 @@ from twin.audit.audit import Auditor
 from twin.audit.case import Violation
 from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
 from twin.audit.worlds.engines import Engine, engine_and_version, engine_named
-from twin.check.finding import Subject
-from twin.check.fits import PLACE, place_misses
 from twin.durations.measured import packaged_timings
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.host.progress import Report, report_nothing
 from twin.planning.idle_robots import IdleRobot
+from twin.planning.place_misses import place_misses
 from twin.recorders.observers import Recorder
 from twin.run.events import DeadlockError, ExecutionRecord, Policy
 from twin.run.policies import SHORTENED
@@ -70,14 +69,14 @@ def scenario_execution(
     execution = scenario.execution
     robots = tuple(robot.name for robot in scenario.cell.robots)
     disturbances = execution.disturbances(robots, base)
-    misses = place_misses(Subject(scenario, base))
+    misses = place_misses(scenario, base)
     return ExecutionModel(
         durations=skill_durations(scenario, base, antithetic=antithetic),
         policy=policy or execution.policy,
         messages=Messages.of_seconds(
             execution.queue_depth, execution.report_s, execution.release_s
         ),
-        disturbances=disturbances.with_misses(PLACE, misses),
+        disturbances=disturbances.with_misses("place-down", misses),
         hold=execution.windows.hold,
     )
 

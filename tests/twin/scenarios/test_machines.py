@@ -26,12 +26,12 @@ from tests.twin.simulated import run_bulk, simulate
 from tests.twin.written import loaded
 from twin.audit.audit import audit_run
 from twin.check.finding import Subject
-from twin.check.lying import check_goals
 from twin.check.reach import check_reach
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.execution_model import ExecutionModel
+from twin.kinds.parts.checks.places import check_goals
 from twin.run.summary import summarise
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.sections.kind import assembly_kind

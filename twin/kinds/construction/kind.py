@@ -153,6 +153,13 @@ class ConstructionKind(AssemblyKind):
         )
         return as_planned(StandingRules, section.balance, joints=joints)
 
+    def steps_served(self, robot: str, motions: PlannedMotions) -> tuple[int, int]:
+        """Return how many parts a robot could fetch, hand over or place, by its reach alone, and how many there are."""
+        from planning.construction.problem.reach_bounds import reach_bounds
+
+        problem = motions.assembly.problem
+        return len(list(reach_bounds(problem).serves(robot))), len(problem.parts)
+
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
     ) -> PlannedMotions:

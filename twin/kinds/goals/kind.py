@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planning.cell.workcell import Workcell
+from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import ScenarioError
 from planning.transforms import readonly
 from twin.host.progress import StageWatch
 from twin.kinds.goals.section import GoalsSection, MoveSection
 from twin.scenario.document.validation import Found, unless_known
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.kind import AssemblyKind
+from twin.scenario.sections.kind import AssemblyKind, IdleReason
 from twin.scenario.sections.shapes import build_transform
 
 if TYPE_CHECKING:
@@ -50,6 +50,10 @@ class GoalsKind(AssemblyKind):
         for k, move in enumerate(self.section.moves):
             at = ("assembly", "moves", k, "robot")
             yield from unless_known(at, "robot", move.robot, names)
+
+    def why_unable(self, robot: PlacedRobot, motions: PlannedMotions) -> IdleReason:
+        """Return that every move is that of a named robot."""
+        return "not allowed"
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from planning.cell.workcell import CONTACT_DEPTH, CellObject, Workcell
+from planning.cell.workcell import CONTACT_DEPTH, CellObject, PlacedRobot, Workcell
 from planning.expectations import Expectations
 from planning.tasks.task import CLOSE, DOOR, OPEN, ActuationKey
 from planning.transforms import readonly
@@ -30,8 +30,8 @@ from twin.kinds.parts.section import PartSection, PartsSection
 from twin.planning.shapes import build_shape
 from twin.scenario.document.validation import Found
 from twin.scenario.document.yaml_text import KeyPath
-from twin.scenario.sections.cell import CellSection, actuation_model
-from twin.scenario.sections.kind import AssemblyKind
+from twin.scenario.sections.cell import CellSection, RobotSection, actuation_model
+from twin.scenario.sections.kind import AssemblyKind, IdleReason
 from twin.scenario.sections.shapes import as_planned, build_transform
 
 if TYPE_CHECKING:
@@ -121,6 +121,16 @@ class PartKind(AssemblyKind):
         """Return whether no part comes from a source or belongs to one of several products."""
         return not (self.section.sources or self.section.products)
 
+    def place_misses(
+        self, cell: Workcell, robots: Sequence[RobotSection]
+    ) -> Mapping[str, float]:
+        """Return how likely robots whose repeatability is stated miss the places of parts, by ROBOT/PART."""
+        from planning.steps.tool_changes import with_every_tool
+        from twin.kinds.parts.fits import place_misses
+        from twin.kinds.parts.ordered_parts import OrderedParts
+
+        return place_misses(OrderedParts(with_every_tool(cell), self.section), robots)
+
     def default_durations(self) -> Mapping[str, AnyDuration]:
         """Return nothing: skills take their motions, and what tools take to close and to open."""
         return {}
@@ -182,6 +192,12 @@ class PartKind(AssemblyKind):
         from twin.kinds.parts.expected import expectations_of
 
         return expectations_of(self.section, cell)
+
+    def why_unable(self, robot: PlacedRobot, motions: PlannedMotions) -> IdleReason:
+        """Return whether it may do no step, has no tool for any, or reaches none."""
+        from twin.kinds.parts.unable import why_unable
+
+        return why_unable(robot, motions)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

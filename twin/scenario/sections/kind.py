@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, Self, get_args
 
-from planning.cell.workcell import CONTACT_DEPTH, CellObject, Fixture, Workcell
+from planning.cell.workcell import (
+    CONTACT_DEPTH,
+    CellObject,
+    Fixture,
+    PlacedRobot,
+    Workcell,
+)
 from planning.errors import RequestError
 from planning.expectations import Expectations
 from planning.tasks.task import ActuationKey
@@ -18,7 +24,7 @@ from twin.registry import KINDS
 from twin.scenario.document.section import Section
 from twin.scenario.document.validation import Found
 from twin.scenario.document.yaml_text import KeyPath
-from twin.scenario.sections.cell import CellSection
+from twin.scenario.sections.cell import CellSection, RobotSection
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
@@ -26,6 +32,11 @@ if TYPE_CHECKING:
     from scheduling.planned_motions import PlannedMotions
 
 SpeedModelName = Literal["limits", "joint", "l1"]
+
+IdleReason = Literal[
+    "no reach", "tools", "not allowed", "makespan", "balance", "search", "unknown"
+]
+"""Why a robot gets no task."""
 
 NO_WINDOW = (
     "execution.window: only steps of a LEGO assembly, and products of a line whose steps are listed and whose"
@@ -187,6 +198,35 @@ class AssemblyKind(Protocol):
     def included_problems(self) -> Found:
         """Yield the problems of an included section, with keys in its own file."""
         yield from ()
+
+    def why_unable(self, robot: PlacedRobot, motions: PlannedMotions) -> IdleReason:
+        """Return why a robot is a candidate for no step.
+
+        Args:
+            robot: of the cell.
+            motions: of all robots.
+        """
+        return "no reach"
+
+    def steps_served(self, robot: str, motions: PlannedMotions) -> tuple[int, int]:
+        """Return in how many steps a robot could do something by its reach, and how many there are.
+
+        Args:
+            robot: its name.
+            motions: planned along with the choice of who does what.
+        """
+        return 0, self.steps()
+
+    def place_misses(
+        self, cell: Workcell, robots: Sequence[RobotSection]
+    ) -> Mapping[str, float]:
+        """Return how likely robots miss the places of what they put down, by ROBOT/OBJECT.
+
+        Args:
+            cell: as it is before the first motion.
+            robots: of the cell, as the file describes them.
+        """
+        return {}
 
     def default_durations(self) -> Mapping[str, AnyDuration]:
         """Return the duration of each skill that takes a packaged time where the scenario gives none."""

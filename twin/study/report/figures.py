@@ -17,13 +17,13 @@ from matplotlib.figure import Figure
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 from twin.check.finding import Subject
-from twin.check.fits import place_misses
 from twin.check.robots import check_skill_times, check_speeds
 from twin.durations.measured import Packaged
 from twin.durations.model import NANOSECONDS, DurationModel
 from twin.engine.bulk.max_plus import OTHER
 from twin.host.guard import versions
 from twin.host.pictures import INK, bar_chart, legend_below, one_chart
+from twin.planning.place_misses import place_misses
 from twin.run.throughput import takts_s
 from twin.scenario.sections.execution import ExecutionSection, ReferenceDuration
 from twin.scenario.variations import Variant, is_of_execution
@@ -231,7 +231,7 @@ def assumptions(result: StudyResult) -> Iterator[tuple[str, str]]:
     yield "Disturbances", "; ".join(_disturbances(scenario.execution)) or "none"
     misses = "; ".join(
         f"{name.replace('/', ' misses the place of ')} in {100 * p:.3g} % of attempts"
-        for name, p in place_misses(Subject(scenario, request.base)).items()
+        for name, p in place_misses(scenario, request.base).items()
     )
     if misses:
         yield "Repeatability of robots", misses

@@ -18,13 +18,13 @@ from planning.transforms import Transform
 from twin.check.finding import (
     Finding,
     Findings,
-    OrderedParts,
     Subject,
     millimetres,
-    of_parts,
 )
 from twin.check.tools import finger_gap, has_fingers
 from twin.durations.model import DurationModel
+from twin.kinds.parts.checks.context import of_parts
+from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.scenario.document.yaml_text import KeyPath
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from planning.parts.part_steps import PartFit, part_fits
-from twin.check.finding import Subject
+from twin.kinds.parts.ordered_parts import OrderedParts
+from twin.scenario.sections.cell import RobotSection
 
 _NEVER = 1e-9
 """What is no likelier than this does not happen."""
@@ -32,6 +33,11 @@ class KnownFit:
         return base if base and number.isdigit() else self.fit.part
 
     @property
+    def step(self) -> int:
+        """Number of the step, from 1."""
+        return self.fit.step
+
+    @property
     def words(self) -> str:
         """What it is, for people."""
         by = ", ".join(f"{100 * p:.3g} % by {name}" for name, p in self.chances.items())
@@ -51,36 +57,38 @@ class KnownFit:
         }
 
 
-PLACE = "place-down"
-"""The skill in which a part meets its place."""
-
-
-def place_misses(subject: Subject) -> dict[str, float]:
+def place_misses(
+    parts: OrderedParts, robots: Sequence[RobotSection]
+) -> dict[str, float]:
     """Return how likely robots whose repeatability is stated miss the places of parts, by ROBOT/PART.
 
     Of a part that is put down in several places it is the likeliest of these.
+
+    Args:
+        parts: the assembly in order.
+        robots: of the cell, as the file describes them.
     """
     out: dict[str, float] = {}
-    if not any(robot.repeatability_m for robot in subject.scenario.cell.robots):
-        return out
-    for fit in known_fits(subject):
+    for fit in known_fits(parts, robots):
         for robot, chance in fit.chances.items():
             name = f"{robot}/{fit.name}"
             out[name] = max(out.get(name, 0.0), 1.0 - chance)
     return {name: miss for name, miss in out.items() if miss > _NEVER}
 
 
-def known_fits(subject: Subject) -> tuple[KnownFit, ...]:
+def known_fits(
+    parts: OrderedParts, robots: Sequence[RobotSection]
+) -> tuple[KnownFit, ...]:
     """Return how the parts of an assembly fit where they are put, in the order of the steps.
 
-    Parts of several products fit alike: those of the first one are told.
+    Of parts of several products, which fit alike, only those of the first one are there. See ``place_misses``
+    for the arguments.
     """
-    parts = subject.parts
-    if parts is None or isinstance(parts.found, str):
+    if isinstance(parts.found, str):
         return ()
     stated = {
         robot.name: robot.repeatability_m
-        for robot in subject.scenario.cell.robots
+        for robot in robots
         if robot.repeatability_m is not None
     }
     out, seen = [], set()

@@ -22,17 +22,16 @@ from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PlacePart
 from planning.parts.part_skills import process_targets
 from planning.parts.part_steps import lying_by_then, steps_in_order
-from planning.robots.overview import description_doubts, empty_shapes
 from planning.transforms import Array, inverse, translation
 from twin.check.finding import (
     Finding,
     Findings,
-    OrderedParts,
     Subject,
     in_file,
     millimetres,
-    of_parts,
 )
+from twin.kinds.parts.checks.context import of_parts
+from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.sources import TraySection
 
 _FARTHEST, _STEP = 0.5, 0.005
@@ -40,14 +39,6 @@ _FARTHEST, _STEP = 0.5, 0.005
 
 _TOLD = 4
 """How many orientations are named."""
-
-
-def check_descriptions(subject: Subject) -> Findings:
-    """Yield collision shapes without a volume, and what is likely in a wrong unit in descriptions."""
-    for robot in subject.unlike_robots:
-        for words in (*empty_shapes(robot.model), *description_doubts(robot.model)):
-            at = subject.robot_at(robot.name, "model")
-            yield Finding(at, f"{robot.name}: {words}")
 
 
 @of_parts
@@ -82,7 +73,7 @@ def check_turning(subject: Subject, parts: OrderedParts) -> Findings:
         ways = [[goal.pose[:3, :3] for goal in own] for own in targets]
         wanted = [(robot, way) for robot in robots for way in ways]
         if found := _turned(wanted, work.process.frame):
-            at = subject.step_at(number)
+            at = parts.step_at(number)
             yield Finding(at, f"{work.words} cannot be done: {found}", error=True)
 
 
