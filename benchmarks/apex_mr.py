@@ -35,7 +35,6 @@ from benchmarks.store import Row, RowStore
 from planning.errors import TwinError
 from planning.lego.importers.apex_mr.importer import available_tasks
 from scheduling.planned_motions import PlannedMotions
-from twin.commands.scenario_imports import import_apex_mr_task
 from twin.comparison.comparison import (
     Measurement,
     comparison_figures,
@@ -44,8 +43,9 @@ from twin.comparison.comparison import (
     shortcut_budget,
 )
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
+from twin.kinds.lego.imports import import_task
 from twin.planning.pipeline import plan_in_slots
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario, follow_references
 
 ROOT = Path(__file__).parents[1]
@@ -160,7 +160,7 @@ class _Bench:
         file.parent.mkdir(parents=True, exist_ok=True)
         found = self._store.load(key)
         if found is None:
-            import_apex_mr_task(root, task=task, output=file)
+            import_task(root, task=task, output=file)
             self._store.save(key, {"scenario": file.read_text(encoding="utf-8")})
         else:
             file.write_text(found["scenario"], encoding="utf-8")

@@ -22,7 +22,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 import twin
-from twin.scenario.manifest import scenario_schema
+from twin.scenario.schema import scenario_schema
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 AUDITED = ("cliff", "gearbox", "tower")

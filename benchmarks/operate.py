@@ -33,15 +33,15 @@ from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.plan_files import save_plan
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
+from twin.audit.run_auditor import audit_execution
 from twin.durations.model import NANOSECONDS
 from twin.operate.operation import Operation, operate
+from twin.operate.replicated.hindsight import Hindsight
 from twin.recorders.observers import write_motion
-from twin.study.replications.hindsight import Hindsight
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate, with_failures
 from twin.trial.simulation import scenario_execution
-from twin.trial.trial import audit_execution
 
 ROOT = Path(__file__).parents[1]
 CASES = (

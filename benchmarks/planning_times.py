@@ -25,7 +25,7 @@ from benchmarks.apex_mr_paper import STRUCTURES, TABLE_II
 from benchmarks.machine import date_line, forget_answers, load_line, machine_line
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 
 RESULTS = Path(__file__).parent / "results"
 SCENARIOS = Path("scenarios/lego")

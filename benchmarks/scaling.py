@@ -42,15 +42,17 @@ from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.beam_search import reorder_tasks
 from scheduling.shortcuts.shortcutting import shorten_tpg
+from twin.audit import run_auditor
 from twin.kinds.lego.kind import build_lego, sequencing_rules
 from twin.kinds.lego.section import LegoSection
 from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import default_shortcuts, motion_settings
-from twin.scenario.manifest import load_scenario
-from twin.trial import trial
+from twin.reading.scenario_file import load_scenario
+from twin.trial import executor
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import given_plan
 from twin.trial.run_result import RunResult
+from twin.trial.trial import run_plan_to_folder
 
 RESULTS = Path(__file__).parent / "results"
 SIZES = (25, 50, 100, 200, 400, 800)
@@ -252,15 +254,15 @@ def _executed(
     scenario: LoadedScenario, tpg: TemporalPlanGraph, clock: Clock, folder: Path
 ) -> RunResult:
     """Execute, write and audit a plan."""
-    originals = trial.execute, trial.audit_execution
-    trial.execute = clock.timed("execution", trial.execute)
-    trial.audit_execution = clock.timed("audit", trial.audit_execution)
+    originals = executor.execute, run_auditor.audit_execution
+    executor.execute = clock.timed("execution", executor.execute)
+    run_auditor.audit_execution = clock.timed("audit", run_auditor.audit_execution)
     (folder / "run").mkdir()
     try:
         with clock.stage("files"):
-            done = trial.try_plan(given_plan(scenario, tpg), folder / "run")
+            done = run_plan_to_folder(given_plan(scenario, tpg), folder / "run")
     finally:
-        trial.execute, trial.audit_execution = originals
+        executor.execute, run_auditor.audit_execution = originals
     clock.seconds["files"] -= clock.seconds["execution"] + clock.seconds["audit"]
     return done
 

@@ -21,7 +21,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.host.guard import replacing
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.planning.pipeline import order_motions, plan_in_turns
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.study.replications.workload import bare_cell, timing_graph
 from twin.uncertainty.contraction import contract
 

@@ -1,19 +1,29 @@
-"""Draw the rooms of the code, what they import, and the way of a scenario through them.
+"""Draw the rooms of the code, what they import, and the way of a scenario through them; measure its walls.
 
 From the top of the repository: ``python docs/house.py`` writes ``docs/images/house.svg``, and the table
 of rooms in ``docs/design.md``; another file for the picture, such as ``house.png``, may be named.
 Everything but the stages of the way is read from the code.
+
+``python docs/house.py --figures`` prints size and border of the core, and which walls are broken; wings are
+declared in ``docs/house.toml``. ``--without WING`` deletes a wing in a copy, runs a scenario there, and looks
+whether its commands are gone; ``--without all`` does so for each.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
+import os
+import shutil
+import subprocess
 import sys
+import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import networkx as nx
@@ -30,6 +40,9 @@ ROOMS = "<!-- rooms: python docs/house.py -->\n"
 """What stands before and after the table of rooms in the design."""
 FLOORS = ("twin", "scheduling", "planning")
 """Packages from top to bottom: each imports those below."""
+WINGS = ROOT / "docs" / "house.toml"
+TRIED = "scenarios/multi_arm/multi_goal.yaml"
+"""Scenario that runs without any wing."""
 
 WAY = {
     "read_scenario": "read and check the file",
@@ -41,7 +54,7 @@ WAY = {
     "build_tpg": "find what must wait for what",
     "reorder_tasks": "put the tasks into a better order",
     "shorten_tpg": "take shortcuts past HOME",
-    "try_plan": "execute the plan once",
+    "run_plan_to_folder": "execute the plan once",
     "Simulator": "let robots run, stall and wait",
     "JsonlRecorder": "write each event as it happens",
     "Auditor": "replay and measure it",
@@ -151,6 +164,225 @@ def way(code: Mapping[str, ast.Module]) -> list[tuple[str, str]]:
         if len(places.get(stage, [])) != 1:
             raise LookupError(f"{stage} is in {places.get(stage, 'no file')}")
     return [(places[stage][0], words) for stage, words in WAY.items()]
+
+
+class Wing(NamedTuple):
+    """A part that the core runs without.
+
+    Attributes:
+        about: its purpose.
+        places: folders and files, from the top of the repository.
+        uses: names of wings that it may import.
+    """
+
+    about: str
+    places: tuple[str, ...]
+    uses: tuple[str, ...]
+
+
+class Arrow(NamedTuple):
+    """An import of a name.
+
+    Attributes:
+        source, target: modules, such as ``twin.run.events``.
+        name: what is imported of the target; empty for the whole module.
+    """
+
+    source: str
+    target: str
+    name: str
+
+
+def wings() -> dict[str, Wing]:
+    """Return the declared wings by name."""
+    content = tomllib.loads(WINGS.read_text(encoding="utf-8"))
+    return {
+        name: Wing(row["about"], tuple(row["places"]), tuple(row["uses"]))
+        for name, row in content.items()
+    }
+
+
+def wing_of(module: str, declared: Mapping[str, Wing]) -> str:
+    """Return the wing that a module is in; empty for the core."""
+    path = module.removesuffix(".__init__").replace(".", "/")
+    for name, wing in declared.items():
+        for place in wing.places:
+            if path == place.removesuffix(".py") or path.startswith(f"{place}/"):
+                return name
+    return ""
+
+
+def top_room_of(module: str, declared: Mapping[str, Wing]) -> str:
+    """Return the wing of a module, or the folder below ``twin``, ``scheduling`` or ``planning`` where it is."""
+    path = module.removesuffix(".__init__").split(".")
+    return wing_of(module, declared) or "/".join(path[:2])
+
+
+def name_imports(code: Mapping[str, ast.Module]) -> list[Arrow]:
+    """Return every import of the packages, at module and at function level."""
+    found = []
+    for source, tree in code.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                for alias in node.names:
+                    whole = f"{node.module}.{alias.name}"
+                    if whole in code or f"{whole}.__init__" in code:
+                        found.append(Arrow(source, whole, ""))
+                    elif node.module.partition(".")[0] in FLOORS:
+                        found.append(Arrow(source, node.module, alias.name))
+            elif isinstance(node, ast.Import):
+                found += [
+                    Arrow(source, alias.name, "")
+                    for alias in node.names
+                    if alias.name.partition(".")[0] in FLOORS
+                ]
+    return found
+
+
+class Walls(NamedTuple):
+    """What the imports of the code say of its walls.
+
+    Attributes:
+        core_lines: lines of the core.
+        border: names of the core that wings use, as ``module.name``.
+        core_to_wings: imports from the core into wings. The front door ``twin/__init__`` names them.
+        undeclared: imports from a wing into one that it does not declare.
+        circles: sets of rooms that import each other, wings and top-level folders of the core.
+    """
+
+    core_lines: int
+    border: set[str]
+    core_to_wings: list[Arrow]
+    undeclared: list[Arrow]
+    circles: list[set[str]]
+
+
+def walls(code: Mapping[str, ast.Module], declared: Mapping[str, Wing]) -> Walls:
+    """Return what the imports of the code say of its walls."""
+    lines = sum(
+        len((ROOT / f"{name.replace('.', '/')}.py").read_bytes().splitlines())
+        for name in code
+        if not wing_of(name, declared)
+    )
+    border: set[str] = set()
+    inwards, undeclared = [], []
+    rooms: nx.DiGraph[str] = nx.DiGraph()
+    for arrow in name_imports(code):
+        source, target = (
+            wing_of(name, declared) for name in (arrow.source, arrow.target)
+        )
+        if arrow.source == "twin.__init__":
+            continue
+        if source and not target:
+            border.add(f"{arrow.target}.{arrow.name}".rstrip("."))
+        elif target and not source:
+            inwards.append(arrow)
+        elif source != target and target not in declared[source].uses:
+            undeclared.append(arrow)
+        one, other = (
+            top_room_of(name, declared) for name in (arrow.source, arrow.target)
+        )
+        if one != other:
+            rooms.add_edge(one, other)
+    circles = [set(own) for own in nx.strongly_connected_components(rooms)]
+    return Walls(
+        lines, border, inwards, undeclared, [own for own in circles if len(own) > 1]
+    )
+
+
+def broken_walls(
+    found: Walls, declared: Mapping[str, Wing]
+) -> tuple[set[str], set[str]]:
+    """Return arrows between rooms that no wall allows, and rooms in circles, as tests list them."""
+    arrows = {
+        f"{top_room_of(arrow.source, declared)} -> {top_room_of(arrow.target, declared)}"
+        for arrow in (*found.core_to_wings, *found.undeclared)
+    }
+    return arrows, set().union(*found.circles)
+
+
+def print_figures() -> None:
+    """Print size and border of the core, and which walls are broken."""
+    declared = wings()
+    found = walls(modules(), declared)
+    arrows, circles = broken_walls(found, declared)
+    for text in (
+        f"core: {found.core_lines:,} lines",
+        f"border: {len(found.border)} names of the core in {len(declared)} wings",
+        f"imports from the core into wings: {len(found.core_to_wings)}",
+        *(f"    {a.source} -> {a.target} {a.name}" for a in found.core_to_wings),
+        f"imports into wings that are not declared: {len(found.undeclared)}",
+        *(f"    {a.source} -> {a.target} {a.name}" for a in found.undeclared),
+        f"broken walls: {len(arrows)}",
+        *(f'    "{arrow}",' for arrow in sorted(arrows)),
+        f"rooms in circles: {len(circles)} in {len(found.circles)}",
+        *(f'    "{room}",' for room in sorted(circles)),
+    ):
+        print(text)  # noqa: T201
+
+
+def fault_without(wing: str) -> str:
+    """Delete a wing in a copy, run a scenario there, and return what is wrong; empty if nothing is."""
+    declared = wings()
+    gone = commands_of(wing, declared)
+    with TemporaryDirectory() as name:
+        copy = Path(name)
+        for folder in (*FLOORS, "scenarios"):
+            shutil.copytree(ROOT / folder, copy / folder)
+        for place in declared[wing].places:
+            path = copy / place
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        options = ("--no-recording", "--no-audit", "--out", "run")
+        done = _twin(copy, "run", TRIED, *options)
+        if done.returncode != 0:
+            return f"{TRIED} does not run: {_last_line(done)}"
+        listed = _twin(copy, "--help")
+        if listed.returncode != 0:
+            return f"twin --help fails: {_last_line(listed)}"
+        words = {
+            line.split()[1] for line in listed.stdout.splitlines() if line[:2] == "│ "
+        }
+        if left := gone & words:
+            return f"{', '.join(sorted(left))} still in twin --help"
+    return ""
+
+
+def commands_of(wing: str, declared: Mapping[str, Wing]) -> set[str]:
+    """Return the names of the commands that a wing has."""
+    from twin.registry import COMMANDS
+
+    return {
+        name
+        for name, target in COMMANDS.own.items()
+        if wing_of(target.partition(":")[0], declared) == wing
+    }
+
+
+def _twin(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "twin.cli", *arguments],
+        check=False,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(folder)},
+        capture_output=True,
+        text=True,
+    )
+
+
+def _last_line(done: subprocess.CompletedProcess[str]) -> str:
+    return (done.stderr.strip().splitlines() or [f"code {done.returncode}"])[-1]
+
+
+def print_without(wing: str) -> bool:
+    """Print for a wing, or ``all``, whether the rest runs without it; return whether it does."""
+    names = list(wings()) if wing == "all" else [wing]
+    faults = {}
+    for name in names:
+        faults[name] = fault_without(name)
+        print(f"without {name}: {faults[name] or 'passes'}", flush=True)  # noqa: T201
+    passed = sum(not fault for fault in faults.values())
+    print(f"{passed} of {len(names)} pass")  # noqa: T201
+    return passed == len(names)
 
 
 def _layout(
@@ -391,4 +623,15 @@ def main(picture: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else PICTURE)
+    sys.path.insert(0, str(ROOT))
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("picture", nargs="?", type=Path, default=PICTURE)
+    parser.add_argument("--figures", action="store_true", help="print figures of walls")
+    parser.add_argument("--without", metavar="WING", choices=[*wings(), "all"])
+    given = parser.parse_args()
+    if given.figures:
+        print_figures()
+    elif given.without:
+        sys.exit(0 if print_without(given.without) else 1)
+    else:
+        main(given.picture)

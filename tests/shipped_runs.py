@@ -8,15 +8,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from twin.reading.scenario_file import load_scenario
 from twin.run.folder import prepare_run_folder
-from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
-from twin.trial.trial import try_plan
+from twin.trial.trial import run_plan_to_folder
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 
@@ -77,7 +77,7 @@ def _plan_and_run(folder: Path, file: Path, robots: int | None) -> ShippedRun:
         choose_robots(content["cell"], robots)
         scenario = restored(content)
     planned = plan_scenario(scenario, file.parent)
-    trial = try_plan(
+    trial = run_plan_to_folder(
         given_plan(LoadedScenario(scenario, file.parent), planned.tpg),
         prepare_run_folder(folder / "run", scenario.name),
         recording=False,

@@ -80,6 +80,29 @@ def test_a_name_of_a_class_stands_once(code: dict[str, ast.Module]) -> None:
     assert not {name: where for name, where in places.items() if len(where) > 1}
 
 
+def test_nothing_outside_a_kind_asks_which_kind_it_is(
+    code: dict[str, ast.Module],
+) -> None:
+    kinds = {k: tree for k, tree in code.items() if k.startswith("twin.kinds.")}
+    own = {
+        node.name
+        for tree in kinds.values()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef) and node.name.endswith(("Kind", "Section"))
+    }
+    assert "LegoKind" in own
+    for name in code.keys() - kinds.keys() - {"twin.check.goals"}:
+        for node in ast.walk(code[name]):
+            assert not (isinstance(node, ast.Name) and node.id in own), (name, node.id)
+            if isinstance(node, ast.Compare) and not _asks_a_registry(node):
+                sides = map(ast.unparse, (node.left, *node.comparators))
+                assert not any(side.endswith("assembly.kind") for side in sides), name
+
+
+def _asks_a_registry(node: ast.Compare) -> bool:
+    return isinstance(node.ops[0], ast.In) and isinstance(node.comparators[0], ast.Name)
+
+
 def test_the_design_names_every_room(code: dict[str, ast.Module]) -> None:
     """Lines are printed beside those of the table: a room that grew is seen, not refused."""
     table = DESIGN_ROW.findall(

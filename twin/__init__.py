@@ -6,12 +6,57 @@ when it is first used. Rooms of the same name are reached by ``from twin.study.s
 
 from __future__ import annotations
 
-import ast
 import sys
 from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
+
+_MODULES = {
+    "ArgumentError": "planning.errors",
+    "ConstructionError": "planning.errors",
+    "FittingError": "planning.errors",
+    "InfeasibleStepError": "planning.errors",
+    "OutputError": "planning.errors",
+    "PlanInvariantError": "planning.errors",
+    "RequestError": "planning.errors",
+    "RobotModelError": "planning.errors",
+    "ScenarioError": "planning.errors",
+    "ShapeError": "planning.errors",
+    "TransitError": "planning.errors",
+    "TwinError": "planning.errors",
+    "UndecidedError": "planning.errors",
+    "plan": "twin.api.runs",
+    "run": "twin.api.runs",
+    "simulate": "twin.api.runs",
+    "Audit": "twin.audit.api",
+    "audit": "twin.audit.api",
+    "Check": "twin.check.api",
+    "check": "twin.check.api",
+    "ClusterError": "twin.cluster.client",
+    "ClusterLostError": "twin.cluster.client",
+    "InvalidScenarioError": "twin.document.validation",
+    "Explored": "twin.explore.api",
+    "explore": "twin.explore.api",
+    "operate": "twin.operate.api",
+    "replay": "twin.recorders.rerun.api",
+    "RunMoment": "twin.trial.run_moment",
+    "ViewerError": "twin.recorders.rerun.viewer",
+    "DeadlockError": "twin.run.events",
+    "Comparison": "twin.study.api",
+    "Study": "twin.study.api",
+    "compare": "twin.study.api",
+    "resume_study": "twin.study.api",
+    "study": "twin.study.api",
+    "Precision": "twin.study.replications.statistics",
+    "LoadedScenario": "twin.trial.loaded_scenario",
+    "load": "twin.trial.loaded_scenario",
+    "PlanResult": "twin.trial.plan_result",
+    "read_plan": "twin.trial.plan_result",
+    "RunResult": "twin.trial.run_result",
+    "read_run": "twin.trial.run_result",
+    "IncompleteRunError": "twin.trial.trial",
+}
+"""Module of each name; it is imported when the name is first used."""
 
 if TYPE_CHECKING:
     from planning.errors import ArgumentError as ArgumentError
@@ -27,61 +72,61 @@ if TYPE_CHECKING:
     from planning.errors import TransitError as TransitError
     from planning.errors import TwinError as TwinError
     from planning.errors import UndecidedError as UndecidedError
-    from twin.api.audits import Audit as Audit
-    from twin.api.audits import audit as audit
-    from twin.api.explorations import Explored as Explored
-    from twin.api.explorations import explore as explore
-    from twin.api.operations import operate as operate
-    from twin.api.runs import Check as Check
-    from twin.api.runs import check as check
     from twin.api.runs import plan as plan
-    from twin.api.runs import replay as replay
     from twin.api.runs import run as run
     from twin.api.runs import simulate as simulate
-    from twin.api.studies import Comparison as Comparison
-    from twin.api.studies import Study as Study
-    from twin.api.studies import compare as compare
-    from twin.api.studies import resume_study as resume_study
-    from twin.api.studies import study as study
+    from twin.audit.api import Audit as Audit
+    from twin.audit.api import audit as audit
+    from twin.check.api import Check as Check
+    from twin.check.api import check as check
     from twin.cluster.client import ClusterError as ClusterError
     from twin.cluster.client import ClusterLostError as ClusterLostError
-    from twin.run.events import DeadlockError as DeadlockError
-    from twin.run.viewer import ViewerError as ViewerError
-    from twin.scenario.document.validation import (
+    from twin.document.validation import (
         InvalidScenarioError as InvalidScenarioError,
     )
+    from twin.explore.api import Explored as Explored
+    from twin.explore.api import explore as explore
+    from twin.operate.api import operate as operate
+    from twin.recorders.rerun.api import replay as replay
+    from twin.recorders.rerun.viewer import ViewerError as ViewerError
+    from twin.run.events import DeadlockError as DeadlockError
+    from twin.study.api import Comparison as Comparison
+    from twin.study.api import Study as Study
+    from twin.study.api import compare as compare
+    from twin.study.api import resume_study as resume_study
+    from twin.study.api import study as study
     from twin.study.replications.statistics import Precision as Precision
     from twin.trial.loaded_scenario import LoadedScenario as LoadedScenario
     from twin.trial.loaded_scenario import load as load
-    from twin.trial.plan_from_run import RunMoment as RunMoment
     from twin.trial.plan_result import PlanResult as PlanResult
     from twin.trial.plan_result import read_plan as read_plan
+    from twin.trial.run_moment import RunMoment as RunMoment
     from twin.trial.run_result import RunResult as RunResult
     from twin.trial.run_result import read_run as read_run
     from twin.trial.trial import IncompleteRunError as IncompleteRunError
 
-
-def _homes() -> dict[str, str]:
-    """Return the module of each name, as the imports above tell it to type checkers."""
-    tree = ast.parse(Path(__file__).read_text(encoding="utf-8"))
-    (block,) = (node for node in tree.body if isinstance(node, ast.If))
-    imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
-    return {item.name: str(node.module) for node in imports for item in node.names}
-
-
-_HOMES = _homes()
-
-__all__ = sorted(_HOMES)
+__all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> object:
-    """Import what is used for the first time."""
+    """Import the object of a name that is used for the first time.
+
+    Raises:
+        AttributeError: there is no such name, or the part that has it is not installed.
+    """
     if name == "__version__":
         from importlib.metadata import version
 
         found: object = version("assembly-twin")
-    elif name in _HOMES:
-        found = getattr(import_module(_HOMES[name]), name)
+    elif name in _MODULES:
+        try:
+            found = getattr(import_module(_MODULES[name]), name)
+        except ModuleNotFoundError as error:
+            if not (error.name or "").startswith(("twin.", "scheduling.", "planning.")):
+                raise
+            raise AttributeError(
+                f"twin.{name} needs {error.name}, which is not installed"
+            ) from error
     else:
         raise AttributeError(f"module 'twin' has no attribute {name!r}")
     globals()[name] = found
@@ -97,7 +142,7 @@ class _Functions(ModuleType):
     """This module: importing a room does not put it where a function of its name is."""
 
     def __setattr__(self, name: str, value: object) -> None:
-        if not (name in _HOMES and isinstance(value, ModuleType)):
+        if not (name in _MODULES and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 

@@ -8,17 +8,8 @@ from typing import Annotated
 
 import typer
 
-from twin.commands.doctor import doctor
-from twin.commands.fit import fit
-from twin.commands.operate import drive, operate
-from twin.commands.plan import plan
-from twin.commands.run import export, follow, replay, resume, run
-from twin.commands.scenario_imports import app as import_app
-from twin.commands.scenarios import check, init, robots, scenarios, schema, validate
-from twin.commands.sequence import sequence
-from twin.commands.study import cluster, compare, explore, study
-from twin.commands.verify import judge, verify
 from twin.host.guard import FAILED, INTERRUPTED, print_error
+from twin.registry import COMMANDS
 
 app = typer.Typer(
     name="twin",
@@ -52,33 +43,11 @@ def _program(version: Version = False) -> None:
     """Plan, schedule and simulate teams of robots that build things together."""
 
 
-for _name, _function in {
-    "init": init,
-    "scenarios": scenarios,
-    "plan": plan,
-    "run": run,
-    "operate": operate,
-    "drive": drive,
-    "validate": validate,
-    "check": check,
-    "sequence": sequence,
-    "compare": compare,
-    "study": study,
-    "explore": explore,
-    "replay": replay,
-    "fit": fit,
-    "resume": resume,
-    "follow": follow,
-    "export": export,
-    "verify": verify,
-    "judge": judge,
-    "robots": robots,
-    "schema": schema,
-    "doctor": doctor,
-}.items():
-    app.command(_name)(_function)
-app.add_typer(cluster, name="cluster")
-app.add_typer(import_app, name="import")
+for _name, _command in COMMANDS.load_all().items():
+    if isinstance(_command, typer.Typer):
+        app.add_typer(_command, name=_name)
+    else:
+        app.command(_name)(_command)
 
 
 def main() -> None:

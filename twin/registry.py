@@ -66,6 +66,21 @@ class Group:
             return self._installed[entry].load()
         raise UnknownEntryError(self.name, entry, self.names())
 
+    def require(self, entry: str, needed_for: str) -> Any:
+        """Return the object of an entry that something cannot do without.
+
+        Args:
+            entry: its name.
+            needed_for: what needs it, such as ``"an audit"``.
+
+        Raises:
+            RequestError: it is not installed.
+        """
+        if entry in self:
+            return self.load(entry)
+        target = self.own.get(entry, entry).partition(":")[0]
+        raise RequestError(f"{needed_for} needs {target}, which is not installed")
+
     def load_all(self) -> dict[str, Any]:
         """Return the object of every entry by its name."""
         return {entry: self.load(entry) for entry in self.names()}
@@ -117,7 +132,7 @@ CHECKS = Group(
     {
         "lego": "twin.kinds.lego.checks:LegoChecks",
         "assembly": "twin.kinds.parts.checks.checks:PartChecks",
-        "goals": "twin.kinds.goals.checks:GoalsChecks",
+        "goals": "twin.check.goals:GoalsChecks",
         "construction": "twin.kinds.construction.checks:ConstructionChecks",
     },
 )
@@ -125,3 +140,90 @@ CHECKS = Group(
 
 SECTIONS = Group("sections", {"explore": "twin.explore.section:ExploreSection"})
 """Optional sections of wings at the top of a scenario, by their key; nothing of a run depends on them."""
+
+COMMANDS = Group(
+    "commands",
+    {
+        "init": "twin.commands.scenarios:init",
+        "scenarios": "twin.commands.scenarios:scenarios",
+        "plan": "twin.commands.plan:plan",
+        "run": "twin.commands.run:run",
+        "operate": "twin.operate.commands:operate",
+        "drive": "twin.live.commands:drive",
+        "validate": "twin.commands.scenarios:validate",
+        "check": "twin.check.commands:check",
+        "sequence": "twin.kinds.lego.sequence:sequence",
+        "compare": "twin.study.commands:compare",
+        "study": "twin.study.commands:study",
+        "explore": "twin.explore.commands:explore",
+        "replay": "twin.recorders.rerun.commands:replay",
+        "fit": "twin.fit.commands:fit",
+        "resume": "twin.commands.run:resume",
+        "follow": "twin.follow.commands:follow",
+        "export": "twin.exports.commands:export",
+        "verify": "twin.verification.commands:verify",
+        "judge": "twin.judge.commands:judge",
+        "robots": "twin.check.commands:robots",
+        "schema": "twin.commands.scenarios:schema",
+        "doctor": "twin.commands.doctor:doctor",
+        "cluster": "twin.cluster.commands:cluster",
+        "import": "twin.kinds.lego.imports:app",
+    },
+)
+"""Commands of the program in the order of its help: functions for typer, or programs of several commands."""
+
+EXPORTS = Group(
+    "exports",
+    {
+        "csv": "twin.exports.tables:csv_files",
+        "parquet": "twin.exports.tables:parquet_files",
+        "perfetto": "twin.exports.tables:perfetto_files",
+        "joint-trajectory": "twin.exports.tables:joint_trajectory_files",
+        "joint-csv": "twin.exports.tables:joint_csv_files",
+        "mcap": "twin.exports.ros.mcap_file:mcap_files",
+        "graphml": "twin.exports.graphs:graphml_files",
+        "task-graph": "twin.exports.graphs:task_graph_files",
+        "open-plan": "twin.exports.open_plan:open_plan_files",
+        "ldraw": "twin.kinds.lego.ldraw:ldraw_files",
+    },
+)
+"""Formats that a run can be written in: functions of a run that return the content of each file by its name."""
+
+HOOKS = Group(
+    "hooks",
+    {
+        "check": "twin.check.api:check",
+        "plan from run": "twin.operate.plan_from_run:plan_from_run",
+        "driven cell": "twin.page.driven:DrivenCell",
+        "design": "twin.explore.designs:begin_named_design",
+    },
+)
+"""Functions of optional parts that the core calls where they are installed."""
+
+RECOVERIES = Group(
+    "recoveries",
+    {"construction": "twin.kinds.construction.recovery:ConstructionRecovery"},
+)
+"""How what is left is planned when something fails, by kind of assembly; others share one for steps."""
+
+FIGURES = Group("figures", {"cell": "twin.check.picture:scenario_figure"})
+"""Pictures for notebooks; ``cell`` is called with a scenario and the folder of its relative paths."""
+
+EXECUTORS = Group(
+    "executors",
+    {
+        "simulated": "twin.trial.executor:SimulatedExecutor",
+        "operated": "twin.operate.executor:OperatedExecutor",
+        "live": "twin.live.executor:LiveExecutor",
+    },
+)
+"""Who executes the plan of a run, by what the header of the run says; see ``twin.trial.executor``."""
+
+AUDIT = "audit"
+"""The auditor whose findings the summary of a run has."""
+
+AUDITORS = Group("auditors", {AUDIT: "twin.audit.run_auditor:RunAuditor"})
+"""Who judges what was executed; see ``twin.trial.auditor``."""
+
+RECORDERS = Group("recorders", {"rerun": "twin.recorders.rerun.recorder:record_run"})
+"""Recordings of runs that have ended, called with folder, graph, record, events and the scenario's name."""

@@ -24,7 +24,7 @@ from twin.kinds.construction.kind import ConstructionKind
 from twin.kinds.construction.section import ConstructionSection
 from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import motion_settings
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 

@@ -371,7 +371,7 @@ def plan_folders(folder: Path, seed: int) -> Case:
 
 def study_folders(folder: Path, seed: int) -> Case:
     """Mutate the folder of a study that is then gone on with."""
-    import twin.api.studies as home
+    import twin.study.api as home
 
     source = folder / "source"
     few = ("-n", "20", "--policy", "asynchronous", "--workers", "0")
@@ -389,7 +389,7 @@ def study_folders(folder: Path, seed: int) -> Case:
 
 def exploration_folders(folder: Path, seed: int) -> Case:
     """Mutate the folder of an exploration that is then gone on with, in this process."""
-    import twin.api.explorations as home
+    import twin.explore.api as home
     from tests.twin.explore.bench import Bench
     from tests.twin.explore.sliders import EXPLORE
 

@@ -16,6 +16,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.drivers.driver import ClearedNode, Driver, DriverState, ToolOrder
 from twin.drivers.drivers_file import AnyDriver, DriversSection, FrankaArm
 from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.live.executor import LiveExecutor
 from twin.live.measured import MeasuredLog
 from twin.live.session import Session
 from twin.run.events import ExecutionRecord
@@ -23,7 +24,7 @@ from twin.run.folder import MEASURED
 from twin.run.tracking import TrackingError, tracking_errors
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
-from twin.trial.trial import try_plan
+from twin.trial.trial import run_plan_to_folder
 
 _LOOK_S = 0.1
 """Time between looks at the simulator's clock [s]."""
@@ -169,8 +170,8 @@ def drive(plan: PlanResult, folder: Path, *, stop_and_go: bool = False) -> Drive
         session = kind(folder.name, DriversSection(robots=arms))
         folder.mkdir(parents=True)
         with SimulatedTime(scene) as clock:
-            run = try_plan(
-                plan, folder, recording=False, operated=True, session=session
+            run = run_plan_to_folder(
+                plan, folder, recording=False, executor=LiveExecutor(session)
             )
             time.sleep(1.0)
         poses = scene.look().poses

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from benchmarks.scaling import exponent, tower_field
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 
 
 @pytest.mark.parametrize("bricks", [4, 25, 800])

@@ -163,7 +163,7 @@ def test_files_that_pages_name_are_there() -> None:
 
 
 def test_every_key_of_a_scenario_is_in_the_reference() -> None:
-    from twin.scenario.manifest import scenario_schema
+    from twin.scenario.schema import scenario_schema
 
     text = (ROOT / "docs" / "reference" / "scenario.md").read_text(encoding="utf-8")
     words = set(re.findall(r"[\w-]+", text))

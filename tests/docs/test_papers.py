@@ -7,7 +7,7 @@ import pytest
 import typer
 
 from twin.cli import app
-from twin.scenario.manifest import scenario_schema
+from twin.scenario.schema import scenario_schema
 
 ROOT = Path(__file__).parents[2]
 

@@ -18,8 +18,8 @@ import yaml
 
 import twin
 from tests.twin.program import invoke
-from twin.exports.formats import FORMATS
-from twin.trial.trial import try_plan
+from twin.registry import EXPORTS
+from twin.trial.trial import run_plan_to_folder
 
 CELL: dict[str, Any] = yaml.safe_load("""\
 version: 1
@@ -77,10 +77,13 @@ def told(folder: Path, kind: str, seconds: float, plan: Any) -> dict[str, Any]:
     """Run, follow and export; return how much of everything there is."""
     case = plan.scenario.varied(standing(seconds)[kind])
     folder.mkdir(parents=True)
-    run = try_plan(replace(plan, scenario=case), folder)
+    run = run_plan_to_folder(replace(plan, scenario=case), folder)
     done = invoke("follow", str(folder), str(folder / "events.jsonl"), "--once")
     formats = [
-        word for name in FORMATS for word in ("--format", name) if name != "ldraw"
+        word
+        for name in EXPORTS.names()
+        for word in ("--format", name)
+        if name != "ldraw"
     ]
     exported = invoke("export", str(folder), *formats)
     assert exported.exit_code == 0, exported.output

@@ -12,7 +12,7 @@ from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import save_plan
 from tests.twin.program import invoke
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 
 SCENARIO = """\
 version: 1

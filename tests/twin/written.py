@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from twin.check.check import CheckReport, check_scenario
-from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import load_scenario, read_scenario
+from twin.document.validation import InvalidScenarioError
+from twin.reading.scenario_file import load_scenario, read_scenario
 from twin.scenario.sections.scenario import Scenario
 
 Change = tuple[str, str]

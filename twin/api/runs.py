@@ -3,134 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from os import PathLike
+from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from planning.errors import OutputError, RequestError, ScenarioError
-from twin.audit.worlds.engines import engine_named
-from twin.check.check import CheckReport, check_scenario, require_checked
+from planning.errors import RequestError, ScenarioError
+from twin.api.checked import Checked, check_if_installed
 from twin.host.arguments import checks_arguments
-from twin.host.guard import replacing
 from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import MemoryRecorder
+from twin.registry import HOOKS
 from twin.run.events import POLICIES
-from twin.run.folder import RECORDING, run_folder
+from twin.run.folder import run_folder
 from twin.run.policies import NAMED_POLICIES, policy_named
-from twin.run.viewer import open_viewer, render_stills
 from twin.scenario.variations import plain_key
+from twin.trial.auditor import load_auditor
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
-from twin.trial.plan_from_run import RunMoment, plan_from_run
 from twin.trial.plan_result import PlanResult, require_plan_of, scenario_of_run
 from twin.trial.planning import plan_scenario
+from twin.trial.run_moment import RunMoment
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import execute
-from twin.trial.trial import try_plan
+from twin.trial.trial import run_plan_to_folder
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-CHECKING = "check of the cell"
-"""Name of the stage for progress displays."""
-
-
-@dataclass(frozen=True)
-class Check:
-    """What the check of a scenario found.
-
-    Attributes:
-        scenario: what was checked.
-        report: the findings with their places in the file.
-    """
-
-    scenario: LoadedScenario
-    report: CheckReport
-
-    def __repr__(self) -> str:
-        """Return what it is in a line."""
-        errors, warnings = len(self.report.errors), len(self.report.warnings)
-        counts = f"{errors} errors, {warnings} warnings"
-        return f"<check of {self.scenario.name!r}: {counts}>"
-
-    @property
-    def ok(self) -> bool:
-        """True if nothing makes every plan impossible or false; there may be warnings."""
-        return not self.report.errors
-
-    @property
-    def errors(self) -> tuple[str, ...]:
-        """What makes every plan impossible or false, each with its line."""
-        return self.report.messages(self.report.errors)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What is doubtful, each with its line."""
-        return self.report.messages(self.report.warnings)
-
-    @property
-    def fits(self) -> tuple[Mapping[str, Any], ...]:
-        """How parts fit where they are put: play, what is beside them, and the chances of robots."""
-        return tuple(fit.content() for fit in self.report.fits)
-
-    @property
-    def findings(self) -> pa.Table:
-        """Errors and warnings: level, line, column, key and message."""
-        import pyarrow as pa
-
-        names = ("level", "line", "column", "key", "message")
-        rows: list[dict[str, Any]] = self.report.content()["findings"]
-        types = (pa.string(), pa.int64(), pa.int64(), pa.string(), pa.string())
-        return pa.table(
-            {
-                name: pa.array([row[name] for row in rows], kind)
-                for name, kind in zip(names, types, strict=True)
-            }
-        )
-
-    def require_ok(self) -> None:
-        """Raise InvalidScenarioError with the errors, if there are any."""
-        require_checked(self.report)
-
-    def draw(self, folder: Path) -> Path:
-        """Draw the cell into a folder, and return the picture ``cell.png``."""
-        from twin.check.picture import draw_cell
-
-        return draw_cell(self.report.subject, folder)
-
-    def _repr_html_(self) -> str:
-        from twin.drawing.markup import card
-
-        verdict = "nothing found" if not self.report.findings else ""
-        rows = [("error", words) for words in self.errors]
-        rows += [("warning", words) for words in self.warnings]
-        rows += [("fit", fit.words) for fit in self.report.fits]
-        return card(f"Check of {self.scenario.name}: {verdict}", rows)
-
-
-@checks_arguments
-def check(scenario: AnyScenario, *, progress: Report = report_nothing) -> Check:
-    """Look at a cell before planning: overlaps, reach, HOME, grippers, tool frames and speeds.
-
-    Errors make every plan impossible or false, and end the command with code 2; warnings do not.
-
-    Args:
-        scenario: a scenario, or the path of its file.
-        progress: told how far each stage has come.
-
-    Raises:
-        InvalidScenarioError: the file is not valid.
-        RobotModelError: a robot description cannot be used.
-    """
-    loaded = load(scenario)
-    progress(CHECKING, 0, 1)
-    report = check_scenario(loaded.sections, loaded.document, loaded.folder)
-    progress(CHECKING, 1, 1)
-    return Check(loaded, report)
-
-
-Begun = Callable[[Check, Path], None]
+Begun = Callable[[Checked, Path], None]
 """Told of the check and of the folder of a run, before it is planned."""
 
 
@@ -171,15 +67,16 @@ def plan(
             "robots are out of service from a time of a run on: name one, such as runs/cliff@0; for plans"
             " from the start leave them out of the scenario"
         )
-    checked = check(scenario, progress=progress)
+    checked = check_if_installed(load(scenario), progress)
     checked.require_ok()
     if moment is None:
         return _plan_checked(checked, progress)
-    made = plan_from_run(checked.scenario, moment, out_of_service, progress)
+    plan_from_run = HOOKS.require("plan from run", "a plan from a run")
+    made: PlanResult = plan_from_run(checked.scenario, moment, out_of_service, progress)
     return replace(made, warnings=checked.warnings, fits=checked.fits)
 
 
-def _plan_checked(checked: Check, progress: Report) -> PlanResult:
+def _plan_checked(checked: Checked, progress: Report) -> PlanResult:
     """Plan a scenario whose check found no errors."""
     loaded = checked.scenario
     made = plan_scenario(loaded.sections, loaded.folder, progress)
@@ -260,20 +157,21 @@ def run(
         TwinError: there is no plan, or the run broke off; see ``twin.plan``.
     """
     # Now, not after the planning.
-    engine = engine_named(audit_engine) if audit and audit_engine is not None else None
+    if audit and audit_engine is not None:
+        load_auditor(audit_engine)
     ready = plan if isinstance(plan, PlanResult) else None
     case = scenario_of(plan)
-    checked = check(case, progress=progress)
+    checked = check_if_installed(case, progress)
     checked.require_ok()
     with run_folder(out, case.name) as folder:
         if begun is not None:
             begun(checked, folder)
         made = ready or _plan_checked(checked, progress)
-        return try_plan(
+        return run_plan_to_folder(
             replace(made, warnings=checked.warnings, fits=checked.fits),
             folder,
             recording=recording,
-            audit=engine or audit,
+            audit=audit and (audit_engine or True),
             progress=progress,
         )
 
@@ -309,70 +207,3 @@ def released(values: Mapping[str, Any]) -> Mapping[str, Any]:
         f"policy {name!r} is {release} of the plan {plan}: give --policy {release}; --shortcuts"
         " and the scenario's coordination say which plan it is"
     )
-
-
-STILLS = "stills"
-"""Folder of pictures beside a recording."""
-
-
-@checks_arguments
-def replay(
-    run: RunResult | PathOrName,
-    *,
-    stills: Sequence[float] = (),
-    out: PathOrName | None = None,
-) -> tuple[Path, ...]:
-    """Look at a run again.
-
-    Without stills and ``out`` this opens the viewer and returns once it is closed. Pictures need
-    no display, but a Vulkan driver; a software one does.
-
-    Args:
-        run: a run, its folder, or an ``.rrd`` file.
-        stills: render pictures at these simulated times instead [s].
-        out: folder for the pictures, by default ``stills`` beside the recording; without stills,
-            the ``.rrd`` file that is written instead of opening the viewer.
-
-    Returns:
-        The files that were written.
-
-    Raises:
-        OutputError: there is no recording, or a file cannot be written.
-        ViewerError: the viewer or a display is missing; says what to do then.
-        RequestError: pictures of a run without a folder need one.
-    """
-    with TemporaryDirectory() as name:
-        recording = _recording(run, Path(name) / RECORDING)
-        if stills:
-            if out is None and recording.parent == Path(name):
-                raise RequestError(
-                    "a run without a folder: say where pictures go by out"
-                )
-            folder = recording.parent / STILLS if out is None else Path(out)
-            return tuple(render_stills(recording, stills, folder))
-        if out is None:
-            open_viewer(recording)
-            return ()
-        with replacing(Path(out)) as temporary:
-            temporary.write_bytes(recording.read_bytes())
-        return (Path(out),)
-
-
-def _recording(run: RunResult | PathOrName, place: Path) -> Path:
-    """Return the recording of a run; written to a place where there is none."""
-    if not isinstance(run, str | PathLike):
-        if run.record is not None and run.folder is None:
-            from twin.recorders.rerun.recorder import write_recording
-
-            write_recording(place, run.tpg, run.record, run.history, name=run.name)
-            return place
-        folder = Path() if run.folder is None else run.folder
-    else:
-        folder = Path(run)
-    found = folder if folder.is_file() else folder / RECORDING
-    if not found.is_file():
-        reason = (
-            f"it has no {RECORDING}" if folder.exists() else "no such file or folder"
-        )
-        raise OutputError(f"{folder}: nothing to replay, {reason}")
-    return found

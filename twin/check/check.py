@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twin.check.finding import Finding, Findings, Fit, Subject
+from twin.check.finding import Finding, Findings, FittedPart, Subject
 from twin.check.lying import check_centres, check_fixtures, check_meshes, check_starts
 from twin.check.reach import check_reach
 from twin.check.robots import (
@@ -28,8 +28,8 @@ from twin.check.tools import (
     check_units,
 )
 from twin.check.usual import check_physics, check_rates, check_usual
-from twin.scenario.document.validation import FileProblem, InvalidScenarioError
-from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.document.validation import FileProblem, InvalidScenarioError
+from twin.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.scenario import Scenario
 
 _GENERAL: tuple[Callable[[Subject], Findings], ...] = (
@@ -79,7 +79,7 @@ class CheckReport:
     subject: Subject
     document: YamlDocument
     findings: tuple[Finding, ...]
-    fits: tuple[Fit, ...] = ()
+    fits: tuple[FittedPart, ...] = ()
 
     @property
     def errors(self) -> tuple[Finding, ...]:

@@ -14,10 +14,10 @@ from planning.contacts.interference import Overlaps
 from planning.expectations import TOUCH
 from planning.steps.tool_changes import rack_tools, with_every_tool
 from planning.transforms import Array, Transform
+from twin.document.yaml_text import KeyPath
 from twin.durations.model import PackagedSkill
 from twin.planning.build_workcell import build_workcell
 from twin.registry import CHECKS
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
@@ -182,12 +182,12 @@ class KindChecks:
         """
         return (*path[:-1], key)
 
-    def fits(self) -> tuple[Fit, ...]:
+    def fits(self) -> tuple[FittedPart, ...]:
         """Return how parts fit where they are put, in the order of the steps."""
         return ()
 
 
-class Fit(Protocol):
+class FittedPart(Protocol):
     """How a part fits where it is put."""
 
     @property

@@ -40,6 +40,7 @@ from twin.check.views import (
     widened,
 )
 from twin.host.pictures import INK, new_picture, save_png
+from twin.scenario.sections.scenario import Scenario
 
 PICTURE = "cell.png"
 """Name of the picture in a folder."""
@@ -87,6 +88,16 @@ def draw_cell(subject: Subject, folder: Path) -> Path:
         raise OutputError(f"{folder}: cannot be made: {error}") from error
     save_png(cell_figure(subject), path)
     return path
+
+
+def scenario_figure(scenario: Scenario, folder: Path) -> Figure:
+    """Return the picture of the cell of a scenario; see ``cell_figure``.
+
+    Args:
+        scenario: passed the checks of its file.
+        folder: where relative paths in it start.
+    """
+    return cell_figure(Subject(scenario, folder))
 
 
 def cell_figure(

@@ -223,7 +223,7 @@ def sheets_of(
 def _of_scenario(path: Path) -> tuple[RobotSheet, ...]:
     from planning.steps.tool_changes import with_each_tool
     from twin.planning.build_workcell import build_workcell
-    from twin.scenario.manifest import load_scenario
+    from twin.reading.scenario_file import load_scenario
 
     robots: dict[tuple[object, ...], list[PlacedRobot]] = {}
     cell = build_workcell(load_scenario(path), path.parent)

@@ -34,7 +34,7 @@ from twin.check.finding import (
     millimetres,
 )
 from twin.check.reach import away_from, reach_bound
-from twin.scenario.document.yaml_text import KeyPath
+from twin.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.shapes import PoseSection
 

@@ -12,12 +12,12 @@ import numpy as np
 from pydantic import BaseModel
 
 from twin.check.finding import Finding, Findings, Subject
+from twin.document.section import parts_of
+from twin.document.yaml_text import KeyPath
 from twin.durations.model import DurationModel
 from twin.durations.normal import TruncatedNormal
 from twin.durations.usual_range import UsualRange, usual_duration
 from twin.planning.build_workcell import fitted_model
-from twin.scenario.document.section import parts_of
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import LimitsSection
 
 _RANGES: Mapping[str, UsualRange] = {

@@ -1,4 +1,4 @@
-"""The program: command.py makes a command of a function; a file has the commands of one subject.
+"""Commands of the core, a file a subject, and what commands of all parts share: options and views.
 
-Everything heavy is imported inside the functions. Imports any room of twin; only cli.py imports it.
+Everything heavy is imported inside the functions. twin/cli.py finds commands in the registry.
 """

@@ -10,9 +10,8 @@ from importlib.util import find_spec
 
 import typer
 
-from planning.silence import silenced
-from twin.commands.command import command
-from twin.host.guard import COMPLETED, FAILED, print_json
+from twin.commands.options import AsJson
+from twin.host.guard import COMPLETED, FAILED, guarded, print_json
 
 # Distribution and the module that proves it works.
 PARTS = (
@@ -41,8 +40,10 @@ OPTIONAL = ("pybullet", "pybullet")
 """Distribution and module that the program can do without."""
 
 
-def print_versions(*, as_json: bool = False) -> int:
+@guarded
+def doctor(as_json: AsJson = False) -> int:
     """Print versions for a bug report, say what does not load, and what the audit uses."""
+    from planning.silence import silenced
     from twin.audit.worlds.engines import INSTALL, engine_named
 
     found = {"python": platform.python_version(), "system": platform.platform()}
@@ -76,6 +77,3 @@ def _version(distribution: str) -> str:
         return version(distribution)
     except PackageNotFoundError:
         return "not installed as a package"
-
-
-doctor = command(f"{__name__}:print_versions")

@@ -8,15 +8,15 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from planning.files import read_file
-from twin.scenario.document.section import Name, Section
-from twin.scenario.document.validation import (
+from twin.document.section import Name, Section
+from twin.document.validation import (
     FileProblem,
     InvalidScenarioError,
     parsed,
     unknown_name,
     validated,
 )
-from twin.scenario.document.yaml_text import Mark
+from twin.document.yaml_text import Mark
 
 _Seconds = Annotated[float, Field(gt=0, le=86_400)]
 

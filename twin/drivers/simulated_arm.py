@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from planning.motion.near_path import near_path
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrder
-from twin.drivers.legs import near_path
 
 
 class SimulatedArm:

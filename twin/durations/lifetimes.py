@@ -16,6 +16,7 @@ from scipy.special import digamma, gamma, gammainc, gammaincinv, gammaln, polyga
 from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
 from planning.transforms import Array, readonly
+from twin.document.section import Name, Section
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
 from twin.durations.fittable import FittableModel, log_of_positive
 from twin.durations.measured import Empirical, Packaged
@@ -29,7 +30,6 @@ from twin.durations.model import (
     require_pair,
 )
 from twin.durations.normal import Lognormal, TruncatedNormal
-from twin.scenario.document.section import Name, Section
 
 
 class Exponential(FittableModel):

@@ -16,7 +16,7 @@ from pydantic import ConfigDict, Field
 from planning.bounds import LATEST_S, LONGEST_RUN_S, LONGEST_S
 from planning.errors import RequestError, ScenarioError
 from planning.transforms import Array
-from twin.scenario.document.section import Name, Section
+from twin.document.section import Name, Section
 
 PackagedSkill = Literal[
     "pick",

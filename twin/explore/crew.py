@@ -26,7 +26,7 @@ import numpy as np
 from planning.errors import TwinError
 from twin.cluster.client import ClusterError
 from twin.explore.rungs import CHECK, Climb, Evaluation, Setting, refused
-from twin.scenario.checks import find_problems
+from twin.reading.checks import find_problems
 from twin.scenario.variations import Variant
 
 _CRASHES = 3

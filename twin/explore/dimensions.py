@@ -14,17 +14,17 @@ from typing import Any
 
 from planning.errors import ScenarioError
 from planning.robots.registry import ROBOTS
-from twin.explore.section import ExploreSection, VarySection, explore_section
-from twin.scenario.checks import find_problems
-from twin.scenario.document.validation import (
+from twin.document.validation import (
     FileProblem,
     InvalidScenarioError,
     parsed,
     unknown_name,
     validated,
 )
-from twin.scenario.document.yaml_text import YamlDocument
-from twin.scenario.manifest import scenario_schema
+from twin.document.yaml_text import YamlDocument
+from twin.explore.section import ExploreSection, VarySection, explore_section
+from twin.reading.checks import find_problems
+from twin.scenario.schema import scenario_schema
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import (
     Variant,

@@ -19,11 +19,11 @@ from scheduling.planned_motions import PlannedMotions
 from twin.check.check import quick_findings, reach_findings
 from twin.check.finding import Finding, Subject
 from twin.check.picture import cell_shapes
+from twin.document.expressions import ExpressionError, KeyValue
 from twin.explore.section import ExploreSection
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import order_motions, plan_motions
-from twin.scenario.checks import find_problems
-from twin.scenario.document.expressions import ExpressionError, KeyValue
+from twin.reading.checks import find_problems
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import Variant, layout_of, value_of, varied
 from twin.study.plans import workload

@@ -1,29 +1,15 @@
-"""The formats that a run can be written in; each is imported when it is asked for."""
+"""The formats that a run can be written in; each is an entry of the registry."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib import import_module
 from inspect import signature
 from pathlib import Path
 
 from planning.errors import OutputError
 from twin.host.guard import replacing
+from twin.registry import EXPORTS
 from twin.trial.run_result import RunResult
-
-_WRITERS = {
-    "csv": "twin.exports.tables:csv_files",
-    "parquet": "twin.exports.tables:parquet_files",
-    "perfetto": "twin.exports.tables:perfetto_files",
-    "joint-trajectory": "twin.exports.tables:joint_trajectory_files",
-    "joint-csv": "twin.exports.tables:joint_csv_files",
-    "mcap": "twin.exports.ros.mcap_file:mcap_files",
-    "graphml": "twin.exports.graphs:graphml_files",
-    "task-graph": "twin.exports.graphs:task_graph_files",
-    "open-plan": "twin.exports.open_plan:open_plan_files",
-    "ldraw": "twin.kinds.lego.ldraw:ldraw_files",
-}
-FORMATS = tuple(_WRITERS)
 
 FOLDER = "exports"
 """Default folder of exports, in that of the run."""
@@ -44,10 +30,9 @@ def exported_files(
     Raises:
         OutputError: there is no such format, or the run lacks a file that it is made of.
     """
-    if name not in _WRITERS:
-        raise OutputError(f"unknown format {name!r}", choices=FORMATS)
-    module, function = _WRITERS[name].split(":")
-    write = getattr(import_module(module), function)
+    if name not in EXPORTS:
+        raise OutputError(f"unknown format {name!r}", choices=EXPORTS.names())
+    write = EXPORTS.load(name)
     given = (
         {"nodes": nodes} if rate_hz is None else {"nodes": nodes, "rate_hz": rate_hz}
     )

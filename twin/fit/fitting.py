@@ -20,6 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 from planning.errors import ScenarioError
 from planning.progress import Progress, no_progress
 from planning.transforms import Array
+from twin.document.yaml_text import scenario_text
 from twin.durations.bounded import Pert, Triangular, Uniform
 from twin.durations.fittable import Family, ShiftedFamily, rounded
 from twin.durations.lifetimes import AnyDuration, Exponential, Gamma, Weibull
@@ -28,7 +29,6 @@ from twin.durations.normal import Lognormal, TruncatedNormal
 from twin.fit.samples import FitSample
 from twin.host.guard import write_text
 from twin.host.pictures import INK, new_picture, save_png, style_axes
-from twin.scenario.document.yaml_text import scenario_text
 
 FAMILIES: tuple[Family, ...] = (
     Uniform,

@@ -15,6 +15,7 @@ from planning.errors import RequestError, ScenarioError
 from planning.tasks.task import SKILLS, STRAIGHT, TRANSIT
 from planning.transforms import Array, readonly
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.document.section import NAME
 from twin.durations.measured import (
     UNITS,
     Columns,
@@ -28,7 +29,6 @@ from twin.durations.usual_range import usual_duration
 from twin.run.activities import RobotProgress
 from twin.run.events import Event, EventLogError, parse_event, read_log
 from twin.run.folder import EVENTS, require_as_written
-from twin.scenario.document.section import NAME
 from twin.trial.plan_result import plan_of_run
 
 

@@ -32,6 +32,7 @@ from twin.recorders.rerun.bodies import (
 from twin.recorders.rerun.event_rows import EventBacklog, PlanWords
 from twin.recorders.rerun.layout import entity_path
 from twin.recorders.rerun.recorder import draw_lane
+from twin.recorders.rerun.viewer import TIMELINE
 from twin.run.activities import (
     FAILED,
     IDLE,
@@ -44,7 +45,6 @@ from twin.run.activities import (
 from twin.run.events import Event
 from twin.run.gantt import team_colours
 from twin.run.trajectory import Placement, Trajectory
-from twin.run.viewer import TIMELINE
 
 _STATES = {
     "waiting": WAITING,

@@ -106,6 +106,12 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
             print_error(describe(error))
             at_fault = isinstance(error, _INPUTS) and not _ran_out_of_space(error)
             code = BAD_INPUT if at_fault else FAILED
+        except ModuleNotFoundError as error:
+            missing = error.name or ""
+            ours = missing.startswith(("twin.", "scheduling.", "planning."))
+            text = f"this needs {missing}, which is not installed"
+            print_error(text if ours else unforeseen(error))
+            code = FAILED if ours else UNFORESEEN
         except BrokenPipeError:  # whoever read the output went away: main knows
             raise
         except Exception as error:

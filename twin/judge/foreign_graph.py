@@ -16,9 +16,9 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.tasks.task import TRANSIT, Handling, Task
 from planning.transforms import Array, identity, readonly
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from twin.document.validation import Found, unless_known
+from twin.document.yaml_text import KeyPath
 from twin.judge.open_plan import OpenMotion, OpenPlan, require_none
-from twin.scenario.document.validation import Found, unless_known
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.kind import AssemblySection, assembly_kind
 
 

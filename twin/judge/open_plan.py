@@ -18,8 +18,8 @@ from pydantic import Field, ValidationError, model_validator
 
 from planning.bounds import FASTEST, LONGEST_S
 from planning.files import parse_json, read_file
-from twin.scenario.document.section import Section, Several
-from twin.scenario.document.validation import (
+from twin.document.section import Section, Several
+from twin.document.validation import (
     FileProblem,
     Found,
     InvalidScenarioError,
@@ -27,7 +27,7 @@ from twin.scenario.document.validation import (
     schema_problems,
     unknown_name,
 )
-from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument, read_yaml
+from twin.document.yaml_text import KeyPath, Mark, YamlDocument, read_yaml
 from twin.scenario.sections.shapes import PoseSection
 
 FORMAT: Literal["assembly-twin open plan"] = "assembly-twin open plan"

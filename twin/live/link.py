@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from planning.motion.near_path import near_path
 from planning.tasks.task import FAILED
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Sample, ToolOrder
-from twin.drivers.legs import near_path
 from twin.live.report_checks import (
     Clearance,
     ReportFault,

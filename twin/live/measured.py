@@ -21,11 +21,11 @@ import numpy as np
 from planning.bounds import LATEST_S
 from planning.errors import OutputError, TwinError
 from planning.files import open_regular
+from planning.motion.near_path import near_path
 from planning.transforms import Array
 from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.drivers.driver import ClearedNode, Sample
-from twin.drivers.legs import near_path
 from twin.durations.model import NANOSECONDS
 from twin.run.events import Event, Measured
 from twin.run.folder import LARGEST_RESULT

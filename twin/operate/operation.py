@@ -24,12 +24,12 @@ from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.ending import Ending
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.committed import Recut, Version
-from twin.operate.constructing import ConstructionRecovery
 from twin.operate.going import Planner
 from twin.operate.person import Ask, Person, Says
 from twin.operate.recovery import Recovery
 from twin.operate.rolling import Keep, RollingDrivenExecution, RollingExecution
 from twin.recorders.observers import Observers, Recorder
+from twin.registry import RECOVERIES
 from twin.run.events import ExecutionRecord
 from twin.scenario.sections.execution import AskSection
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
@@ -159,10 +159,9 @@ def operate(
     asked = scenario.execution.recovery.ask or (AskSection() if says else None)
     person = Person(asked, seed, replication, says)
     planner: Planner[Any]
-    if motions.work is None:
-        planner = ConstructionRecovery(
-            scenario, motions, tpg, draw, person, steps=not halting
-        )
+    if scenario.assembly.kind in RECOVERIES:
+        recovery = RECOVERIES.load(scenario.assembly.kind)
+        planner = recovery(scenario, motions, tpg, draw, person, steps=not halting)
     else:
         planner = Recovery(scenario, motions, tpg, draw, person)
         if halting:

@@ -59,9 +59,9 @@ from twin.operate.judging import (
     resting_steps,
 )
 from twin.operate.person import Ledger, Person
+from twin.operate.replanning import plan_from
 from twin.operate.step_window import StepWindow
 from twin.operate.termination import NO_PROGRESS
-from twin.planning.pipeline import plan_from
 from twin.scenario.sections.scenario import Scenario
 
 _AS_PLANNED = ((Recut(steps=True),), (Recut(aside=True),))

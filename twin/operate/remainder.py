@@ -36,11 +36,11 @@ from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from scheduling.rolling.supply import alone, going_on
 from twin.operate.committed import Committed, Failure, Incident, Recut
-from twin.operate.constructing import ConstructionRecovery
 from twin.operate.going import Planner
 from twin.operate.person import Person
 from twin.operate.recovery import Recovery
 from twin.planning.pipeline import planned_shortcuts
+from twin.registry import RECOVERIES
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes
@@ -91,12 +91,13 @@ def plan_remainder(
         and h.object not in gone
     }
     planner: Planner[Any]
-    if motions.work is None:
+    if (kind := scenario.assembly.kind) in RECOVERIES:
         nobody = Person(None, scenario.seed)
-        planner = ConstructionRecovery(
+        planner = RECOVERIES.load(kind)(
             scenario, motions, tpg, _nobody_draws, nobody, gone, steps=False
         )
     else:
+        assert motions.work is not None
         _require_tried_once(tpg, world)
         work = MeasuredWork().find(motions.work, measured) or motions.work
         work = _with_what_was_used(work, world.begun())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,62 +26,23 @@ from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGr
 from scheduling.pace import slowed_motions
 from twin.durations.model import NANOSECONDS
 from twin.run.events import ExecutionRecord
-from twin.run.policies import ASYNCHRONOUS, IN_TURNS, SEQUENTIAL, policy_name
+from twin.run.header import RunHeader
+from twin.run.policies import ASYNCHRONOUS, SEQUENTIAL, policy_name
 from twin.run.throughput import line_summary
 from twin.run.tracking import tracking_errors
 from twin.run.windows import window_rows, window_summary
 
-
-@dataclass(frozen=True)
-class Preparation:
-    """Facts known before a run that its conclusion needs, also after a kill.
-
-    Attributes:
-        recording: whether ``run.rrd`` is wanted.
-        audit: whether the audit is to check what was executed; the name of an engine says with what.
-        planning_s: wall-clock seconds of the planning stages.
-        makespan_sequential_s: makespan of the plan in turns, one robot at a time and machines meanwhile [s].
-        plan_sha256: hash of the plan.
-        plan: which plan it is: a plan of twin.run.policies.
-        turns_sha256: hash of the plan in turns, where it is another one.
-        warnings: what is doubtful about the cell and what was asked for.
-        checks_off: checks that the scenario switches off, with ``key`` and ``check``.
-        fits: how parts fit where they are put, step by step.
-        idle: by robot that gets no task: why, and how many steps it can serve.
-        load_bound_s: makespan that no choice of who does what can beat, where it is known [s].
-        makespan_asynchronous_s: makespan of the plan in turns, each robot going on as soon as it is safe, where the
-            plan is what became of it by a better order of tasks and shortcuts [s].
-        operated: whether what fails is planned anew.
-        answered: whether somebody answered what a person was asked, so that it cannot be executed again.
-        session: of the drivers that moved the robots, None where they are simulated.
-    """
-
-    recording: bool = False
-    audit: bool | str = False
-    planning_s: Mapping[str, float] = field(default_factory=dict)
-    makespan_sequential_s: float | None = None
-    plan_sha256: str = ""
-    plan: str = IN_TURNS
-    turns_sha256: str | None = None
-    warnings: Sequence[str] = ()
-    checks_off: Sequence[Mapping[str, str]] = ()
-    fits: Sequence[Mapping[str, Any]] = ()
-    idle: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    load_bound_s: float | None = None
-    makespan_asynchronous_s: float | None = None
-    operated: bool = False
-    answered: bool = False
-    session: Mapping[str, Any] | None = None
-
-
 _NO_AUDIT = {"key": "--no-audit", "check": "Whether what was executed is audited."}
+
+_UNKNOWN = RunHeader()
+"""Header of a run of which nothing was known before."""
 
 
 def summarise(
     tpg: TemporalPlanGraph,
     run: ExecutionRecord,
     scenario: str,
-    about: Preparation = Preparation(),
+    header: RunHeader = _UNKNOWN,
     audit: Mapping[str, Any] | None = None,
     due_s: Sequence[float] = (),
     start_up: int | None = None,
@@ -92,7 +53,7 @@ def summarise(
         tpg: what was executed.
         run: how.
         scenario: its name.
-        about: what was known before. Where the makespan of the plan in turns is not, it is that of the
+        header: what was known before. Where the makespan of the plan in turns is not, it is that of the
             same nodes with the same durations, one robot at a time.
         audit: engine, configurations, distances and violations, None when there was no audit.
         due_s: when each product is due, where there are several [s].
@@ -100,7 +61,7 @@ def summarise(
     """
     robots = [k for k in range(len(tpg.chains)) if k not in machine_chains(tpg)]
     completed = run.outcome == "completed"
-    sequential_s = about.makespan_sequential_s if completed else None
+    sequential_s = header.makespan_sequential_s if completed else None
     if sequential_s is None:
         busy = [run.duration_ns[k].sum() + run.stood_ns[k].sum() for k in robots]
         sequential_s = int(sum(busy)) / NANOSECONDS
@@ -111,8 +72,8 @@ def summarise(
         return {tpg.chains[k].robot: of(k) / NANOSECONDS for k in robots}
 
     further: dict[str, Any] = {
-        "fits": list(about.fits),
-        "idle": {name: about.idle.get(name, {"reason": "unknown"}) for name in idle},
+        "fits": list(header.fits),
+        "idle": {name: header.idle.get(name, {"reason": "unknown"}) for name in idle},
         "actuations": _actuations(tpg, run),
         "machines": _machines(tpg, run),
         "slowed": slowed_motions(tpg),
@@ -126,8 +87,8 @@ def summarise(
     return {
         "scenario": scenario,
         "seed": run.seed,
-        "policy": policy_name(about.plan, run.policy),
-        "plan": about.plan,
+        "policy": policy_name(header.plan, run.policy),
+        "plan": header.plan,
         "outcome": run.outcome,
         "makespan_s": run.makespan_s,
         "makespan_sequential_s": sequential_s,
@@ -139,13 +100,15 @@ def summarise(
         "raised_skills": run.raised_skills,
         "nodes": sum(len(chain) for chain in tpg.chains),
         "type2_edges": len(tpg.edges),
-        "planning_s": dict(about.planning_s),
+        "planning_s": dict(header.planning_s),
         "audit": None if audit is None else dict(audit),
-        "warnings": list(about.warnings),
-        "checks_off": [*about.checks_off, *([] if about.audit else [_NO_AUDIT])],
+        "warnings": list(header.warnings),
+        "checks_off": [*header.checks_off, *([] if header.audit else [_NO_AUDIT])],
         **{key: value for key, value in further.items() if value},
-        "makespan_asynchronous_s": about.makespan_asynchronous_s if completed else None,
-        "load_bound_s": about.load_bound_s,
+        "makespan_asynchronous_s": header.makespan_asynchronous_s
+        if completed
+        else None,
+        "load_bound_s": header.load_bound_s,
     }
 
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.kinematics.kinematics import frame_pose
+from planning.motion.near_path import near_path
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.drivers.legs import near_path
 from twin.durations.model import Nanoseconds
 from twin.run.events import Measured
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from planning.errors import OutputError, ScenarioError
 from planning.files import is_file
-from twin.scenario.document.section import parts_of
-from twin.scenario.document.yaml_text import read_yaml
-from twin.scenario.manifest import scenario_schema
+from twin.document.section import parts_of
+from twin.document.yaml_text import read_yaml
+from twin.scenario.schema import scenario_schema
 
 TEMPLATE = "tray"
 """What a new scenario begins as."""

@@ -20,10 +20,10 @@ import numpy as np
 from planning.errors import ScenarioError
 from planning.files import parse_json
 from planning.tasks.task import HOLD, SKILLS
+from twin.document.validation import InvalidScenarioError, parsed, validated
+from twin.document.yaml_text import KeyPath, read_yaml
 from twin.durations.lifetimes import Distribution
-from twin.scenario.document.validation import InvalidScenarioError, parsed, validated
-from twin.scenario.document.yaml_text import KeyPath, read_yaml
-from twin.scenario.manifest import scenario_schema
+from twin.scenario.schema import scenario_schema
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolved
 

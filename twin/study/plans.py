@@ -14,12 +14,15 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
 from scheduling.planned_motions import PlannedMotions
 from twin.check.check import check_scenario
+from twin.document.validation import parsed
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.execution_model import ExecutionModel
 from twin.host.guard import versions
 from twin.host.progress import Report, StageWatch
+from twin.operate.replicated.operating import Operated
 from twin.planning.pipeline import plan_motions, planned_shortcuts
 from twin.planning.repetition import repeated_plans
+from twin.reading.checks import find_problems
 from twin.run.policies import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUTS,
@@ -34,13 +37,10 @@ from twin.run.policies import (
     plan_folder,
     policy_name,
 )
-from twin.scenario.checks import find_problems
-from twin.scenario.document.validation import parsed
 from twin.scenario.manifest import file_hashes, scenario_sha256
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import Variant, layout_of, varied
 from twin.study.folder import Refused, StudyRequest
-from twin.study.replications.operating import Operated
 from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import Workload, timing_graph
 from twin.trial.plan_result import PlanResult

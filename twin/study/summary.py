@@ -46,7 +46,7 @@ from twin.study.replications.statistics import (
 )
 from twin.study.replications.workload import Workload
 from twin.study.sensitivity import Influence, SobolIndex
-from twin.trial.simulation import doubts_about_stalls
+from twin.trial.header import doubts_about_stalls
 from twin.uncertainty.speed_override import unreached_speeds
 
 QUANTILES = (50, 90, 95, 99)

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from planning.errors import ScenarioError
+from twin.document.validation import parsed
+from twin.document.yaml_text import YamlDocument
 from twin.host.arguments import checks_arguments
-from twin.scenario.checks import execution_problems, find_problems
-from twin.scenario.document.validation import parsed
-from twin.scenario.document.yaml_text import YamlDocument
-from twin.scenario.manifest import read_scenario
+from twin.reading.checks import execution_problems, find_problems
+from twin.reading.scenario_file import read_scenario
+from twin.registry import FIGURES
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.shipped import scenario_path
 from twin.scenario.variations import is_of_execution, varied
@@ -101,8 +102,6 @@ class LoadedScenario:
         return f"<scenario {self.name!r} of kind {self.sections.assembly.kind}: {size}>"
 
     def _repr_html_(self) -> str:
-        from twin.check.finding import Subject
-        from twin.check.picture import cell_figure
         from twin.drawing.markup import card, drawn
 
         rows = [
@@ -112,8 +111,10 @@ class LoadedScenario:
         ]
         if self.sections.description:
             rows.insert(0, ("description", self.sections.description))
-        picture = cell_figure(Subject(self.sections, self.folder))
-        return card(self.name, rows) + drawn(picture)
+        page = card(self.name, rows)
+        if "cell" not in FIGURES:
+            return page
+        return page + drawn(FIGURES.load("cell")(self.sections, self.folder))
 
 
 AnyScenario = PathOrName | LoadedScenario

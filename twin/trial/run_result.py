@@ -28,9 +28,9 @@ from twin.run.summary import require_figures, summary_rows
 from twin.run.trajectory import Trajectory
 from twin.scenario.manifest import MANIFEST
 from twin.scenario.sections.scenario import Scenario, restored
+from twin.trial.header import run_figures, run_header
 from twin.trial.loaded_scenario import PathOrName
 from twin.trial.plan_result import PlanResult, plan_of_run, read_plan
-from twin.trial.simulation import figures, prepare
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -133,7 +133,7 @@ class RunResult:
             return found
         if self.record is None:
             raise RequestError("a run without a folder has no files")
-        return figures(self.plan, self.record, prepare(self.plan))
+        return run_figures(self.plan, self.record, run_header(self.plan))
 
     @property
     def outcome(self) -> str:

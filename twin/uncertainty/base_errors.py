@@ -14,7 +14,7 @@ from planning.bounds import LARGEST_ERROR
 from planning.cell.workcell import PlacedRobot, PoseError
 from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.scenario.document.section import Section
+from twin.document.section import Section
 from twin.uncertainty.draws import uniforms
 
 

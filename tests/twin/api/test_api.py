@@ -180,7 +180,7 @@ def test_a_study_has_a_row_a_policy_and_variant(
     assert found.report.is_file()
     assert found.tasks.num_rows == 4 * len(plan.tpg.tasks)
     # The report is there, and as long to draw again.
-    monkeypatch.setattr("twin.api.studies.write_report", lambda result, progress: None)
+    monkeypatch.setattr("twin.study.api.write_report", lambda result, progress: None)
     again = twin.resume_study(found.folder, FILE, workers=0)
     assert again.summary == found.summary
     with pytest.raises(RequestError, match="holds a study of scenario"):

@@ -11,7 +11,7 @@ from tests.twin.program import python
 
 
 def test_every_name_is_there() -> None:
-    assert sorted(twin.__all__) == sorted(twin._HOMES)
+    assert sorted(twin.__all__) == sorted(twin._MODULES)
     for name in twin.__all__:
         assert callable(getattr(twin, name)), name
         assert getattr(twin, name).__doc__, name

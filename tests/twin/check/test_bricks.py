@@ -10,14 +10,14 @@ from planning.transforms import translation
 from tests.twin.written import Change, written
 from twin.check.check import check_scenario
 from twin.check.finding import Subject
+from twin.document.validation import InvalidScenarioError
 from twin.kinds.lego.checks import check_brick_tools
-from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import load_scenario, read_scenario
+from twin.reading.scenario_file import load_scenario, read_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import given_plan
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import try_plan
+from twin.trial.trial import run_plan_to_folder
 
 CLIFF = (Path(__file__).parents[3] / "scenarios/lego/cliff.yaml").read_text()
 
@@ -86,7 +86,7 @@ def test_the_distances_are_those_that_the_audit_measures(tmp_path: Path) -> None
     ]
     planned = plan_scenario(scenario, tmp_path)
     (tmp_path / "run").mkdir()
-    trial = try_plan(
+    trial = run_plan_to_folder(
         given_plan(LoadedScenario(scenario, tmp_path), planned.tpg), tmp_path / "run"
     )
     grips = [

@@ -12,7 +12,7 @@ from planning.errors import TwinError
 from tests.planted import planted
 from tests.twin.program import invoke
 from tests.twin.written import checked, written
-from twin.scenario.manifest import read_scenario
+from twin.reading.scenario_file import read_scenario
 from twin.trial.planning import plan_scenario
 
 ROOT = Path(__file__).parents[3]

@@ -12,6 +12,7 @@ from tests.planted import planted
 from tests.twin.written import Change, loaded, refusal
 from twin.check.finding import Finding, Subject
 from twin.check.lying import check_starts
+from twin.kinds.parts.checks.context import ordered_parts
 from twin.kinds.parts.checks.places import check_goals
 from twin.trial.simulation import scenario_execution
 
@@ -92,8 +93,7 @@ def findings(folder: Path, *changes: Change) -> list[Finding]:
 
 
 def plan_steps(folder: Path, *changes: Change) -> None:
-    parts = Subject(loaded(folder, CELL, *changes), folder).parts
-    assert parts is not None
+    parts = ordered_parts(Subject(loaded(folder, CELL, *changes), folder))
     part_steps(parts.cell, parts.listed)
 
 

@@ -12,7 +12,7 @@ from tests.twin.written import Change, checked, written
 from twin.check.finding import Subject
 from twin.check.picture import _doors, cell_figure
 from twin.kinds.parts.checks.context import ordered_parts
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.trial.planning import plan_scenario
 
 CELL = """\

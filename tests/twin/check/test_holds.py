@@ -13,11 +13,11 @@ from planning.transforms import inverse
 from tests.planning.robots.descriptions.vendors import robotiq, ur5e
 from tests.twin.scenarios.executed import built
 from tests.twin.written import Change, checked, refusal, written
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import given_plan
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import try_plan
+from twin.trial.trial import run_plan_to_folder
 
 CELL = """\
 version: 1
@@ -115,7 +115,7 @@ def test_the_audit_sees_what_planning_would_not_have_seen(
     plan = given_plan(LoadedScenario(scenario, tmp_path), planned.tpg)
     run = tmp_path / "run"
     run.mkdir()
-    trial = try_plan(plan, run, recording=False)
+    trial = run_plan_to_folder(plan, run, recording=False)
     grips = [v for v in trial.summary["audit"]["violations"] if v["kind"] == "grip"]
     assert grips
     assert all(words in v["detail"] for v in grips), grips

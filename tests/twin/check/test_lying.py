@@ -12,7 +12,7 @@ from tests.planted import planted
 from tests.twin.written import Change, checked, refusal, written
 from twin.check.finding import Finding, Subject
 from twin.check.lying import check_meshes
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 
 CELL = """\
 version: 1

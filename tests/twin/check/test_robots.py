@@ -36,7 +36,7 @@ from twin.check.tools import finger_gap
 from twin.check.views import MOST, close_ups
 from twin.kinds.parts.checks.context import ordered_parts
 from twin.kinds.parts.checks.loads import check_payloads
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import resolved, restored
 from twin.scenario.shipped import scenario_path
 

@@ -18,8 +18,8 @@ from tests.planted import planted, rows
 from tests.twin.check.test_check import CELL, ROOT
 from tests.twin.written import Change, checked, written
 from twin.check.tools import misplaced
-from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import read_scenario
+from twin.document.validation import InvalidScenarioError
+from twin.reading.scenario_file import read_scenario
 
 LINK = (
     '<link name="l{0}"><collision><origin xyz="0 0 0.05"/><geometry>'

@@ -19,8 +19,8 @@ from twin.check.usual import (
     check_usual,
     usual_range,
 )
-from twin.scenario.document.section import Section
-from twin.scenario.manifest import read_scenario
+from twin.document.section import Section
+from twin.reading.scenario_file import read_scenario
 
 ROOT = Path(__file__).parents[3]
 

@@ -27,6 +27,7 @@ from twin.comparison.comparison import (
 )
 from twin.durations.model import NANOSECONDS
 from twin.planning.pipeline import motion_settings
+from twin.reading.scenario_file import load_scenario
 from twin.run.events import ExecutionRecord
 from twin.run.policies import (
     ASYNCHRONOUS,
@@ -37,7 +38,6 @@ from twin.run.policies import (
     SYNCHRONOUS_TPG,
 )
 from twin.run.summary import lower_bound_s
-from twin.scenario.manifest import load_scenario
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute
 

@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 from tests.twin import written as files
+from twin.document.validation import InvalidScenarioError
 from twin.drivers.drivers_file import (
     FrankaArm,
     ServiceDriver,
     SimulatedDriver,
     read_drivers,
 )
-from twin.scenario.document.validation import InvalidScenarioError
 
 ROBOTS = ("left", "right")
 

@@ -18,11 +18,11 @@ from planning.cell.robot_model import MotionLimits, limits_of
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import robot_model
 from planning.transforms import Array, identity
+from twin.document.validation import InvalidScenarioError
 from twin.drivers.driver import ClearedNode, DriverState, ToolOrder
 from twin.drivers.drivers_file import FrankaArm, read_drivers
 from twin.drivers.franka import FrankaDriver, franka_driver
 from twin.drivers.franka_hand import FrankaError, HandGrip
-from twin.scenario.document.validation import InvalidScenarioError
 
 pytestmark = pytest.mark.timeout(300)
 

@@ -26,9 +26,9 @@ from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.planning.build_workcell import build_workcell
+from twin.reading.scenario_file import load_scenario
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import DeadlockError, Event, ExecutionRecord
-from twin.scenario.manifest import load_scenario
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import Disturbances, Stalls
 

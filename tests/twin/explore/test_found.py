@@ -23,7 +23,7 @@ from twin.explore.rungs import Climb, Evaluation
 from twin.explore.section import GoalSection, VarySection
 from twin.explore.summary import summary_of
 from twin.host.progress import report_nothing
-from twin.scenario.manifest import load_scenario, scenario_of
+from twin.reading.scenario_file import load_scenario, scenario_of
 from twin.scenario.shipped import shipped_scenarios
 from twin.scenario.variations import varied
 from twin.study.replications.statistics import mean_interval

@@ -9,7 +9,7 @@ import pytest
 
 from tests.twin.program import invoke
 from tests.twin.turning_arms import planned_arms, run_arms
-from twin.exports.formats import FORMATS
+from twin.registry import EXPORTS
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ FILES = {
 def test_models_of_ldraw_are_of_lego(run: Path) -> None:
     result = invoke("export", run, "--format", "ldraw", code=2)
     assert "only a LEGO assembly is a model of LDraw" in result.stderr
-    assert sorted([*FILES, "ldraw"]) == sorted(FORMATS)
+    assert sorted([*FILES, "ldraw"]) == sorted(EXPORTS.names())
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -116,4 +116,4 @@ def test_a_log_of_another_plan_is_refused(run: Path, tmp_path: Path) -> None:
 
 def test_help_names_every_format() -> None:
     text = invoke("export", "--help").stdout
-    assert all(name in text for name in FORMATS)
+    assert all(name in text for name in EXPORTS.names())

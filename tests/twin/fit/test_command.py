@@ -21,7 +21,7 @@ from twin.durations.bounded import Fixed
 from twin.durations.measured import MeasuredTimes
 from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import motion_settings
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.trial.simulation import skill_durations
 
 LEFT = stats.gamma(30, 0, 0.2).rvs(40, random_state=1).round(3)

@@ -16,7 +16,7 @@ from planning.robots.registry import robot_model
 from tests.twin.program import invoke
 from twin.kinds.lego.kind import build_lego, build_structure
 from twin.kinds.lego.section import LegoSection
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 
 ROOT = Path(__file__).parents[3]
 DESIGNS = sorted((ROOT / "scenarios" / "lego").glob("*.yaml"))

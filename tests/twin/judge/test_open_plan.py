@@ -10,8 +10,8 @@ import pytest
 
 from tests.twin.judge.judged import filed, yard
 from tests.twin.program import invoke
+from twin.document.validation import InvalidScenarioError
 from twin.judge.open_plan import FORMAT, read_open_plan
-from twin.scenario.document.validation import InvalidScenarioError
 
 WRONG: dict[str, tuple[tuple[str | int, ...], Any, tuple[str, ...]]] = {
     "version": (("version",), 2, ("version", "1")),

@@ -39,9 +39,9 @@ from twin.operate.recovery import Recovery
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event
 from twin.trial.plan_result import PlanResult
+from twin.trial.resume import resume_run
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import scenario_execution
-from twin.trial.trial import resume_run
 from twin.uncertainty.disturbances import Disturbances
 
 PACE = 60.0

@@ -8,7 +8,7 @@ import pytest
 
 from tests.twin.operate.operated import gone
 from twin.operate.operation import Operation, operate
-from twin.study.replications.hindsight import Hindsight
+from twin.operate.replicated.hindsight import Hindsight
 from twin.trial.plan_result import PlanResult
 from twin.trial.simulation import execute, scenario_execution
 

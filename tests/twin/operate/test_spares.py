@@ -33,7 +33,7 @@ from tests.twin.operate.operated import (
     require_safe,
 )
 from twin.operate.operation import Operation, operate
-from twin.study.replications.hindsight import Hindsight
+from twin.operate.replicated.hindsight import Hindsight
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate

@@ -16,15 +16,11 @@ from tests.twin.audit.audit_cell import HandWrittenRun, brick, two_arm_cell
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.written import checked, loaded, refusal, written
 from twin.audit.audit import audit_run
-from twin.kinds.parts.alike import (
-    alike_parts,
-    listed_steps,
-    with_named_parts,
-)
+from twin.kinds.parts.alike import alike_parts, listed_steps, with_named_parts
 from twin.kinds.parts.built import build_assembly
 from twin.kinds.parts.section import PartSection, PartsSection
 from twin.kinds.parts.sources import GridSection, PlacesSection
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.kind import assembly_kind
 from twin.trial.planning import plan_scenario
 

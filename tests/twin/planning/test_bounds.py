@@ -12,8 +12,8 @@ import planning.bounds as bounds
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from tests.twin.explore.sliders import SCENARIO, URDF
 from tests.twin.program import invoke
-from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import scenario_of
+from twin.document.validation import InvalidScenarioError
+from twin.reading.scenario_file import scenario_of
 from twin.trial.planning import plan_scenario
 
 rates = st.sampled_from([bounds.SLOWEST, 1.0, bounds.FASTEST])

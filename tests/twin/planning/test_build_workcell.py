@@ -11,7 +11,7 @@ from planning.transforms import rotation
 from tests.twin.written import loaded
 from twin.kinds.lego.kind import build_lego
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.kind import assembly_kind
 
 SCENARIO = """\

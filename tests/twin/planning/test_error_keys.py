@@ -9,7 +9,7 @@ from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.executed import built
 from tests.twin.written import refusal, written
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.uncertainty.base_errors import PoseErrorSection
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"

@@ -16,10 +16,10 @@ from scheduling.invariant import check_invariant
 from tests.planted import rows
 from tests.twin.written import loaded, refusal
 from twin.comparison.comparison import measure_policies
+from twin.document.validation import InvalidScenarioError
 from twin.kinds.parts.line import slots, written_out
+from twin.reading.scenario_file import load_scenario
 from twin.run.throughput import line_summary, product_nodes
-from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.planning import plan_scenario

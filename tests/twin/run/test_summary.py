@@ -12,14 +12,15 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import two_robot_tpg
-from twin.run.summary import Preparation, summarise
+from twin.run.header import RunHeader
+from twin.run.summary import summarise
 from twin.run.throughput import line_figures, start_up_of, takts_s
 
 
 def test_figures_of_a_small_run() -> None:
     tpg = two_robot_tpg([(0, 1, 1, 0)])
     run = simulate(tpg, seed=4)
-    about = Preparation(planning_s={"motion": 0.5})
+    about = RunHeader(planning_s={"motion": 0.5})
     summary = summarise(tpg, run, "toy", about)
     assert summary == {
         "scenario": "toy",

@@ -4,8 +4,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from twin.scenario.document.section import Section, attributes, summary
-from twin.scenario.manifest import scenario_schema
+from twin.document.section import Section, attributes, summary
+from twin.scenario.schema import scenario_schema
 
 
 class Base(Section):

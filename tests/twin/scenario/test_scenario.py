@@ -9,15 +9,15 @@ import pytest
 from tests.planted import planted
 from tests.twin.twin_toys import toy_cell
 from tests.twin.written import loaded, refusal
-from twin.scenario.document.validation import InvalidScenarioError
+from twin.document.validation import InvalidScenarioError
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.manifest import (
     MANIFEST,
-    load_scenario,
     read_manifest,
-    scenario_schema,
     scenario_sha256,
     write_manifest,
 )
+from twin.scenario.schema import scenario_schema
 from twin.scenario.sections.scenario import resolved, restored
 
 ROOT = Path(__file__).parents[3]

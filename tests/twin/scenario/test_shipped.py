@@ -12,8 +12,8 @@ import twin
 from planning.cell.differences import cell_differences
 from planning.errors import OutputError, ScenarioError
 from tests.twin.program import invoke
+from twin.document.yaml_text import read_yaml
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.document.yaml_text import read_yaml
 from twin.scenario.shipped import (
     TEMPLATE,
     begin_scenario,

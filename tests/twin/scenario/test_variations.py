@@ -11,7 +11,7 @@ from planning.errors import ScenarioError
 from tests.planted import rows
 from twin.durations.bounded import Uniform
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import (
     Variation,

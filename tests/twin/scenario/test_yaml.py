@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.planted import rows
 from tests.shipped_runs import SCENARIOS
 from tests.twin.program import invoke
-from twin.scenario.document.yaml_text import (
+from twin.document.yaml_text import (
     Mark,
     YamlDocument,
     read_yaml,

@@ -6,7 +6,7 @@ import pytest
 
 from tests.twin.scenarios.executed import executed
 from tests.twin.written import written
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario

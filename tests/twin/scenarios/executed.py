@@ -5,13 +5,13 @@ from pathlib import Path
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from tests.twin.written import Change, checked, written
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
-from twin.trial.trial import try_plan
+from twin.trial.trial import run_plan_to_folder
 
 
 def executed(
@@ -33,7 +33,7 @@ def executed(
     """
     folder.mkdir(exist_ok=True)
     plan = given_plan(LoadedScenario(scenario, base), tpg)
-    trial = try_plan(plan, folder, recording=recording)
+    trial = run_plan_to_folder(plan, folder, recording=recording)
     assert trial.summary["audit"]["violations"] == []
     assert trial.passed
     return trial

@@ -35,7 +35,7 @@ from twin.host.progress import StageWatch
 from twin.kinds.construction.kind import ConstructionKind
 from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import motion_settings
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.kind import assembly_kind
 from twin.trial.planning import plan_scenario
 

@@ -21,11 +21,11 @@ from tests.twin.simulated import assert_same_ends
 from tests.twin.written import checked, written
 from twin.engine.engine import Simulator
 from twin.fit.samples import logged_skills
+from twin.reading.scenario_file import load_scenario
 from twin.recorders.rerun.fingers import finger_moves
 from twin.recorders.rerun.layout import entity_path, robot_part
 from twin.run.activities import robot_activities
 from twin.run.trajectory import object_placements
-from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.workload import timing_graph
 from twin.trial.plan_result import PlanResult

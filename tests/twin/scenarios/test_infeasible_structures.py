@@ -19,7 +19,8 @@ from tests.planted import rows
 from tests.twin.program import invoke
 from tests.twin.written import written
 from twin.kinds.lego.kind import build_lego
-from twin.scenario.manifest import load_scenario, scenario_schema
+from twin.reading.scenario_file import load_scenario
+from twin.scenario.schema import scenario_schema
 
 ROOT = Path(__file__).parents[3]
 CLIFF: dict[str, Any] = yaml.safe_load(

@@ -25,15 +25,16 @@ from tests.twin.scenarios.executed import executed
 from tests.twin.simulated import run_bulk, simulate
 from tests.twin.written import loaded
 from twin.audit.audit import audit_run
+from twin.audit.run_auditor import audit_execution
 from twin.check.finding import Subject
 from twin.check.reach import check_reach
+from twin.document.validation import InvalidScenarioError
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.execution_model import ExecutionModel
 from twin.kinds.parts.checks.places import check_goals
 from twin.run.summary import summarise
-from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.block_results import task_groups
@@ -43,7 +44,6 @@ from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import execute, skill_durations
-from twin.trial.trial import audit_execution
 from twin.uncertainty.disturbances import (
     Disturbances,
     MachineBreakdowns,

@@ -8,7 +8,7 @@ import pytest
 from scheduling.verification.verify import verify_plan
 from tests.twin.program import invoke
 from tests.twin.scenarios.executed import executed
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.trial.planning import plan_scenario
 
 DATA = Path(

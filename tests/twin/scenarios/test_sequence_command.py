@@ -10,9 +10,9 @@ from planning.lego.sequencing.sequencing import sequence_structure
 from tests.twin.program import invoke
 from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.written import refusal, written
+from twin.document.validation import InvalidScenarioError
 from twin.kinds.lego.kind import build_lego, build_structure
-from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import LegoSection
 
 HEAD = cell(

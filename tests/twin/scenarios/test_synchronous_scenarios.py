@@ -14,12 +14,12 @@ from tests.shipped_runs import ShippedRuns
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_in_slots
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import try_plan
+from twin.trial.trial import run_plan_to_folder
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "multi_arm"
 NAMES = ("rearrangement", "multi_goal")
@@ -57,7 +57,7 @@ def test_stalled_runs_are_clean(
     content["execution"]["stalls"]["count_per_robot"] = 2
     changed = type(scenario).model_validate(content, strict=False)
     changed_plan = replace(plan, scenario=LoadedScenario(changed))
-    trial = try_plan(changed_plan, tmp_path, recording=False)
+    trial = run_plan_to_folder(changed_plan, tmp_path, recording=False)
     assert trial.passed
     assert trial.summary["makespan_s"] < trial.summary["makespan_sequential_s"]
     if policy == "synchronous":
@@ -118,7 +118,7 @@ def test_joint_paths_pass_the_audit_slot_by_slot(
     execution = scenario.execution.model_copy(update={"policy": "synchronous"})
     changed = scenario.model_copy(update={"execution": execution})
     changed_plan = replace(plan, scenario=LoadedScenario(changed))
-    assert try_plan(changed_plan, tmp_path, recording=False).passed
+    assert run_plan_to_folder(changed_plan, tmp_path, recording=False).passed
 
 
 def test_slots_of_a_shipped_plan_are_planned_jointly(
@@ -184,4 +184,4 @@ def test_a_structure_with_sidesteps_is_built_sooner_and_proved_apart(
     )
     assert sooner < 0.9999
     assert verify_plan(plan.tpg).problems == ()
-    assert try_plan(plan, tmp_path, recording=False).passed
+    assert run_plan_to_folder(plan, tmp_path, recording=False).passed

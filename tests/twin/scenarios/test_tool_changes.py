@@ -19,7 +19,7 @@ from tests.twin.written import loaded
 from twin.scenario.sections.scenario import resolved, restored
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import try_plan
+from twin.trial.trial import run_plan_to_folder
 
 TOOLS = ("gripper", "driver", "nozzle")
 
@@ -168,7 +168,7 @@ def audited(
     out = folder / name
     out.mkdir()
     tpg = replace(planned.tpg, **changed)
-    trial = try_plan(given_plan(planned.scenario, tpg), out, recording=False)
+    trial = run_plan_to_folder(given_plan(planned.scenario, tpg), out, recording=False)
     return [
         f"{v['kind']}: {v['first']} {v['detail']}"
         for v in trial.summary["audit"]["violations"]

@@ -21,13 +21,13 @@ from tests.twin.written import loaded
 from twin.audit.audit import AuditReport, audit_run
 from twin.check.finding import Subject
 from twin.kinds.parts.checks.places import check_balance
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
-from twin.trial.trial import try_plan
+from twin.trial.trial import run_plan_to_folder
 
 NODE = cell(
     "node",
@@ -75,7 +75,9 @@ def test_bars_that_are_joined_may_be_in_each_other_as_far_as_the_scenario_says(
     assert all("first" in text and "second" in text for text in words)
     case = given_plan(LoadedScenario(given, tmp_path), shallow)
     (tmp_path / "shallow").mkdir()
-    found = try_plan(case, tmp_path / "shallow").summary["audit"]["violations"]
+    found = run_plan_to_folder(case, tmp_path / "shallow").summary["audit"][
+        "violations"
+    ]
     assert {(v["kind"], *sorted((v["first"], v["second"]))) for v in found} == {
         ("contact", "first", "second")
     }

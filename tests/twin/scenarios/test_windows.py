@@ -27,8 +27,9 @@ from twin.study.products import windows_summary
 from twin.study.replications.block_results import cell_part, write_block
 from twin.study.replications.statistics import Block
 from twin.study.replications.workload import Engines, Workload, timing_graph
+from twin.trial.header import doubts_about_windows
 from twin.trial.planning import plan_scenario
-from twin.trial.simulation import doubts_about_windows, execute, scenario_execution
+from twin.trial.simulation import execute, scenario_execution
 
 TEXT = (SCENARIOS / "assembly" / "gluing.yaml").read_text(encoding="utf-8")
 GLUED = "{step: glue_b, within_s: 20, at_least_s: 3}"

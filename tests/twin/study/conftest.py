@@ -6,4 +6,4 @@ import pytest
 @pytest.fixture
 def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw nothing: for studies of which only the figures count."""
-    monkeypatch.setattr("twin.api.studies.write_report", lambda result, progress: None)
+    monkeypatch.setattr("twin.study.api.write_report", lambda result, progress: None)

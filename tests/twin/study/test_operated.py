@@ -15,8 +15,8 @@ import pytest
 import twin
 from planning.errors import RequestError
 from tests.twin.operate.operated import FEW, STACK
-from twin.api.studies import Study
 from twin.operate.operation import Operation, operate
+from twin.study.api import Study
 from twin.study.folder import BLOCKS, PREVENTED, REPLICATIONS, SUMMARY
 from twin.study.operated import prevented_makespans_s
 from twin.study.replications import runner
@@ -50,7 +50,7 @@ def plan(case: LoadedScenario) -> PlanResult:
 def _of_several_blocks() -> Iterator[None]:
     """Studies are of several blocks, as longer ones, and draw nothing."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.api.studies.write_report", lambda result, progress: None)
+        patch.setattr("twin.study.api.write_report", lambda result, progress: None)
         patch.setattr(runner, "EVENTS_BLOCK", 8)
         yield
 
@@ -240,7 +240,7 @@ def test_what_cannot_be_planned_anew_is_refused_before_anything_is_planned(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(
-        "twin.api.operations.plan_to_operate", lambda *_: pytest.fail("planned")
+        "twin.operate.api.plan_to_operate", lambda *_: pytest.fail("planned")
     )
     with pytest.raises(RequestError, match=words):
         twin.study(scenario, out=tmp_path / "out", **{"operate": True, **options})

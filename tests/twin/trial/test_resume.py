@@ -13,7 +13,8 @@ from planning.errors import OutputError
 from tests.twin.program import invoke, python
 from tests.twin.turning_arms import QUICK, planned_arms, run_arms, running
 from twin.run.folder import locked
-from twin.trial.trial import ResumeError, resume_run
+from twin.trial.executor import ResumeError
+from twin.trial.resume import resume_run
 
 DISTURBED = """\
   stalls: {rate_per_h: 600, duration: {kind: fixed, value_s: 2}}

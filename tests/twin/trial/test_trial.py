@@ -127,12 +127,12 @@ def test_a_plan_for_another_cell_is_refused(plan: Path, tmp_path: Path) -> None:
 def test_violations_end_with_code_1_and_are_listed(
     plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from twin.audit import audit
+    from twin.audit import audit, run_auditor
     from twin.audit.case import Violation
 
     found = Violation(1.0, 2.0, "left/arm", "right/arm", 0.004, "link_3 - link_4")
     report = audit.AuditReport(100, -0.004, -0.004, (found,), "coal")
-    monkeypatch.setattr(audit, "audit_run", lambda *_, **__: report)
+    monkeypatch.setattr(run_auditor, "audit_run", lambda *_, **__: report)
     result = invoke(*running(plan, tmp_path / "run", "--no-recording"), code=1)
     assert "1 violations (1 contact)" in " ".join(result.stdout.split())
     assert "contact: left/arm - right/arm: 4.00 mm deep" in result.stdout

@@ -15,10 +15,10 @@ from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ScenarioError
 from planning.expectations import Expectations, Place
 from planning.transforms import Array, Transform, readonly
+from twin.document.validation import Found, unless_known
+from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
 from twin.kinds.construction.section import ConstructionSection, ModelSection
-from twin.scenario.document.validation import Found, unless_known
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.kind import AssemblyKind
 from twin.scenario.sections.shapes import as_planned, build_transform

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from twin.scenario.document.section import Name, Section, Several, Two
+from twin.document.section import Name, Section, Several, Two
 from twin.scenario.sections.kind import AssemblySection
 from twin.scenario.sections.shapes import (
     Colour,

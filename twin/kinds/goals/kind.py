@@ -10,9 +10,9 @@ import numpy as np
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import ScenarioError
 from planning.transforms import readonly
+from twin.document.validation import Found, unless_known
 from twin.host.progress import StageWatch
 from twin.kinds.goals.section import GoalsSection, MoveSection
-from twin.scenario.document.validation import Found, unless_known
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.kind import AssemblyKind, IdleReason
 from twin.scenario.sections.shapes import build_transform

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from twin.scenario.document.section import Name, Section, Several
+from twin.document.section import Name, Section, Several
 from twin.scenario.sections.kind import AssemblySection
 from twin.scenario.sections.shapes import Configuration, PoseSection
 

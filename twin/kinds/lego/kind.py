@@ -24,6 +24,8 @@ from planning.lego.bricks.assembly import (
     StockBrick,
 )
 from planning.progress import Progress, no_progress
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
 from twin.kinds.lego.section import (
     BrickStepSection,
@@ -33,8 +35,6 @@ from twin.kinds.lego.section import (
     support_of,
 )
 from twin.kinds.lego.structure import StructureSection, read_structure
-from twin.scenario.document.validation import Found
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.kind import AssemblyKind
 from twin.scenario.sections.shapes import Colour, as_planned

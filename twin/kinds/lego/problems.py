@@ -11,6 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, GridPlace
 from planning.lego.bricks.grid import joined_to_plate
 from planning.lego.skills.targets import supported_span
+from twin.document.validation import Found, unknown_name, unless_known
+from twin.document.yaml_text import KeyPath
 from twin.kinds.lego.section import (
     BrickStepSection,
     LegoSection,
@@ -21,8 +23,6 @@ from twin.kinds.lego.section import (
     support_of,
 )
 from twin.kinds.lego.structure import read_structure
-from twin.scenario.document.validation import Found, unknown_name, unless_known
-from twin.scenario.document.yaml_text import KeyPath
 
 
 def find_lego_problems(assembly: LegoSection) -> Found:

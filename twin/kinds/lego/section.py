@@ -17,13 +17,13 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.insertion.rules import SequencingRules
+from twin.document.section import Name, Section, Several, Two
 from twin.kinds.lego.structure import (
     GridCell,
     Raised,
     StructureBrickSection,
     StructureSection,
 )
-from twin.scenario.document.section import Name, Section, Several, Two
 from twin.scenario.sections.kind import AssemblySection
 from twin.scenario.sections.shapes import Colour, PoseSection, as_planned
 

@@ -21,9 +21,9 @@ from planning.lego.bricks.drawing import (
     read_elevation,
     read_layer,
 )
-from twin.scenario.document.section import Name, Section, Three, Two
-from twin.scenario.document.validation import unknown_name
-from twin.scenario.document.yaml_text import KeyPath
+from twin.document.section import Name, Section, Three, Two
+from twin.document.validation import unknown_name
+from twin.document.yaml_text import KeyPath
 from twin.scenario.sections.shapes import Colour
 
 Stud2 = Two[Annotated[int, Field(ge=-1000, le=1000)]]

@@ -12,11 +12,11 @@ from itertools import product, zip_longest
 from typing import TypeVar
 
 from scheduling.repeat import numbered
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.between import FitSection
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
 from twin.kinds.parts.sources import PlacesSection
-from twin.scenario.document.validation import Found
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.shapes import PoseSection, pose_section
 from twin.scenario.sections.standing import JoinedSection
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from planning.bounds import LONGEST_S
-from twin.scenario.document.section import Name, Section, Two
+from twin.document.section import Name, Section, Two
 
 
 class FitSection(Section):

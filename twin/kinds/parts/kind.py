@@ -12,6 +12,8 @@ from planning.cell.workcell import CONTACT_DEPTH, CellObject, PlacedRobot, Workc
 from planning.expectations import Expectations
 from planning.tasks.task import CLOSE, DOOR, OPEN, ActuationKey
 from planning.transforms import readonly
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
 from twin.durations.lifetimes import AnyDuration, SkillOverride
 from twin.durations.model import DurationModel
 from twin.host.progress import StageWatch
@@ -28,8 +30,6 @@ from twin.kinds.parts.problems import (
 )
 from twin.kinds.parts.section import PartSection, PartsSection
 from twin.planning.shapes import build_shape
-from twin.scenario.document.validation import Found
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection, RobotSection, actuation_model
 from twin.scenario.sections.kind import AssemblyKind, IdleReason
 from twin.scenario.sections.shapes import as_planned, build_transform

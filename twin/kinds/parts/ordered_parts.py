@@ -10,9 +10,9 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import ConstructionError, InfeasibleStepError
 from planning.parts.assembly import PartAssembly, Work
 from planning.parts.part_steps import KnownStep, part_steps
+from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.alike import listed_steps
 from twin.kinds.parts.section import PartsSection
-from twin.scenario.document.yaml_text import KeyPath
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import networkx as nx
 
+from twin.document.validation import Found, unknown_name, unless_known
+from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.alike import find_alike_problems
 from twin.kinds.parts.line import OUTFEED, Line, presenter
 from twin.kinds.parts.section import PartsSection, StepSection
-from twin.scenario.document.validation import Found, unknown_name, unless_known
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.standing import unlike_ends
 

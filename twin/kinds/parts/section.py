@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from planning.bounds import DENSEST_KG_M3
+from twin.document.section import Name, Section, Several, with_tuples
 from twin.durations.lifetimes import AnyDuration
 from twin.kinds.parts.between import AfterSection, FitSection
 from twin.kinds.parts.sources import Amount, Places, ProductsSection, SourceSection
-from twin.scenario.document.section import Name, Section, Several, with_tuples
 from twin.scenario.sections.cell import ActuationTime
 from twin.scenario.sections.kind import AssemblySection
 from twin.scenario.sections.shapes import (

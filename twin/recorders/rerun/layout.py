@@ -17,7 +17,7 @@ from planning.cell.workcell import CellObject, PlacedRobot
 from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, Transform, quat_wxyz
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.run.viewer import TIMELINE
+from twin.recorders.rerun.viewer import TIMELINE
 
 _TAN_UP = 0.5206  # of half the viewer's vertical angle of view, 55 degrees
 _ASPECT = 1.75  # of the 3-D view in a window of common shape

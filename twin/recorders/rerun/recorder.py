@@ -28,12 +28,24 @@ from twin.recorders.rerun.fingers import finger_moves, move_fingers
 from twin.recorders.rerun.layout import entity_path, time_column
 from twin.run.activities import IDLE, WAITING, Activity, plan_colours, robot_activities
 from twin.run.events import Event, ExecutionRecord
+from twin.run.folder import RECORDING
 from twin.run.gantt import rgb, team_colours
 from twin.run.tracking import nearest_on_path
 from twin.run.trajectory import object_placements, robot_trajectories
 
 _WAITING_COLOUR = (120, 128, 138)
 """Colour of the curve of waiting robots."""
+
+
+def record_run(
+    folder: Path,
+    tpg: TemporalPlanGraph,
+    record: ExecutionRecord,
+    events: Sequence[Event],
+    name: str,
+) -> None:
+    """Write ``run.rrd`` into the folder of a run; see ``write_recording``."""
+    write_recording(folder / RECORDING, tpg, record, events, name=name)
 
 
 def write_recording(

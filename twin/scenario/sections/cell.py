@@ -19,10 +19,10 @@ from planning.bounds import (
 from planning.cell.robot_model import ToolGrip
 from planning.cell.workcell import Clearances
 from planning.errors import ScenarioError
+from twin.document.section import Name, Section, Several, Two
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import AnyDuration
 from twin.durations.model import DurationModel
-from twin.scenario.document.section import Name, Section, Several, Two
 from twin.scenario.sections.shapes import (
     Colour,
     Configuration,

@@ -10,11 +10,11 @@ from pydantic import Field
 
 from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
+from twin.document.section import Section
+from twin.document.yaml_text import KeyPath
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import AnyDuration, Distribution, SkillOverride
 from twin.durations.model import DurationModel, Skill
-from twin.scenario.document.section import Section
-from twin.scenario.document.yaml_text import KeyPath
 from twin.uncertainty.disturbances import (
     Disturbances,
     LatePart,

@@ -16,14 +16,14 @@ from planning.cell.workcell import (
 from planning.errors import RequestError
 from planning.expectations import Expectations
 from planning.tasks.task import ActuationKey
+from twin.document.section import Section
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
 from twin.durations.lifetimes import AnyDuration, SkillOverride
 from twin.durations.measured import Packaged
 from twin.durations.model import DurationModel, PackagedSkill
 from twin.host.progress import StageWatch
 from twin.registry import KINDS
-from twin.scenario.document.section import Section
-from twin.scenario.document.validation import Found
-from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection, RobotSection
 
 if TYPE_CHECKING:

@@ -16,10 +16,10 @@ from pydantic import Field, ValidationError, model_validator
 from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
 from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, ActuationKey
+from twin.document.section import Name, Section, attributes, parts_of
 from twin.durations.lifetimes import AnyDuration, SkillOverride
 from twin.durations.model import DurationModel, Skill
 from twin.registry import KINDS, SECTIONS
-from twin.scenario.document.section import Name, Section, attributes, parts_of
 from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection
 from twin.scenario.sections.cell import RobotSection as RobotSection

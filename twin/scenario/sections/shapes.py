@@ -17,7 +17,7 @@ from planning.bounds import (
     THINNEST_M,
 )
 from planning.transforms import Transform, from_quat_wxyz, from_rpy, quat_wxyz, readonly
-from twin.scenario.document.section import Section, Three
+from twin.document.section import Section, Three
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

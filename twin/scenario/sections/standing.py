@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from twin.scenario.document.section import Name, Section, Two, with_tuples
-from twin.scenario.document.validation import Found
-from twin.scenario.document.yaml_text import KeyPath
+from twin.document.section import Name, Section, Two, with_tuples
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
 
 
 class BalanceSection(Section):

@@ -29,8 +29,8 @@ from scheduling.graph.windows import window_gaps
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.max_plus import OTHER, Completions
 from twin.host.guard import replacing
+from twin.operate.replicated.operating import Operated, OperatedRows
 from twin.run.throughput import product_nodes
-from twin.study.replications.operating import Operated, OperatedRows
 from twin.study.replications.statistics import Block
 
 COMPLETED, ERROR = "completed", "error"

@@ -41,6 +41,7 @@ from twin.engine.bulk.max_plus import (
 )
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
+from twin.operate.replicated.operating import SAME, Operated, Operator
 from twin.run.events import DeadlockError, ExecutionRecord
 from twin.study.replications.block_results import (
     COMPLETED,
@@ -50,7 +51,6 @@ from twin.study.replications.block_results import (
     block_result,
     empty_rows,
 )
-from twin.study.replications.operating import SAME, Operated, Operator
 from twin.study.replications.statistics import Block
 from twin.uncertainty.skill_durations import least_seconds
 

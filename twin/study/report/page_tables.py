@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.drawing.markup import breakable, bullets, paragraph, table, text, told_table
+from twin.operate.replicated.operating import RUNGS
 from twin.run.policies import OPEN_LOOP
 from twin.study.folder import task_columns
 from twin.study.gains.candidates import task_names
 from twin.study.gains.gains import QUANTILE, SHORTER, CellGains, Gain
 from twin.study.replications.block_results import TaskTally
-from twin.study.replications.operating import RUNGS
 from twin.study.replications.statistics import Interval
 from twin.study.replications.workload import Workload
 from twin.study.sensitivity import SHARE

@@ -27,11 +27,11 @@ from tests.planning.lego.importers.published_form import (
 )
 from tests.planning.lego.importers.published_form import write_published
 from tests.twin.program import invoke
+from twin.document.yaml_text import scenario_text
 from twin.kinds.lego.kind import build_lego, find_sequence, sequencing_rules
 from twin.kinds.lego.section import LegoSection
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.document.yaml_text import scenario_text
-from twin.scenario.manifest import load_scenario
+from twin.reading.scenario_file import load_scenario
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios" / "lego"
 QUICK = ("cliff",)

@@ -23,11 +23,11 @@ from planning.lego.sequencing.sequencing import sequence_structure
 from planning.lego.skills.targets import BrickGrip, place_targets
 from planning.steps.skill import SkillPath, skill_postures
 from tests.planning.lego.structures import brick
+from twin.document.yaml_text import scenario_text
 from twin.host.progress import StageWatch
 from twin.kinds.lego.kind import build_lego, buildable_sequence
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.document.yaml_text import scenario_text
-from twin.scenario.manifest import scenario_of
+from twin.reading.scenario_file import scenario_of
 from twin.scenario.sections.scenario import LegoSection
 
 

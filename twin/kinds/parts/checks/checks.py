@@ -32,6 +32,7 @@ from twin.check.tools import (
     check_tool_frames,
 )
 from twin.check.usual import check_physics, check_rates, check_usual
+from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.checks.context import PartsContext
 from twin.kinds.parts.checks.gripping import check_lifts, check_room, check_turning
 from twin.kinds.parts.checks.grips import check_grips
@@ -52,7 +53,6 @@ from twin.kinds.parts.checks.places import (
 from twin.kinds.parts.checks.reach import check_part_reach
 from twin.kinds.parts.checks.windows import check_due_times, check_windows
 from twin.kinds.parts.fits import KnownFit, known_fits
-from twin.scenario.document.yaml_text import KeyPath
 
 
 class PartChecks(PartsContext):

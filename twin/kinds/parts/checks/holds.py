@@ -22,10 +22,10 @@ from twin.check.finding import (
     millimetres,
 )
 from twin.check.tools import finger_gap, has_fingers
+from twin.document.yaml_text import KeyPath
 from twin.durations.model import DurationModel
 from twin.kinds.parts.checks.context import of_parts
 from twin.kinds.parts.ordered_parts import OrderedParts
-from twin.scenario.document.yaml_text import KeyPath
 
 
 @of_parts

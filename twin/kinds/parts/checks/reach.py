@@ -26,8 +26,8 @@ from twin.check.finding import (
     position,
 )
 from twin.check.reach import away_from, idle_robot, reach_bound, too_far
+from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.ordered_parts import OrderedParts
-from twin.scenario.document.yaml_text import KeyPath
 
 _MOST_GRIPS = 40
 """Grips of a part that are tried by each robot."""

@@ -1,0 +1,44 @@
+"""Points of a polyline that are nearest to others."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from planning.transforms import Array, Indices
+
+
+class NearPath(NamedTuple):
+    """Points of a polyline that are nearest to others, one for each.
+
+    Attributes:
+        leg: the leg that each is on, from 0, shape (k,).
+        share: how far along that, from 0 to 1, shape (k,).
+        q: the points, shape (k, n).
+        off: greatest distance of a joint from them, shape (k,) [rad or m].
+    """
+
+    leg: Indices
+    share: Array
+    q: Array
+    off: Array
+
+
+def near_path(points: Array, q: Array) -> NearPath:
+    """Return the points of a polyline that are nearest to others.
+
+    Args:
+        points: ends and corners of the polyline, at least one, shape (w, n).
+        q: the others, shape (k, n).
+    """
+    begins = points[: max(len(points) - 1, 1)]
+    ways = points[1:] - begins if len(points) > 1 else np.zeros_like(begins)
+    squares = np.maximum((ways**2).sum(axis=1), 1e-18)
+    here = q[:, None]
+    share = np.clip(((here - begins) * ways).sum(axis=2) / squares, 0.0, 1.0)
+    near = begins + share[:, :, None] * ways
+    off = np.abs(near - here).max(axis=2)
+    leg = off.argmin(axis=1)
+    row = np.arange(len(leg))
+    return NearPath(leg, share[row, leg], near[row, leg], off[row, leg])

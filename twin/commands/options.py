@@ -1,0 +1,65 @@
+"""Arguments and options that several commands have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+_SCENARIO = typer.Argument(
+    metavar="SCENARIO",
+    help="Scenario file, or the name of one that twin scenarios lists.",
+)
+ScenarioFile = Annotated[Path, _SCENARIO]
+OptionalScenarioFile = Annotated[Path | None, _SCENARIO]
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+
+ResultsFolder = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        help="Folder for the results; by default logs/<scenario>-<UTC time>.",
+    ),
+]
+Seed = Annotated[int | None, typer.Option(min=0, help="In place of the scenario's.")]
+TeamSize = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="M",
+        help="Of the team, in place of the scenario's; without a team, the first M.",
+    ),
+]
+Recording = Annotated[bool, typer.Option(help="Write run.rrd for the viewer.")]
+Audited = Annotated[
+    bool, typer.Option(help="Check what was executed with code of its own.")
+]
+AuditEngine = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ENGINE",
+        help="What the audit measures with, pybullet or coal; by default PyBullet"
+        " where it is installed, else coal.",
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        help="Address of a Dask scheduler whose workers do the work: tls://host:port."
+        " Files that the scenario names must be in the same folder on their machines."
+    ),
+]
+Certificates = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Folder with the certificates of the scheduler."),
+]
+Insecure = Annotated[
+    bool,
+    typer.Option(
+        "--insecure",
+        help="Use a tcp:// scheduler on another machine, unprotected.",
+    ),
+]

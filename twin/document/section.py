@@ -1,0 +1,159 @@
+"""Base class of all sections of a scenario file: strict fields, names, and what keys mean."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from inspect import cleandoc
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from planning.bounds import LONGEST_NAME
+from twin.document.yaml_text import KeyPath
+
+_ATTRIBUTES = re.compile(r"^Attributes:\n((?:[ ]+.*\n?|\n)*)", re.MULTILINE)
+_ENTRY = re.compile(r"^    (\w+(?:, \w+)*): ")
+_OR = re.compile(r"; or(?: else)?$")
+_CODE = re.compile(r"``([^`]+)``")
+
+
+def described(schema: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
+    """Return the schema of a section whose properties say what they mean.
+
+    Args:
+        schema: of the section itself, without references at its top.
+        model: its class.
+    """
+    about = summary(model)
+    meanings = attributes(model)
+    names = {field.alias or name: name for name, field in model.model_fields.items()}
+    properties = {}
+    for key, part in schema.get("properties", {}).items():
+        words = meanings.get(names.get(key, key))
+        if "const" in part and isinstance(part["const"], str):
+            words = f"`{part['const']}`: {about.split('. ')[0].rstrip('.')}."
+        properties[key] = part if words is None else {**part, "description": words}
+    return {**schema, "description": about, "properties": properties}
+
+
+def summary(model: type[BaseModel]) -> str:
+    """Return what the docstring of a class says before its attributes, in one paragraph."""
+    text = _ATTRIBUTES.split(cleandoc(model.__doc__ or ""))[0]
+    return _plain(text.split("\n\nRaises:")[0])
+
+
+def attributes(model: type[BaseModel]) -> dict[str, str]:
+    """Return the meanings of the attributes of a class and of its bases, by name."""
+    found: dict[str, str] = {}
+    for base in reversed(model.__mro__):
+        match = _ATTRIBUTES.search(cleandoc(base.__doc__ or "") + "\n")
+        if match is None or base is BaseModel:
+            continue
+        names: list[str] = []
+        for line in match[1].splitlines():
+            entry = _ENTRY.match(line)
+            if entry is not None:
+                names = entry[1].split(", ")
+                told = ", ".join(f"``{name}``" for name in names)
+                start = "" if len(names) == 1 else f"{told}: "
+                found |= dict.fromkeys(names, start + line[entry.end() :])
+            else:
+                found |= {name: f"{found[name]} {line.strip()}" for name in names}
+    return {name: _plain(words) for name, words in found.items()}
+
+
+def _plain(text: str) -> str:
+    """Return a docstring's text in one line, code in single quotes as Markdown has it."""
+    words = " ".join(_CODE.sub(r"`\1`", text).split())
+    words = _OR.sub(".", words)
+    return words[:1].upper() + words[1:]
+
+
+NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
+Name = Annotated[str, Field(pattern=NAME, max_length=LONGEST_NAME)]
+"""Names become parts of file names and of paths in a recording."""
+
+
+Item = TypeVar("Item")
+if TYPE_CHECKING:
+    Two = tuple[Item, Item]
+    Three = tuple[Item, Item, Item]
+else:
+    Two = Annotated[tuple[Item, ...], Field(min_length=2, max_length=2)]
+    Three = Annotated[tuple[Item, ...], Field(min_length=3, max_length=3)]
+Several = Annotated[tuple[Item, ...], Field(min_length=1)]
+"""Lists of two and of three entries, and lists that are not empty."""
+
+
+class Section(BaseModel):
+    """A mapping of the file: no unknown keys, no silent conversion, no change afterwards.
+
+    Of the keys of each group in ``not_both``, its own and those of its bases, one may be given, which
+    is to have another value than it has by itself.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False
+    )
+
+    not_both: ClassVar[tuple[tuple[str, ...], ...]] = ()
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> Self:
+        fields, bases = type(self).model_fields, reversed(type(self).__mro__)
+        for group in (g for base in bases for g in vars(base).get("not_both", ())):
+            given = [k for k in group if getattr(self, k) != fields[k].default]
+            if len(given) > 1:
+                raise ValueError(f"give {' or '.join(given)}, not both")
+        return self
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Return the schema with what the docstring says of every key."""
+        return described(handler.resolve_ref_schema(handler(core)), cls)
+
+    def changed(self, **values: object) -> Self:
+        """Return the section with other values, which are not checked again."""
+        return self.model_copy(update=values)
+
+
+class WingSection(Section):
+    """Optional section of a wing at the top of a scenario, on which nothing of a run depends.
+
+    Attributes:
+        purpose: what it is for, shown by editors.
+    """
+
+    purpose: ClassVar[str]
+
+
+def with_tuples(value: Any) -> Any:
+    """Return what was read from JSON with tuples for lists, which strict sections ask for."""
+    if isinstance(value, dict):
+        return {key: with_tuples(entry) for key, entry in value.items()}
+    return tuple(map(with_tuples, value)) if isinstance(value, list) else value
+
+
+def parts_of(value: object, at: KeyPath = ()) -> Iterator[tuple[KeyPath, object]]:
+    """Yield whatever is in a section, in a list or in a mapping, and that itself last; keys are those of the file.
+
+    Args:
+        value: where to look.
+        at: its place, that begins those of what is in it.
+    """
+    entries: Any = ()
+    if isinstance(value, BaseModel):
+        fields = type(value).model_fields
+        entries = ((fields[key].alias or key, part) for key, part in value)
+    elif isinstance(value, Mapping):
+        entries = value.items()
+    elif isinstance(value, tuple | list):
+        entries = enumerate(value)
+    for key, part in entries:
+        yield from parts_of(part, (*at, key))
+    yield at, value

@@ -1,0 +1,417 @@
+"""What is done when something fails in a construction: the parts that are left, planned from where all is.
+
+A part that fell or broke cannot be had again. Of the parts of its kind one that is not placed yet takes its
+place, and what is given up is the place on which least rests.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from planning.cell.workcell import Attachment, Workcell, WorldState
+from planning.construction.motion_plan_export import motion_plan, rests_on
+from planning.construction.onward import Middle, plan_rest
+from planning.construction.problem.models import ModelPart
+from planning.construction.problem.problem import ConstructionProblem, PlannerSettings
+from planning.construction.world.fixed_world import Building
+from planning.errors import ConstructionError, PlanInvariantError
+from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.tasks.task import AllowedContact, Task
+from planning.worlds.supplied import taken_out
+from planning.worlds.world import World
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
+from scheduling.rolling.cut import complete_tasks, kept_hold
+from twin.host.progress import StageWatch
+from twin.kinds.construction.kind import ConstructionKind
+from twin.operate.committed import (
+    Committed,
+    Draw,
+    Incident,
+    Version,
+    as_far_as_planned,
+    committed_at,
+    cut_at,
+)
+from twin.operate.going import Extension, Known, Luck, Planner, appended, nothing_new
+from twin.operate.judging import Judging, asks_for_another
+from twin.operate.person import Ledger, Person
+from twin.operate.replanning import graph_from
+from twin.planning.time_parameterization import timed
+from twin.scenario.sections.kind import assembly_kind
+from twin.scenario.sections.scenario import Scenario
+
+_PUT = "place-down"
+
+
+@dataclass(frozen=True)
+class _Built(Known):
+    """What is known of the plan of a construction.
+
+    Attributes:
+        parts: where each belongs by now.
+        step_of: step that puts it there, by its name.
+        kept: parts that would fall and are kept hold of, see ``Middle``.
+    """
+
+    parts: tuple[ModelPart, ...]
+    step_of: Mapping[str, int]
+    kept: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+
+    def exchanged(self, one: str, other: str) -> _Built:
+        """Return the same where each of two parts has the other's place."""
+        if one == other:
+            return self
+        goals = {part.name: part.goal for part in self.parts}
+        goals |= {one: goals[other], other: goals[one]}
+        steps = {**self.step_of, one: self.step_of[other], other: self.step_of[one]}
+        parts = tuple(replace(part, goal=goals[part.name]) for part in self.parts)
+        return replace(self, parts=parts, step_of=steps)
+
+
+@dataclass
+class ConstructionRecovery(Planner[_Built]):
+    """Plans what is left of a construction whenever something has failed.
+
+    Args:
+        scenario: its recovery section says how.
+        motions: what the first plan was made of.
+        tpg: the first plan, or what was executed of it.
+        draw: times of new nodes.
+        person: who is asked before something is given up.
+        gone: parts that are lost already.
+        steps: whether robots bring their steps to an end before the cut; their tasks only otherwise.
+    """
+
+    scenario: Scenario
+    motions: PlannedMotions
+    tpg: TemporalPlanGraph
+    draw: Draw
+    person: Person
+    gone: frozenset[str] = frozenset()
+    steps: bool = True
+    _made: dict[object, ConstructionProblem] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Take note of the first plan."""
+        building = self.motions.assembly.building
+        kind = assembly_kind(self.scenario.assembly)
+        assert isinstance(kind, ConstructionKind)
+        self.kind, tpg = kind, self.tpg
+        steps = {name: k for k, name in enumerate(building.placed, start=1)}
+        carriers = self.motions.assembly.problem.graph.carriers
+        above = {
+            steps[name]: frozenset(steps[k] for k in steps if name in carriers[k])
+            for name in steps
+        }
+        ledger = Ledger(above, gone=set(self.gone))
+        self._executed = _Built(Luck.of(tpg), ledger, kind.parts, steps)
+        self._planned = self._executed
+
+    def begun(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> set[int]:
+        """Return the steps that have begun once so many nodes of each chain are executed."""
+        done = (tpg.tasks[k] for k in complete_tasks(tpg, counts))
+        return {task.step for task in done if task.kind in ("pick", "handover", _PUT)}
+
+    def due(self, _tpg: TemporalPlanGraph, _released: Sequence[int]) -> bool:
+        """Tell that all is planned."""
+        return False
+
+    @property
+    def short(self) -> bool:
+        """Whether less is built than is wanted."""
+        return bool(self.given_up)
+
+    def plan(self, tpg: TemporalPlanGraph, incident: Incident) -> Version:
+        """Return the graph that goes on."""
+        begin = time.process_time()
+        return self._version(tpg, incident, self._onward(tpg, incident), begin)
+
+    def plan_alone(self, tpg: TemporalPlanGraph, incident: Incident) -> Extension:
+        """Return what goes on, see ``Planner``."""
+        found = self._onward(tpg, incident)
+        self._executed = self._planned
+        return found
+
+    def _unplanned(self, state: _Built) -> int:
+        return 0
+
+    def _ended(self, tpg: TemporalPlanGraph, incident: Incident, why: str) -> Extension:
+        ledger = self._executed.ledger.copy()
+        judging = Judging(self.scenario.execution, ledger, self.person)
+        judged = judging.judged(tpg, incident)
+        counts = as_far_as_planned(tpg, incident)
+        at = committed_at(tpg, counts, incident, judged)
+        self._planned = replace(self._executed, ledger=ledger)
+        complete = (at.committed.tasks[k] for k in at.complete)
+        done = {task.step for task in complete if task.kind == _PUT}
+        for step in sorted({*self._executed.step_of.values()} - done - ledger.undone):
+            ledger.give_up(step, why)
+        return nothing_new(at, tpg.cell)
+
+    def _onward(self, tpg: TemporalPlanGraph, incident: Incident) -> Extension:
+        """Return all, what is new only, and what there was before."""
+        ledger = self._executed.ledger.copy()
+        section = self.scenario.execution
+        judging = Judging(section, ledger, self.person)
+        judged = judging.judged(tpg, incident)
+        counts = cut_at(tpg, incident, steps=self.steps)
+        at = committed_at(tpg, counts, incident, judged)
+        for step in incident.unwanted - self.begun(tpg, counts):
+            ledger.drop(step)
+        there = self._there(ledger, at)
+        ledger.gone |= {name for name, own in there.items() if own.holder in at.out}
+        placed = tuple(
+            ledger.lost(str(task.object))
+            for task in at.committed.tasks
+            if task.kind == _PUT and task.index in at.complete
+        )
+        kept, placed = self._kept(ledger, tpg, at, placed)
+        built = replace(self._executed, ledger=ledger, kept=kept)
+        for name in placed:
+            goals = {part.name: part.goal for part in built.parts}
+            lies = there[name].pose
+            (own,) = (k for k in goals if np.allclose(goals[k], lies, atol=1e-6))
+            built = built.exchanged(name, own)
+        for name in sorted(ledger.gone & built.step_of.keys()):
+            built = self._exchanged(built, name, placed, there)
+        for name in sorted(ledger.gone & built.step_of.keys() - there.keys()):
+            if (step := built.step_of[name]) not in ledger.undone:
+                about = ledger, self.person, tpg.cell
+                asks_for_another(*about, step, name, f"{name} is lost")
+        there = self._there(ledger, at)
+        self._planned = built
+        problem = self._problem(tpg.cell, built, placed, there, at.out)
+        names = {part.name for part in problem.parts}
+        held = {
+            name: own
+            for name, own in there.items()
+            if own.holder is not None and own.holder not in at.out
+        }
+        robots = {r.name: at.state.configurations[r.name] for r in tpg.cell.robots}
+        complete = frozenset(at.complete)
+        before = at.committed.tasks
+        state = WorldState(at.state.configurations, there)
+        world = World(state, complete=complete, out=at.out, tasks=len(before))
+        try:
+            effort = PlannerSettings().finding(self.motions.settings.paths)
+            rest = plan_rest(problem, Middle(robots, placed, held, kept), effort)
+            kept = {k: (own.robot, own.last) for k, own in rest.kept.items()}
+            self._planned = replace(built, kept=kept)
+            self._give_up(built, rest.placed)
+            plan = self._motions(problem, rest, world, tpg.cell)
+            new = graph_from(plan, world, before, StageWatch())
+            new = timed(new, self.scenario, StageWatch())
+            waits = self._waits(problem, rest, plan, at)
+            union, new, _ = appended(at, new, tpg.cell, ledger, waits)
+        except (ConstructionError, PlanInvariantError) as error:
+            for name in names - {*placed}:
+                why = str(error).partition("\n")[0]
+                ledger.given_up.setdefault(built.step_of[name], why)
+            self._give_up(built, placed)
+            return nothing_new(at, tpg.cell)
+        return union, new, at
+
+    def _there(self, ledger: Ledger, at: Committed) -> Mapping[str, Attachment]:
+        """Return where parts are, by the names with which plans know them."""
+        pending = ledger.pending(at.committed.tasks)
+        return ledger.where(at.state.attachments, pending, at.committed.cell)
+
+    def _kept(
+        self,
+        ledger: Ledger,
+        tpg: TemporalPlanGraph,
+        at: Committed,
+        placed: Sequence[str],
+    ) -> tuple[dict[str, tuple[str, str]], tuple[str, ...]]:
+        """Return what is kept hold of, and what is placed: before that by which it stands, or last."""
+        kept, order = {}, list(placed)
+        for name, (robot, last) in self._executed.kept.items():
+            if name in placed:
+                kept[name] = robot, last if last in placed else ""
+        pairs = {name: last for name, (_, last) in kept.items()}
+        for part, robot, until, left in kept_hold(tpg, at.complete):
+            name, last = ledger.lost(part), ledger.lost(until)
+            pairs[name], kept[name] = last, (robot, last)
+            if left:
+                del kept[name]
+        for name, last in pairs.items():
+            order.remove(name)
+            order.insert(order.index(last) if last else len(order), name)
+        return kept, tuple(order)
+
+    def _exchanged(
+        self,
+        built: _Built,
+        name: str,
+        placed: Sequence[str],
+        there: Mapping[str, Attachment],
+    ) -> _Built:
+        """Return where parts belong once another one of its kind has the place of one that is lost."""
+        ledger, steps = built.ledger, built.step_of
+        if steps[name] in ledger.undone:
+            return built
+        parts = {part.name: part for part in built.parts}
+        own = self._alike(parts[name])
+        spare = [
+            other
+            for other in parts
+            if other not in {*placed, *ledger.gone}
+            and steps[other] not in ledger.undone
+            and other in there
+            and there[other].holder is None
+            and self._alike(parts[other]) == own
+        ]
+        # What least rests on is missed least; of these what comes last.
+        least = min(
+            [name, *spare], key=lambda k: (self._above(ledger, steps[k]), -steps[k])
+        )
+        return built.exchanged(name, least)
+
+    def _alike(self, part: ModelPart) -> object:
+        """Return what parts have in common of which each may have the place of the other."""
+        ways = {own.name: own.insertion for own in self.kind.section.parts}
+        about = part.size.tobytes(), part.mass, part.faces
+        return *about, ways.get(part.name)
+
+    def _above(self, ledger: Ledger, step: int) -> int:
+        """Return on how many steps a step is not to be missed, those given up left out."""
+        found, todo = set[int](), [step]
+        while todo:
+            more = ledger.resting.get(todo.pop(), frozenset()) - found - ledger.undone
+            found |= more
+            todo += more
+        return len(found)
+
+    def _problem(
+        self,
+        cell: Workcell,
+        built: _Built,
+        placed: Sequence[str],
+        there: Mapping[str, Attachment],
+        out: frozenset[str],
+    ) -> ConstructionProblem:
+        """Return the problem of all parts that stand or are to."""
+        ledger = built.ledger
+        wanted = tuple(
+            part
+            for part in built.parts
+            if part.name in placed
+            or (
+                part.name in there
+                and part.name not in ledger.gone
+                and built.step_of[part.name] not in ledger.undone
+            )
+        )
+        key = (
+            tuple((p.name, p.goal.tobytes()) for p in wanted),
+            out,
+            frozenset(there),
+        )
+        if key not in self._made:
+            objects = tuple(
+                replace(item, later=item.name not in there) for item in cell.objects
+            )
+            now = replace(cell, objects=objects)
+            found = self.kind.problem(now, self.motions.settings, wanted)
+            self._made[key] = replace(found, idle=out)
+        return self._made[key]
+
+    def _give_up(
+        self, built: _Built, placed: Mapping[str, float] | Sequence[str]
+    ) -> None:
+        """Give up the steps of parts that are not placed, with the reason."""
+        ledger = built.ledger
+        undone = {k: name for name, k in built.step_of.items() if name not in placed}
+        for step, name in sorted(undone.items()):
+            if step not in ledger.undone and name in ledger.gone:
+                ledger.give_up(step, f"{name} is lost")
+        for step, name in sorted(undone.items()):
+            if step not in ledger.undone:
+                held = (
+                    f": {part} would fall without {robot}, which keeps hold of it"
+                    for part, (robot, last) in self._planned.kept.items()
+                    if not last
+                )
+                why = next(held, "")
+                ledger.give_up(step, f"no way was found to place {name}{why}")
+
+    def _motions(
+        self,
+        problem: ConstructionProblem,
+        rest: Building,
+        world: World,
+        cell: Workcell,
+    ) -> MotionPlan:
+        """Return the motions of what is left, numbered on, with what persons take from hands at its end."""
+        plan, first = motion_plan(problem, rest), world.tasks
+        order, steps = list(rest.placed), self._planned.step_of
+        tasks = [
+            replace(
+                task,
+                index=task.index + first,
+                step=steps[order[task.step - 1]] if task.step <= len(order) else 1,
+            )
+            for task in plan.tasks
+        ]
+        allowed = [
+            replace(c, tasks=frozenset(k + first for k in c.tasks))
+            for c in plan.allowed
+        ]
+        motions, end = list(plan.motions), rest.world.end
+        for name, contacts, task in self._removed(
+            rest, world, cell, first + len(tasks)
+        ):
+            home = cell.robot(name).home
+            lasts = self.scenario.execution.recovery.remove_s
+            motions.append(
+                TaskMotion(np.stack([home, home]), np.array([end, end + lasts]))
+            )
+            tasks.append(task)
+            allowed += contacts
+        waits = np.asarray(plan.dependencies, dtype=np.int64).reshape(-1, 2) + first
+        return MotionPlan(cell, tuple(tasks), tuple(motions), waits, tuple(allowed))
+
+    def _removed(
+        self, rest: Building, world: World, cell: Workcell, first: int
+    ) -> Iterator[tuple[str, Sequence[AllowedContact], Task]]:
+        """Yield whoever has something in its hand at HOME that goes nowhere, and how that is taken from it."""
+        for name, own in world.held():
+            holder = str(own.holder)
+            if own.holder in world.out or name in rest.placed:
+                continue
+            ends = rest.world.robots[holder].path[-1]
+            if np.abs(ends - cell.robot(holder).home).max() < 1e-6:
+                step = taken_out(cell, world, holder, name, first)
+                yield holder, step.allowed, step.tasks[0]
+                first += 1
+
+    def _waits(
+        self,
+        problem: ConstructionProblem,
+        rest: Building,
+        plan: MotionPlan,
+        at: Committed,
+    ) -> np.ndarray:
+        """Return what waits for what, of what is new and what is committed, shape (e, 2)."""
+        before = [task for task in at.committed.tasks if task.kind in ("pick", _PUT)]
+        name_of = self._planned.ledger.lost
+        put = {name_of(str(t.object)): t.index for t in before if t.kind == _PUT}
+        taken = {name_of(str(t.object)): t.index for t in before if t.kind == "pick"}
+        needs, covers = rests_on(problem, rest), problem.graph.covers
+        pairs = [tuple(pair) for pair in plan.dependencies.tolist()]
+        for task in plan.tasks:
+            name = str(task.object)
+            if task.kind == _PUT:
+                pairs += [(put[k], task.index) for k in needs[name] if k in put]
+            elif task.kind == "pick":
+                own = covers.get(name, ())
+                pairs += [(taken[k], task.index) for k in own if k in taken]
+            elif name in rest.kept and rest.kept[name].robot == task.robot:
+                last = rest.kept[name].last
+                pairs += [(put[k], task.index) for k in (last,) if k in put]
+        return np.array(sorted(set(pairs)), dtype=np.int64).reshape(-1, 2)

@@ -1,0 +1,93 @@
+"""The executor of runs whose robots are moved by drivers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from planning.errors import TwinError
+from twin.durations.model import NANOSECONDS
+from twin.live.measured import History, history_of
+from twin.live.session import Session
+from twin.operate.executor import operate_plan, plan_again, require_unanswered
+from twin.operate.person import Says
+from twin.recorders.observers import Recorder
+from twin.run.events import parse_event
+from twin.run.folder import EVENTS, MEASURED
+from twin.run.header import RunHeader
+from twin.trial.executor import Executed, ResumeError
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult
+
+
+@dataclass(frozen=True)
+class LiveExecutor:
+    """Executes plans with drivers that move the robots, and plans anew what fails.
+
+    Attributes:
+        session: the drivers.
+        says: answers for a person who is asked then; see twin.operate.
+        history: what has happened by the log, of a run that is continued.
+    """
+
+    session: Session
+    says: Says | None = None
+    history: History | None = None
+
+    @classmethod
+    def of(cls, header: RunHeader, folder: Path) -> LiveExecutor:
+        """Return the executor of a run that has begun.
+
+        Raises:
+            ResumeError: somebody answered questions in it.
+        """
+        require_unanswered(header, folder)
+        assert header.session is not None
+        return cls(Session.of(folder.name, header.session))
+
+    @property
+    def entries(self) -> Mapping[str, Any]:
+        """Entries of the header of a run by which its executor is found again."""
+        return {
+            "operated": True,
+            "answered": self.says is not None,
+            "session": self.session.content(),
+        }
+
+    def execute(
+        self,
+        plan: PlanResult,
+        folder: Path,
+        recorders: Sequence[Recorder],
+        sync: Callable[[], None],
+    ) -> Executed:
+        """Execute a plan; see Executor."""
+        live = self.session.execution(
+            plan.tpg.cell, sync, folder / MEASURED, self.history
+        )
+        return operate_plan(plan, folder, recorders, self.says, live)
+
+    def plan_to_resume(
+        self, case: LoadedScenario, folder: Path, _header: RunHeader
+    ) -> PlanResult:
+        """Return the plan with which a run began; see ``plan_again``."""
+        return plan_again(case, folder)
+
+    def continued(
+        self, plan: PlanResult, folder: Path, log: Sequence[str]
+    ) -> LiveExecutor:
+        """Return who continues a run, from what its drivers and its log say of it.
+
+        Raises:
+            ResumeError: something was planned anew in it.
+        """
+        try:
+            history = history_of(plan.tpg, list(map(parse_event, log)))
+        except TwinError as error:
+            raise ResumeError(f"{folder}: {error}") from None
+        stood_s = max(time.time() - (folder / EVENTS).stat().st_mtime, 0.0)
+        history.since_ns += round(stood_s * self.session.drivers.pace * NANOSECONDS)
+        return replace(self, history=history)

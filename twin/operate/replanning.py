@@ -1,0 +1,99 @@
+"""Planning what is left of an assembly from a world on, as a graph of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from planning.cell.workcell import Workcell
+from planning.motion.known_motions import KnownMotions, MotionPlan
+from planning.tasks.task import Task
+from planning.worlds.onward import Onward, Situation, plan_onward
+from planning.worlds.world import World, in_world, taken_up, windows_from
+from scheduling.build_tpg import build_nodes, connect_nodes
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.ordering.beam_search import reorder_tasks
+from scheduling.planned_motions import PlannedMotions
+from scheduling.shortcuts.shortcutting import shorten_tpg
+from twin.host.progress import StageWatch
+from twin.planning.time_parameterization import timed
+from twin.scenario.sections.scenario import Scenario
+
+
+def plan_from(
+    motions: PlannedMotions,
+    scenario: Scenario,
+    cell: Workcell,
+    now: Situation,
+    before: Sequence[Task],
+    watch: StageWatch,
+    *,
+    candidates: int,
+    known: KnownMotions | None = None,
+) -> tuple[Onward, TemporalPlanGraph]:
+    """Plan what is left of an assembly from a world on.
+
+    The graph is ordered and shortened like any plan, by itself: what is still executed of the plan before it only
+    makes it wait.
+
+    Args:
+        motions: what the first plan was made of.
+        scenario: its settings.
+        cell: with the objects that have come up.
+        now: where it begins.
+        before: tasks of the plan up to now; new ones go on from their number.
+        watch: measures the stages.
+        candidates: shortcuts tried.
+        known: ways found before.
+
+    Returns:
+        Choices, tasks and motions, and their graph, which begins in the world.
+
+    Raises:
+        InfeasibleStepError: a step can no longer be done by anyone.
+        TransitError: no collision-free path was found.
+        PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
+    """
+    assert motions.work is not None
+    with watch.stage("motion"):
+        onward = plan_onward(cell, motions.work, motions.settings, now, known=known)
+    tpg = graph_from(onward.motions, now.world, before, watch)
+    if candidates and len(tpg.chains):
+        with watch.stage("shortcut"):
+            tpg = shorten_tpg(
+                reorder_tasks(tpg),
+                motions.settings.speeds,
+                step=motions.settings.step,
+                candidates=candidates,
+                seed=scenario.seed,
+            )
+    return onward, timed(tpg, scenario, watch)
+
+
+def graph_from(
+    plan: MotionPlan, world: World, before: Sequence[Task], watch: StageWatch
+) -> TemporalPlanGraph:
+    """Return the graph of motions that begin in a world.
+
+    Args:
+        plan: of the new tasks, whose indices go on from the world's.
+        world: where it begins.
+        before: see ``plan_from``.
+        watch: measures the stage.
+    """
+    busy, first = frozenset(task.robot for task in plan.tasks), world.tasks
+    inside = plan.dependencies[np.all(plan.dependencies >= first, axis=1)]
+    begins = replace(
+        plan,
+        cell=in_world(plan.cell, world, busy),
+        tasks=taken_up(plan.tasks, world),
+        dependencies=inside,
+        windows=tuple(windows_from(world, plan.windows)),
+    )
+    with watch.stage("tpg"):
+        nodes = build_nodes(begins)
+        whole = replace(nodes, tasks=(*before[:first], *nodes.tasks))
+        return connect_nodes(DerivedTpg(whole))

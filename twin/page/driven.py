@@ -1,0 +1,83 @@
+"""Cells whose robots are moved by drivers: who executes their plans, with a page beside them where one is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from twin.drivers.drivers_file import read_drivers
+from twin.live.executor import LiveExecutor
+from twin.live.session import Session
+from twin.page.attended import AttendedSession, Panel
+from twin.page.server import PageServer
+from twin.run.folder import EVENTS
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.simulation import scenario_execution
+from twin.uncertainty.disturbances import Disturbances
+
+
+class DrivenCell:
+    """A cell whose robots are moved by the drivers of a file.
+
+    Args:
+        case: the scenario.
+        drivers: the file.
+
+    Raises:
+        InvalidScenarioError: the file is not valid.
+        RequestError: the drivers cannot be served as it says.
+    """
+
+    def __init__(self, case: LoadedScenario, drivers: Path) -> None:
+        self._session = Session(
+            case.name, read_drivers(drivers, case.robots), drivers.parent
+        )
+        self._session.require_servable()
+
+    @contextmanager
+    def executor(
+        self,
+        case: LoadedScenario,
+        folder: Path,
+        *,
+        says: Callable[[str], bool] | None = None,
+        page: int | None = None,
+        opened: Callable[[str], None] | None = None,
+    ) -> Iterator[LiveExecutor]:
+        """Yield the executor of a run, while its page is served.
+
+        Args:
+            case: what is executed.
+            folder: of the run.
+            says: answers for a person who is asked; by default the page does where ``recovery.ask`` is given.
+            page: port of the page, 0 for any that is free; None for no page.
+            opened: told of the address of the page.
+        """
+        session = replace(self._session, name=folder.name)
+        if page is None:
+            yield LiveExecutor(session, says)
+            return
+        with _page(case, page, folder / EVENTS, opened) as panel:
+            attended = AttendedSession(
+                session.name, session.drivers, session.folder, panel=panel
+            )
+            asks = case.sections.execution.recovery.ask is not None
+            yield LiveExecutor(attended, panel.says if asks and says is None else says)
+
+
+@contextmanager
+def _page(
+    case: LoadedScenario, port: int, log: Path, opened: Callable[[str], None] | None
+) -> Iterator[Panel]:
+    """Serve a page beside a run, and yield what both share."""
+    model = scenario_execution(case.sections, case.folder)
+    # What fails is reported by drivers, and foreseen by nobody.
+    model = replace(model, disturbances=Disturbances())
+    panel = Panel(case.steps)
+    server = PageServer(panel, model, port, case.name, log)
+    with server.serving():
+        if opened is not None:
+            opened(server.address)
+        yield panel

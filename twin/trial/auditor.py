@@ -1,0 +1,49 @@
+"""The auditor of a run: code that judges what was executed, and that planning does not use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from twin.host.progress import Report
+from twin.registry import AUDIT, AUDITORS
+from twin.scenario.sections.scenario import Scenario
+
+
+class Auditor(Protocol):
+    """Judges what was executed by all that a scenario says of it."""
+
+    def judge(
+        self,
+        scenario: Scenario,
+        folder: Path,
+        *,
+        ordered: bool,
+        finished: bool,
+        progress: Report,
+    ) -> Mapping[str, Any]:
+        """Return what was found, with the keys of ``audit`` in ``summary.json``.
+
+        Args:
+            scenario: says what is to be where, and what holds it.
+            folder: with the plan and the tables of the motion.
+            ordered: whether the run had to keep the plan's type-2 edges, as all policies but
+                open-loop do.
+            finished: whether the run came to its end, so that all must be in place.
+            progress: told how far the audit has come.
+        """
+        ...
+
+
+def load_auditor(engine: str | None = None) -> Auditor:
+    """Return the auditor of runs.
+
+    Args:
+        engine: to measure with; by default PyBullet where it is installed, else coal.
+
+    Raises:
+        RequestError: there is no auditor, or it has no such engine.
+    """
+    found: Auditor = AUDITORS.require(AUDIT, "an audit")(engine)
+    return found

@@ -1,0 +1,137 @@
+"""Resuming a run that was killed.
+
+Runs are deterministic: the same scenario, plan and seed give the same events. So a run is resumed
+by running it again from the start, comparing every event with the log as far as that goes, and
+writing what it does not hold yet: the same files, kill or none. What drivers did is continued from
+the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from planning.errors import OutputError
+from twin.host.progress import Report, report_nothing
+from twin.recorders.observers import (
+    JsonlRecorder,
+    MemoryRecorder,
+)
+from twin.run.events import Event, event_line, parse_event, read_log
+from twin.run.folder import (
+    EVENTS,
+    SUMMARY,
+    keep_new,
+    require_as_written,
+)
+from twin.run.header import RunHeader
+from twin.scenario.manifest import (
+    MANIFEST,
+    manifest_base,
+    read_manifest,
+    require_same_files,
+)
+from twin.trial.executor import ResumeError, executor_of
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.run_result import RunResult
+from twin.trial.trial import SIMULATION, conclude, whole_or_failed
+
+
+def resume_run(
+    folder: Path, *, base: Path | None = None, progress: Report = report_nothing
+) -> RunResult:
+    """Resume a simulated run from its log; one that has come to its end is read.
+
+    Args:
+        folder: of the run; its process must not be alive any more.
+        base: where relative paths of the scenario start, where that has changed.
+        progress: told how far each stage has come.
+
+    Raises:
+        OutputError: the folder holds no run, or a file is damaged or cannot be written.
+        ResumeError: an event is not what the log says, as after an update of a package.
+    """
+    scenario, manifest = read_manifest(folder, "run to resume")
+    try:
+        header = RunHeader(**manifest["run"])
+    except (KeyError, TypeError) as error:
+        raise OutputError(
+            f"{folder / MANIFEST}: does not say how to resume: {error}"
+        ) from error
+    path = folder / EVENTS
+    log = read_log(path) if path.exists() else ()
+    known = _before_interrupt(log)
+    # The summary is written last, and the log ends with the end of the run.
+    if (folder / SUMMARY).exists() and len(known) == len(log) and _has_ended(log):
+        require_as_written(folder, (EVENTS,))
+        return RunResult(folder)
+    executor = executor_of(header, folder)
+    progress(SIMULATION, 0, 1)
+    start = base or manifest_base(folder, manifest)
+    require_same_files(folder, manifest, scenario, start)
+    plan = executor.plan_to_resume(LoadedScenario(scenario, start), folder, header)
+    memory = MemoryRecorder()
+    size = sum(len(line.encode()) for line in known)
+    continuing = executor.continued(plan, folder, known)
+    if continuing is not None:
+        memory.events += map(parse_event, known)
+        with whole_or_failed(folder):
+            recorder = JsonlRecorder(path, kept=size)
+            done = continuing.execute(plan, folder, (recorder, memory), recorder.sync)
+            recorder.require_whole()
+            run = conclude(done, folder, memory.events, header, progress, len(known))
+    else:
+        done = executor.execute(plan, folder, (memory,), _no_sync)
+        if done.record.outcome == "aborted":
+            raise KeyboardInterrupt
+        lines = [event_line(event) for event in memory.events]
+        _require_agreement(path, known, lines, memory.events)
+        with whole_or_failed(folder):
+            recorder = JsonlRecorder(path, kept=size)
+            for event in memory.events[len(known) :]:
+                recorder.record(event)
+            recorder.close()
+            run = conclude(done, folder, memory.events, header, progress, len(known))
+    keep_new(folder)
+    return run
+
+
+def _no_sync() -> None:
+    """Write nothing: the events are written once they agree with the log."""
+
+
+def _has_ended(log: Sequence[str]) -> bool:
+    """Tell whether the last row of a log is the end of the whole run."""
+    if not log:
+        return False
+    last = parse_event(log[-1])
+    return last.kind == "finished" and not last.robot
+
+
+def _before_interrupt(log: Sequence[str]) -> Sequence[str]:
+    """Return a log without the last rows of a run that the user broke off."""
+    lines = list(log)
+    if lines and '"finished"' in lines[-1]:
+        last = parse_event(lines[-1])
+        if not last.robot and last.detail == "aborted":
+            lines.pop()
+            if lines and '"stopped"' in lines[-1] and not parse_event(lines[-1]).robot:
+                lines.pop()
+    return lines
+
+
+def _require_agreement(
+    path: Path, known: Sequence[str], lines: list[str], events: list[Event]
+) -> None:
+    for k, line in enumerate(known):
+        if k >= len(lines):
+            raise ResumeError(
+                f"{path}:{k + 1}: the run ends after {len(lines)} events, the log goes on"
+            )
+        if line != lines[k]:
+            event = events[k]
+            raise ResumeError(
+                f"{path}:{k + 1}: the log says {line.strip()}, but now"
+                f" {event.robot or 'the run'} {event.kind} at"
+                f" {event.t_ns / 1e9:.9f} s: {lines[k].strip()}"
+            )
