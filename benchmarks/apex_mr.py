@@ -35,18 +35,18 @@ from benchmarks.store import Row, RowStore
 from planning.errors import TwinError
 from planning.lego.importers.apex_mr.importer import available_tasks
 from scheduling.planned_motions import PlannedMotions
-from twin.comparison.comparison import (
-    Measurement,
-    comparison_figures,
-    measure_plans,
-    plan_to_compare,
-    shortcut_budget,
-)
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.kinds.lego.imports import import_task
 from twin.planning.pipeline import plan_in_slots
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario, follow_references
+from twin.study.comparison import (
+    Measurement,
+    comparison_figures,
+    measure_policies,
+    plan_to_compare,
+)
+from twin.study.plans import shortcut_budget
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "benchmarks" / ".measured" / "apex_mr"
@@ -204,12 +204,12 @@ class _Case:
         scenario = self.scenario.model_copy(update={"seed": seed})
         watch = StageWatch(progress, clock=time.process_time)
         turns = plan_to_compare(scenario, self.base, watch)
-        found = measure_plans(
+        found = measure_policies(
             turns, scenario, watch, candidates=self.candidates, base=self.base
         )
         always = {"joint_planning": "always"}
         planning = scenario.planning.model_copy(update=always)
-        joint = measure_plans(
+        joint = measure_policies(
             turns,
             scenario.model_copy(update={"planning": planning}),
             watch,

@@ -16,9 +16,9 @@ from benchmarks.apex_mr_tables import (
     quality,
 )
 from benchmarks.machine import load_line
-from twin.comparison.chart import draw_comparison
 from twin.host.guard import replacing, write_json
 from twin.run.policies import SEQUENTIAL
+from twin.study.report.comparison_chart import draw_comparison
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks import apex_mr_paper as paper
-from twin.comparison.chart import mean, percent, spread
-from twin.comparison.comparison import BASELINES
 from twin.run.policies import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUTS,
@@ -17,6 +15,8 @@ from twin.run.policies import (
     SYNCHRONOUS_SHORTCUTS,
     SYNCHRONOUS_TPG,
 )
+from twin.study.comparison import BASELINES
+from twin.study.report.comparison_chart import mean, percent, spread
 
 JOINTLY = {
     SYNCHRONOUS: "synchronous, joint",
@@ -202,8 +202,7 @@ def quality(measured: Mapping[str, Measured], what: str = "Plans") -> list[str]:
         "waiting (with shortcuts: past HOME), and the longest path through the nodes and the",
         "dependencies of tasks alone. Wait is summed over robots, each until its own last node.",
         "*Joint*: all transits of a slot are planned as one robot, as in the paper.",
-        "Assemblies are shortened without sidesteps here, as is the default; [sidesteps.md](sidesteps.md) has",
-        "what these gain, and why a plan in turns can end later than one in slots.",
+        "Assemblies are shortened without sidesteps here, as is the default.",
     ]
 
 

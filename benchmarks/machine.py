@@ -43,4 +43,4 @@ def load_line(loads: Sequence[tuple[float, float]]) -> str:
 
 def forget_answers() -> None:
     """Let inverse kinematics forget what it was asked before, which would spare what is measured."""
-    kinematics._SOLVED = KeptAnswers(20_000)
+    kinematics._SOLVED = KeptAnswers(20_000)  # noqa: SLF001

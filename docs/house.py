@@ -57,7 +57,7 @@ WAY = {
     "run_plan_to_folder": "execute the plan once",
     "Simulator": "let robots run, stall and wait",
     "JsonlRecorder": "write each event as it happens",
-    "Auditor": "replay and measure it",
+    "RunAuditor": "replay and measure it",
     "summarise": "say what came of it",
 }
 """Stages of ``twin run``, by the function or class that stands for each."""
@@ -140,9 +140,17 @@ def room_table(code: Mapping[str, ast.Module]) -> str:
     return "\n".join(rows) + "\n"
 
 
+def without_circles(graph: nx.DiGraph[str]) -> nx.DiGraph[str]:
+    """Return the rooms and arrows without one arrow of each circle."""
+    found = nx.DiGraph(graph)
+    while not nx.is_directed_acyclic_graph(found):
+        found.remove_edge(*nx.find_cycle(found)[-1])
+    return found
+
+
 def floor_arrows(graph: nx.DiGraph[str]) -> list[tuple[str, str]]:
-    """Return the arrows within floors without those that follow from others."""
-    out = []
+    """Return the arrows within floors without those that follow from others, and without circles."""
+    out, graph = [], without_circles(graph)
     for floor in FLOORS:
         own = graph.subgraph(n for n in graph if n.split("/")[0] == floor)
         out += list(nx.transitive_reduction(own).edges)
@@ -399,7 +407,8 @@ def _layout(
     bottom = 0.2
     for floor in reversed(FLOORS):
         own = [(a, b) for a, b in arrows if a.split("/")[0] == floor]
-        rooms = graph.subgraph(n for n in graph if n.split("/")[0] == floor)
+        rooms: nx.DiGraph[str] = nx.DiGraph(own)
+        rooms.add_nodes_from(n for n in graph if n.split("/")[0] == floor)
         levels = [
             sorted(level)
             for level in nx.topological_generations(rooms.reverse(copy=False))

@@ -102,14 +102,25 @@ def read_file(path: Path, most: int = LARGEST) -> bytes:
     return b"".join(pieces)
 
 
-def read_json(path: Path, most: int = LARGEST) -> Any:
-    """Return the value of a JSON file, see ``parse_json``.
+def read_object(path: Path, what: str) -> dict[str, Any]:
+    """Return the object of a JSON file.
+
+    Args:
+        path: the file.
+        what: what it should be, for messages: ``summary of a run``.
 
     Raises:
-        OSError: it cannot be read, or is larger than so many bytes.
-        ValueError: it is no JSON of bounded size.
+        OutputError: it cannot be read, is no JSON of bounded size, or holds no object.
     """
-    return parse_json(read_file(path, most))
+    try:
+        found = parse_json(read_file(path))
+    except FileNotFoundError as error:
+        raise OutputError(f"{path}: no {what}: there is none") from error
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{path}: no {what}: {error}") from error
+    if not isinstance(found, dict):
+        raise OutputError(f"{path}: no {what}: an object was expected")
+    return found
 
 
 def parse_json(content: bytes | str, parse_float: Callable[[str], Any] = float) -> Any:

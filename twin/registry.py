@@ -193,6 +193,7 @@ HOOKS = Group(
     "hooks",
     {
         "check": "twin.check.api:check",
+        "audit engine": "twin.audit.engine_report:report_engine",
         "plan from run": "twin.operate.plan_from_run:plan_from_run",
         "driven cell": "twin.page.driven:DrivenCell",
         "design": "twin.explore.designs:begin_named_design",
@@ -227,3 +228,11 @@ AUDITORS = Group("auditors", {AUDIT: "twin.audit.run_auditor:RunAuditor"})
 
 RECORDERS = Group("recorders", {"rerun": "twin.recorders.rerun.recorder:record_run"})
 """Recordings of runs that have ended, called with folder, graph, record, events and the scenario's name."""
+
+PLANNERS = Group("planners", {"rrt-connect": "planning.motion.transit:RrtConnect"})
+"""Transit planners, by ``planning.planner`` of a scenario: called with lower and upper joint limits of a robot, shape
+(n,), and its speed model; return a ``planning.motion.transit.TransitPlanner``."""
+
+DRIVERS = Group("drivers", {"franka": "twin.drivers.franka:franka_driver"})
+"""Drivers of robots within this process, by ``kind`` or by ``name`` of the kind ``registered`` in a drivers file: called
+with that section and a placed robot; return a ``twin.drivers.driver.Driver``."""

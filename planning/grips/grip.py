@@ -323,25 +323,12 @@ class GripRules:
 
     A tool frame's z axis points out of the hand and its fingers close along y.
 
+    All but the last two are the keys of ``assembly.grips`` in a scenario, without their units: lengths are
+    in metres, angles in radians, directions are unit vectors.
+
     Attributes:
-        frame: name of the tool frame, a key of ``RobotModel.frames``.
-        positions: number of places along a part's longest edge.
-        end_margin: distance of the outermost place from the end of the part [m].
-        opening: widest edge that fits between the fingers [m].
-        least_opening: narrowest that they hold [m].
-        depth: how far the tool frame goes below the face it comes from; never beyond the
-            middle of the part [m].
-        directions: unit vectors in the world along which the tool may point, each (3,).
-        steepest: largest angle between the tool and the nearest of them, where a part is
-            picked and where it is placed [rad].
-        tilts: leanings of the tool about the axis along which its fingers close [rad].
-        around: step in which the tool is turned about a bar, and about the direction in which it
-            closes on a mesh [rad].
-        finger_width: of the fingers, along x [m].
-        finger_depth: how much room a finger takes beside a part when it is open, along y [m].
-        suction: whether the tool holds by suction, with its frame at the face.
-        cup: radius of the spot that must be flat then; None for the tool's own or ``USUAL_CUP`` [m].
-        lips: points of the tool's cups that must be on it; none for a ring of that radius [m].
+        least_opening: narrowest part that the fingers hold [m].
+        lips: points of the tool's cups that must be on the part; none for a ring of radius ``cup`` [m].
     """
 
     frame: str = "tool"

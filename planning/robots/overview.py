@@ -47,17 +47,21 @@ class Overview:
         model: the robot.
         held: joints that are held, and at what [rad or m].
         links: in the order of the file.
-        words: what was chosen for it, and why.
+        left_out: links with collision shapes that were left out as they have no volume, in words.
+        doubts: quantities that are likely missing or in a wrong unit, in words.
+        words: notes on all of this and on the flange.
     """
 
     model: RobotModel
     held: Mapping[str, float]
     links: tuple[LinkRow, ...]
+    left_out: tuple[str, ...]
+    doubts: tuple[str, ...]
     words: tuple[str, ...]
 
 
 def overview(model: RobotModel) -> Overview:
-    """Return what the description of a robot holds."""
+    """Return the contents of the description of a robot."""
     root = read_xml(model.urdf)
     values = dict(zip(model.joint_names, model.home.tolist(), strict=True))
     held = {
@@ -67,7 +71,10 @@ def overview(model: RobotModel) -> Overview:
     }
     tool = _tool_links(root, model)
     links = _links(root, values, model.urdf, tool, model.flange_link)
-    return Overview(model, held, links, tuple(_words(model, links)))
+    left_out = tuple(_left_out(root))
+    doubts = tuple(_doubts(root, model))
+    words = _words(model, links, left_out, doubts)
+    return Overview(model, held, links, left_out, doubts, tuple(words))
 
 
 def _links(
@@ -95,15 +102,19 @@ def _links(
     return tuple(rows)
 
 
-def _words(model: RobotModel, links: tuple[LinkRow, ...]) -> list[str]:
-    """Say what was chosen, and what is doubtful about it."""
+def _words(
+    model: RobotModel,
+    links: tuple[LinkRow, ...],
+    left_out: tuple[str, ...],
+    doubts: tuple[str, ...],
+) -> list[str]:
     out = [f"flange: link {model.flange_link!r}, z out of it"]
     doubt = flange_doubt(model)
     if doubt is not None:
         out[0] = f"flange: link {model.flange_link!r}"
         out.append(f"doubtful: {doubt}")
-    out += [f"left out: {text}" for text in empty_shapes(model)]
-    out += [f"doubtful: {text}" for text in description_doubts(model)]
+    out += [f"left out: {text}" for text in left_out]
+    out += [f"doubtful: {text}" for text in doubts]
     tip = tip_link(tuple(row.name for row in links if row.group == "tool"))
     if tip is not None:
         out.append(f"the link {tip!r} is named as a tool's tip")
@@ -127,12 +138,11 @@ _PARALLEL = 0.99
 """Cosine of the angle between axes that count as parallel."""
 
 
-def empty_shapes(model: RobotModel) -> list[str]:
-    """Return in words which collision shapes of a robot were left out, as they have no volume; one a link."""
+def _left_out(root: Element) -> list[str]:
     return [
         f"collision shapes of link {link.get('name')!r} ({kinds.replace(' ', ', ')}) have a size of 0 or no"
         " triangles: nothing can touch them"
-        for link in read_xml(model.urdf).findall("link")
+        for link in root.findall("link")
         if (kinds := link.get(EMPTY))
     ]
 
@@ -144,8 +154,8 @@ _SMALLEST = 0.01
 """The largest body of an arm is longer than this share of the arm."""
 
 
-def description_doubts(model: RobotModel) -> list[str]:
-    """Return in words what is likely in a wrong unit in the description of a robot, or missing."""
+def _doubts(root: Element, model: RobotModel) -> list[str]:
+    """Return in words what is likely in a wrong unit, or missing."""
     out, span = [], model.upper - model.lower
     slides = model.chain.prismatic
     checks = (
@@ -159,7 +169,6 @@ def description_doubts(model: RobotModel) -> list[str]:
             out.append(
                 f"joint {model.joint_names[k]!r} has a {what} of {values[k]:g} {unit}: is that in {other}?"
             )
-    root = read_xml(model.urdf)
     angles = _numbers(origin.get("rpy", "") for origin in root.iter("origin"))
     if max(map(abs, angles), default=0.0) > 2.0 * np.pi + 0.01:
         worst = max(angles, key=abs)

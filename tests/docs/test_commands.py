@@ -162,6 +162,16 @@ def test_files_that_pages_name_are_there() -> None:
             assert (ROOT / name).exists(), f"{page}: {name}"
 
 
+def test_a_page_of_results_names_a_command_that_remakes_it() -> None:
+    for page in ROOT.glob("benchmarks/results/*.md"):
+        text = page.read_text(encoding="utf-8")
+        names = re.findall(r"python -m (benchmarks[\w.]*\w)", text)
+        for name in names:
+            place = ROOT / name.replace(".", "/")
+            assert place.is_dir() or place.with_suffix(".py").exists(), page
+        assert names or re.search(r"`(make paper|twin verify)", text), page
+
+
 def test_every_key_of_a_scenario_is_in_the_reference() -> None:
     from twin.scenario.schema import scenario_schema
 

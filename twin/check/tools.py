@@ -21,8 +21,6 @@ from planning.grips.tool_grips import (
 )
 from planning.robots.descriptions.xml_files import read_xml
 from planning.robots.overview import (
-    description_doubts,
-    empty_shapes,
     flange_doubt,
     overview,
 )
@@ -359,6 +357,7 @@ def _remedy(place: Array) -> str:
 def check_descriptions(subject: Subject) -> Findings:
     """Yield collision shapes without a volume, and what is likely in a wrong unit in descriptions."""
     for robot in subject.unlike_robots:
-        for words in (*empty_shapes(robot.model), *description_doubts(robot.model)):
+        found = overview(robot.model)
+        for words in (*found.left_out, *found.doubts):
             at = subject.robot_at(robot.name, "model")
             yield Finding(at, f"{robot.name}: {words}")

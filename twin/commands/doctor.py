@@ -12,6 +12,7 @@ import typer
 
 from twin.commands.options import AsJson
 from twin.host.guard import COMPLETED, FAILED, guarded, print_json
+from twin.registry import HOOKS
 
 # Distribution and the module that proves it works.
 PARTS = (
@@ -44,7 +45,6 @@ OPTIONAL = ("pybullet", "pybullet")
 def doctor(as_json: AsJson = False) -> int:
     """Print versions for a bug report, say what does not load, and what the audit uses."""
     from planning.silence import silenced
-    from twin.audit.worlds.engines import INSTALL, engine_named
 
     found = {"python": platform.python_version(), "system": platform.platform()}
     found["processors"] = str(os.cpu_count())
@@ -57,7 +57,9 @@ def doctor(as_json: AsJson = False) -> int:
         except Exception as error:  # a broken library may raise anything on import
             if find_spec(module.partition(".")[0]) or (distribution, module) in PARTS:
                 missing[distribution] = f"{type(error).__name__}: {error}"
-    engine = None if "coal" in missing else engine_named(None)
+    engine, hint = None, ""
+    if "coal" not in missing and "audit engine" in HOOKS:
+        engine, hint = HOOKS.load("audit engine")()
     if as_json:
         print_json({"versions": found, "missing": missing, "audit_engine": engine})
         return FAILED if missing else COMPLETED
@@ -67,8 +69,8 @@ def doctor(as_json: AsJson = False) -> int:
         typer.echo(f"{name:<14} does not load: {text}")
     if engine is not None:
         typer.echo(f"{'audit engine':<14} {engine}")
-    if OPTIONAL[0] not in found:
-        typer.echo(f"PyBullet, the audit's stronger witness: {INSTALL}")
+    if hint and OPTIONAL[0] not in found:
+        typer.echo(hint)
     return FAILED if missing else COMPLETED
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -17,6 +17,7 @@ from twin.document.validation import (
     validated,
 )
 from twin.document.yaml_text import Mark
+from twin.registry import DRIVERS
 
 _Seconds = Annotated[float, Field(gt=0, le=86_400)]
 
@@ -58,8 +59,22 @@ class FrankaArm(Section):
     realtime: bool = True
 
 
+class RegisteredDriver(Section):
+    """A driver that a package or a script adds to the registry.
+
+    Attributes:
+        name: of the driver in the registry.
+        options: what it is to know, such as an address.
+    """
+
+    kind: Literal["registered"]
+    name: Name
+    options: dict[Name, Any] = Field(default_factory=dict)
+
+
 AnyDriver = Annotated[
-    SimulatedDriver | ServiceDriver | FrankaArm, Field(discriminator="kind")
+    SimulatedDriver | ServiceDriver | FrankaArm | RegisteredDriver,
+    Field(discriminator="kind"),
 ]
 """Who moves a robot."""
 
@@ -119,7 +134,19 @@ def read_drivers(path: Path, robots: tuple[str, ...]) -> DriversSection:
             if name not in robots
         ),
     ]
-    real = [k for k, own in section.robots.items() if isinstance(own, FrankaArm)]
+    problems += [
+        document.problem(
+            ("robots", robot, "name"),
+            unknown_name("driver", own.name, DRIVERS.names()),
+        )
+        for robot, own in section.robots.items()
+        if isinstance(own, RegisteredDriver) and own.name not in DRIVERS
+    ]
+    real = [
+        robot
+        for robot, own in section.robots.items()
+        if isinstance(own, FrankaArm | RegisteredDriver)
+    ]
     if section.pace != 1.0 and real:
         words = (
             f"pace: {real[0]} is a real robot, whose time goes as it goes: leave it out"

@@ -21,8 +21,8 @@ from planning.files import (
     LARGEST,
     NPZ_ERRORS,
     read_file,
-    read_json,
     read_npz,
+    read_object,
     replacing,
     require_own_files,
 )
@@ -183,17 +183,12 @@ def begin_design(target: Path, source: str) -> Path:
         )
     folder, rank = Path(match[1]), int(match[2] or 1)
     path = folder / SUMMARY
+    require_own_files(folder, (SUMMARY,))
+    best = read_object(path, "summary of an exploration").get("best")
     try:
-        require_own_files(folder, (SUMMARY,))
-        best = read_json(path)["best"]
-        found = {int(row["rank"]): row for row in best}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        why = (
-            "there is none"
-            if isinstance(error, OSError)
-            else "it is of something else, or damaged"
-        )
-        raise OutputError(f"{path}: no summary of an exploration: {why}") from error
+        found = {int(row["rank"]): row for row in best or ()}
+    except (ValueError, KeyError, TypeError) as error:
+        raise OutputError(f"{path}: no summary of an exploration") from error
     if rank not in found:
         there = f"1 to {len(found)}" if found else "none"
         raise RequestError(f"{folder} has no design #{rank}: there are {there}")

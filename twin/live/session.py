@@ -12,12 +12,17 @@ from typing import TYPE_CHECKING, Any
 from planning.cell.workcell import PlacedRobot, Workcell
 from twin.cluster.certificates import on_this_machine
 from twin.drivers.driver import Driver
-from twin.drivers.drivers_file import DriversSection, FrankaArm, ServiceDriver
+from twin.drivers.drivers_file import (
+    DriversSection,
+    RegisteredDriver,
+    ServiceDriver,
+)
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.driver_end import DriverEnd, LocalWire, Wire, started_now
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
 from twin.live.measured import History
+from twin.registry import DRIVERS
 
 if TYPE_CHECKING:
     from twin.live.service import Service
@@ -124,8 +129,8 @@ class Session:
     def driver(self, robot: PlacedRobot) -> Driver:
         """Return who moves a robot from within this process."""
         chosen = self.drivers.driver_of(robot.name)
-        if isinstance(chosen, FrankaArm):
-            from twin.drivers.franka import franka_driver
-
-            return franka_driver(chosen, robot)
+        name = chosen.name if isinstance(chosen, RegisteredDriver) else chosen.kind
+        if name in DRIVERS:
+            driver: Driver = DRIVERS.load(name)(chosen, robot)
+            return driver
         return SimulatedArm(pace=self.drivers.pace)

@@ -13,7 +13,6 @@ from planning.errors import ScenarioError
 from planning.motion.known_motions import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import JointSpeed, L1Speed, LimitedSpeed, SpeedModel
-from planning.motion.transit import RrtConnect
 from planning.transforms import Indices
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -28,6 +27,7 @@ from scheduling.planned_motions import PlannedMotions
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_workcell
+from twin.registry import PLANNERS
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
@@ -246,8 +246,11 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
     """Return the motion settings of a scenario's planning section."""
     section = scenario.planning
     speeds = _speeds(scenario, cell)
+    make_planner = PLANNERS.load(section.planner)
     planners = {
-        robot.name: RrtConnect(robot.model.lower, robot.model.upper, speeds[robot.name])
+        robot.name: make_planner(
+            robot.model.lower, robot.model.upper, speeds[robot.name]
+        )
         for robot in cell.robots
     }
     models = scenario.execution.skill_models(folder)

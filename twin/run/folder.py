@@ -12,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 
 from planning.errors import OutputError, RequestError
-from planning.files import open_regular, read_json, require_own_files
+from planning.files import open_regular, read_object, require_own_files
 
 EVENTS = "events.jsonl"
 TRAJECTORY = "trajectory.parquet"
@@ -244,12 +244,12 @@ def require_as_written(folder: Path, names: Iterable[str]) -> None:
     """
     path, names = folder / SUMMARY, tuple(names)
     require_own_files(folder, (SUMMARY, *names))
-    try:
-        files = read_json(path).get("files", {})
-        asked = {name: files[name] for name in names if name in files}
-    except FileNotFoundError:
+    if not path.exists():
         return
-    except (OSError, ValueError, AttributeError, TypeError) as error:
+    files = read_object(path, "summary of a run").get("files", {})
+    try:
+        asked = {name: files[name] for name in names if name in files}
+    except TypeError as error:
         raise OutputError(f"{path}: no summary of a run: {error!r}") from error
     for name, digest in asked.items():
         path = folder / name

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from planning.errors import OutputError, printable
+from planning.errors import printable
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.task_edges import (
     actuation_nodes,
@@ -189,27 +189,6 @@ def print_summary(
         compiled: whether kernels were compiled in the planning stages.
     """
     console = Console(highlight=False, markup=False, emoji=False)
-    _print_figures(summary, console, compiled=compiled)
-    console.print(f"results: {folder}", soft_wrap=True)
-    if recording:
-        console.print(f"replay:  twin replay {folder}", soft_wrap=True)
-
-
-def require_figures(summary: Mapping[str, Any], path: Path) -> None:
-    """Refuse a file that lacks a figure that ``print_summary`` prints, or has one of another type.
-
-    Raises:
-        OutputError: it does.
-    """
-    try:
-        _print_figures(summary, Console(quiet=True, markup=False))
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as why:
-        raise OutputError(f"{path}: no summary of a run: {why!r}") from why
-
-
-def _print_figures(
-    summary: Mapping[str, Any], console: Console, *, compiled: bool = False
-) -> None:
     table = Table(
         show_header=False, title=f"{summary['scenario']}", title_justify="left"
     )
@@ -244,6 +223,9 @@ def _print_figures(
         told("warning", "yellow", warning)
     if summary.get("failure"):
         told("failed", "red", summary["failure"])
+    console.print(f"results: {folder}", soft_wrap=True)
+    if recording:
+        console.print(f"replay:  twin replay {folder}", soft_wrap=True)
 
 
 def _operation_rows(
@@ -332,7 +314,7 @@ def _slowed_rows(found: Mapping[str, Any]) -> list[tuple[str, str, str]]:
             rows.append(
                 (
                     f"{robot} slowed by {cause}",
-                    f"{100 * slower / moves:.0f} % of motions",
+                    f"{100 * slower / max(moves, 1):.0f} % of motions",
                     f"most in task {by['task']} ({by['label']}): {by['longest']:.2f} times as long",
                 )
             )

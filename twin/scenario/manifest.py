@@ -11,7 +11,7 @@ from typing import Any
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import OutputError, RequestError, ScenarioError, listed
-from planning.files import read_file, read_json, require_own_files
+from planning.files import read_file, read_object, require_own_files
 from planning.robots.descriptions.xml_files import description_sha256
 from planning.transforms import Transform, quat_wxyz
 from twin.document.section import parts_of
@@ -70,12 +70,10 @@ def read_manifest(folder: Path, what: str) -> tuple[Scenario, dict[str, Any]]:
     """
     path = folder / MANIFEST
     require_own_files(folder, RESULTS)
+    content = read_object(path, what)
     try:
-        content: dict[str, Any] = read_json(path)
         scenario, digest = content["scenario"], content["scenario_sha256"]
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{path}: no {what}: {error}") from error
-    except (KeyError, TypeError) as error:
+    except KeyError as error:
         raise OutputError(f"{path}: damaged: {error!r}") from error
     if scenario_sha256(scenario) != digest:
         raise OutputError(f"{path}: the scenario is not the one of scenario_sha256")

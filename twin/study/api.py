@@ -1,6 +1,6 @@
 """``twin.study``: many replications of a plan under uncertainty, and what they tell.
 
-``twin.compare``: one scenario under every policy, with the same paths and the same draws.
+``twin.compare``: its preset with one plan and one replication a seed, under every policy.
 """
 
 from __future__ import annotations
@@ -16,16 +16,9 @@ from planning.errors import RequestError
 from planning.parquet import read_parquet
 from twin.api.runs import AnyPlan, scenario_of
 from twin.audit.worlds.engines import engine_named
-from twin.comparison.chart import draw_comparison, mean, percent, spread
-from twin.comparison.comparison import (
-    SEEDS,
-    comparison_figures,
-    measure_policies,
-    shortcut_budget,
-)
 from twin.host.arguments import checks_arguments
 from twin.host.guard import write_json
-from twin.host.progress import Report, report_nothing
+from twin.host.progress import Report, StageWatch, report_nothing
 from twin.operate.api import operated_plan, require_operable
 from twin.planning.build_workcell import build_workcell
 from twin.run.folder import CHART, COMPARISON, locked, new_results, run_folder
@@ -33,6 +26,12 @@ from twin.run.policies import OPEN_LOOP, policy_named
 from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.scenario import follow_references
 from twin.scenario.variations import Variation, variants, variation
+from twin.study.comparison import (
+    SEEDS,
+    comparison_figures,
+    measure_policies,
+    plan_to_compare,
+)
 from twin.study.folder import (
     EDGES,
     REPLICATIONS,
@@ -47,10 +46,17 @@ from twin.study.plans import (
     given_plans,
     operated_policies,
     possible_policies,
+    shortcut_budget,
     with_baselines,
 )
 from twin.study.replications.statistics import Experiment, Interval, Precision
 from twin.study.replications.workload import check_cluster, open_executor
+from twin.study.report.comparison_chart import (
+    draw_comparison,
+    mean,
+    percent,
+    spread,
+)
 from twin.study.report.report import write_report
 from twin.study.study import StudyResult, start_study
 from twin.study.study import resume_study as resumed
@@ -409,8 +415,10 @@ def compare(
         found = {}
         for k, seed in enumerate(numbers):
             progress(SEEDS, k, seeds)
+            own = chosen.model_copy(update={"seed": seed})
+            turns = plan_to_compare(own, base, watch := StageWatch(progress))
             found[seed] = measure_policies(
-                chosen, seed, candidates=candidates, base=base, progress=progress
+                turns, own, watch, candidates=candidates, base=base
             )
         progress(SEEDS, seeds, seeds)
         figures = comparison_figures(found)

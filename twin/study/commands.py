@@ -269,7 +269,7 @@ def compare(
 
 
 def _show_comparison(found: Comparison, view: View) -> None:
-    from twin.comparison.chart import print_comparison
+    from twin.study.report.comparison_chart import print_comparison
 
     figures, folder, heading = found.figures, found.folder, found.heading
     view.tell(

@@ -20,7 +20,7 @@ from twin.engine.execution_model import ExecutionModel
 from twin.host.guard import versions
 from twin.host.progress import Report, StageWatch
 from twin.operate.replicated.operating import Operated
-from twin.planning.pipeline import plan_motions, planned_shortcuts
+from twin.planning.pipeline import default_shortcuts, plan_motions, planned_shortcuts
 from twin.planning.repetition import repeated_plans
 from twin.reading.checks import find_problems
 from twin.run.policies import (
@@ -38,6 +38,7 @@ from twin.run.policies import (
     policy_name,
 )
 from twin.scenario.manifest import file_hashes, scenario_sha256
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import Variant, layout_of, varied
 from twin.study.folder import Refused, StudyRequest
@@ -72,6 +73,20 @@ def with_baselines(policy: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys((SEQUENTIAL, *plain, policy)))
 
 
+def shortcut_budget(scenario: Scenario) -> int:
+    """Return the default number of shortcut candidates: the scenario's, or by its size."""
+    return planned_shortcuts(scenario) or default_shortcuts(scenario)
+
+
+def require_no_machines(scenario: Scenario) -> None:
+    """Refuse plans in slots of a scenario with machines, with a ScenarioError."""
+    if assembly_kind(scenario.assembly).machines():
+        raise ScenarioError(
+            "no plan in slots can wait for machines, sources and products: study the"
+            " scenario with the policies sequential and asynchronous"
+        )
+
+
 def plan_for_study(
     scenario: Scenario,
     base: Path,
@@ -94,15 +109,12 @@ def plan_for_study(
     """
     needed = {NAMED_POLICIES[policy].plan for policy in policies}
     watch = StageWatch(progress)
+    if needed & {IN_SLOTS, SLOTS_SHORTENED}:
+        require_no_machines(scenario)
     if chooses_crew(scenario):
         turns = plan_best(scenario, base, watch).motions
     else:
         turns = plan_motions(scenario, base, watch)
-    if needed & {IN_SLOTS, SLOTS_SHORTENED} and turns.cell.machines:
-        raise ScenarioError(
-            "a plan in slots cannot wait for machines, sources and products: leave out the"
-            " policies that are synchronous"
-        )
     made = CoordinatedPlans(turns, scenario, lambda: watch, candidates=candidates)
     also = {WHOLE_PLANS.get(name) for name in needed}
     within = {

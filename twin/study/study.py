@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from planning.errors import OutputError, RequestError
-from planning.files import read_json
+from planning.files import read_object
 from scheduling.graph.plan_files import save_plan
 from scheduling.planned_motions import PlannedMotions
 from twin.audit.audit import audit_off_bases, audit_run
@@ -380,10 +380,7 @@ def _audit_cell(
 
 def _violations(path: Path) -> int:
     """Return how many collisions the audit of a replication found before."""
-    try:
-        found = read_json(path)["violations"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise OutputError(f"{path}: is no audit of a study: {error!r}") from error
+    found = read_object(path, "audit of a study").get("violations")
     if type(found) is not int or found < 0:
         raise OutputError(f"{path}: violations must be a whole number")
     return found

@@ -12,10 +12,10 @@ from typing import Any
 
 from planning.errors import ScenarioError
 from twin.document.validation import parsed
-from twin.document.yaml_text import YamlDocument
+from twin.document.yaml_text import YamlDocument, scenario_text
 from twin.host.arguments import checks_arguments
 from twin.reading.checks import execution_problems, find_problems
-from twin.reading.scenario_file import read_scenario
+from twin.reading.scenario_file import read_scenario, scenario_of
 from twin.registry import FIGURES
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.shipped import scenario_path
@@ -117,8 +117,8 @@ class LoadedScenario:
         return page + drawn(FIGURES.load("cell")(self.sections, self.folder))
 
 
-AnyScenario = PathOrName | LoadedScenario
-"""A scenario, the path of its file, or the name of one that comes with the program."""
+AnyScenario = PathOrName | Mapping[str, Any] | LoadedScenario
+"""A scenario, its content, the path of its file, or the name of one that comes with the program."""
 
 
 @checks_arguments
@@ -127,7 +127,8 @@ def load(scenario: AnyScenario) -> LoadedScenario:
 
     Args:
         scenario: path of the YAML file, or the name of a scenario that comes with the program
-            (``twin scenarios``); one that was loaded before is returned as it is.
+            (``twin scenarios``); or what such a file contains, with paths from the current folder. One that was loaded
+            before is returned as it is.
 
     Raises:
         InvalidScenarioError: with every problem found, each at its line and column.
@@ -135,6 +136,10 @@ def load(scenario: AnyScenario) -> LoadedScenario:
     """
     if isinstance(scenario, LoadedScenario):
         return scenario
+    if isinstance(scenario, Mapping):
+        path = Path("scenario.yaml")
+        sections, document = scenario_of(path, scenario_text(dict(scenario), ""))
+        return LoadedScenario(sections, path.parent, document)
     path = scenario_path(Path(scenario))
     sections, document = read_scenario(path)
     return LoadedScenario(sections, path.parent, document)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from planning.cell.differences import cell_differences
 from planning.errors import OutputError, RequestError, ScenarioError, listed
-from planning.files import read_json
+from planning.files import read_object
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -232,14 +232,10 @@ def require_plan_of(plan: PlanResult, scenario: LoadedScenario) -> None:
 
 def _about(folder: Path) -> dict[str, Any] | None:
     """Return what a manifest says of its run; None where there is none, or none of a run."""
-    try:
-        found = read_json(folder / MANIFEST)["run"]
-    except FileNotFoundError:
+    path, what = folder / MANIFEST, "manifest of a run"
+    if not path.exists():
         return None
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise OutputError(
-            f"{folder / MANIFEST}: no manifest of a run: {error!r}"
-        ) from error
+    found = read_object(path, what).get("run")
     if not isinstance(found, dict):
-        raise OutputError(f"{folder / MANIFEST}: no manifest of a run")
+        raise OutputError(f"{path}: no {what}")
     return found

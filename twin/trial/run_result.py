@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from planning.errors import OutputError, RequestError, TwinError
-from planning.files import read_json, require_own_files
+from planning.files import read_object, require_own_files
 from planning.parquet import read_parquet
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS, Nanoseconds
@@ -24,7 +24,8 @@ from twin.run.folder import (
     TRAJECTORY,
     require_as_written,
 )
-from twin.run.summary import require_figures, summary_rows
+from twin.run.summary import summary_rows
+from twin.run.summary_schema import require_figures
 from twin.run.trajectory import Trajectory
 from twin.scenario.manifest import MANIFEST
 from twin.scenario.sections.scenario import Scenario, restored
@@ -291,14 +292,7 @@ class RunResult:
         return path
 
     def _json(self, name: str) -> dict[str, Any]:
-        path = self._as_written(name)
-        try:
-            content = read_json(path)
-        except (OSError, ValueError) as error:
-            raise OutputError(f"{path}: cannot be read: {error}") from error
-        if not isinstance(content, dict):
-            raise OutputError(f"{path}: an object was expected")
-        return content
+        return read_object(self._as_written(name), "result of a run")
 
     def _table(self, name: str) -> pa.Table:
         """Return one of the tables ``trajectory.parquet`` and ``objects.parquet``."""

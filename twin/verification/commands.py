@@ -17,7 +17,7 @@ from twin.host.guard import COMPLETED, FAILED, guarded, print_json
 if TYPE_CHECKING:
     from planning.cell.workcell import PoseError
     from scheduling.verification.verify import SurvivedErrors, VerificationReport
-    from twin.audit.standing_states import AdversaryReport
+    from twin.verification.standing_states import AdversaryReport
 
 
 @guarded
@@ -65,10 +65,10 @@ def verify(
     """
     from planning.cell.workcell import NO_ERROR
     from scheduling.verification.verify import verify_plan
-    from twin.audit.standing_states import audit_standing_states
     from twin.audit.worlds.engines import engine_named
     from twin.host.progress import StageDisplay, of_stage
     from twin.trial.plan_result import plan_of_run
+    from twin.verification.standing_states import audit_standing_states
 
     engine = engine_named(audit_engine) if audit_engine else None
     off, away = (

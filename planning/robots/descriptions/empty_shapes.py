@@ -25,7 +25,7 @@ _OBJ_LINE = re.compile(rb"(#.*|(v|vn|vt|vp|l|p|o|g|s|mtllib|usemtl)\b.*)?\s*")
 
 
 def leave_out_empty_shapes(root: Element, dirs: Sequence[Path]) -> None:
-    """Remove shapes without a volume; write at the link which ones collide."""
+    """Remove shapes without a volume, and write the kinds of those that collide at their links."""
     for link, shape, form in empty_shapes(root, dirs):
         link.remove(shape)
         if shape.tag == "collision":
@@ -35,12 +35,7 @@ def leave_out_empty_shapes(root: Element, dirs: Sequence[Path]) -> None:
 def empty_shapes(
     root: Element, dirs: Sequence[Path]
 ) -> list[tuple[Element, Element, Element]]:
-    """Return the shapes without a volume: link, collision or visual, and its form.
-
-    Args:
-        root: of a URDF.
-        dirs: where meshes are looked up.
-    """
+    """Return link, collision or visual, and form of each shape of a URDF without a volume."""
     return [
         (link, shape, form)
         for link in root.findall("link")

@@ -41,7 +41,7 @@ from tests.scheduling.mini_world import random_plan
 from tests.scheduling.random_dispatch import run_at_random
 from tests.scheduling.two_arms import random_turns
 from tests.shipped_runs import ShippedRuns
-from twin.audit.standing_states import audit_standing_states
+from twin.verification.standing_states import audit_standing_states
 
 
 def _parts(

@@ -23,7 +23,7 @@ from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import check_conflicts_are_ordered
 from tests.scheduling.mini_world import PlanWriter, planar_cell, random_plan
 from tests.scheduling.two_arms import Writer, two_arms
-from twin.audit.standing_states import audit_standing_states
+from twin.verification.standing_states import audit_standing_states
 
 
 def _limited(cell: Workcell) -> Workcell:

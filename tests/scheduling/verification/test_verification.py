@@ -16,7 +16,7 @@ from scheduling.verification.graph_structure import find_precedence
 from scheduling.verification.reference import ReferenceRobot, measure
 from scheduling.verification.verify import Problem, verify_plan
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
-from twin.audit.standing_states import (
+from twin.verification.standing_states import (
     audit_standing_states,
     run_until_still,
     standing_states,

@@ -15,13 +15,14 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from tests.planted import rows
 from tests.twin.written import loaded, refusal
-from twin.comparison.comparison import measure_policies
 from twin.document.validation import InvalidScenarioError
+from twin.host.progress import StageWatch
 from twin.kinds.parts.line import slots, written_out
 from twin.reading.scenario_file import load_scenario
 from twin.run.throughput import line_summary, product_nodes
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
+from twin.study.comparison import plan_to_compare
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute
 
@@ -180,4 +181,4 @@ def test_a_part_that_lies_there_once_makes_one_product(tmp_path: Path) -> None:
 def test_lines_have_no_slots(tmp_path: Path) -> None:
     own = scenario(tmp_path)
     with pytest.raises(ScenarioError, match="no plan in slots"):
-        measure_policies(own, 0, candidates=0, base=tmp_path)
+        plan_to_compare(own, tmp_path, StageWatch())

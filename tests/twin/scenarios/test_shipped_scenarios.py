@@ -16,9 +16,9 @@ from scheduling.verification.verify import verify_plan
 from tests.shipped_runs import ShippedRuns
 from tests.twin.recorders.recorded_toys import static
 from tests.twin.scenarios.executed import executed
-from twin.audit.standing_states import audit_standing_states
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.sections.scenario import resolved, restored
+from twin.verification.standing_states import audit_standing_states
 
 CLIFF, BOAT = "lego/cliff", "multi_arm/assembly"
 BOARD, GEARBOX, SHAPES = "assembly/taskboard", "assembly/gearbox", "assembly/shapes"

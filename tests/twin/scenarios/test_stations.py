@@ -19,13 +19,13 @@ from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.scenarios.executed import executed
 from twin.audit.audit import Auditor, audit_run
 from twin.audit.motion.executed import read_recording
-from twin.audit.standing_states import audit_standing_states
 from twin.exports.graphs import task_graph
 from twin.run.trajectory import object_placements
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import varied
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
+from twin.verification.standing_states import audit_standing_states
 
 SCENARIO = cell(
     "fence",

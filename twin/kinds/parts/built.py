@@ -27,7 +27,6 @@ from planning.tasks.task import (
 from planning.transforms import Transform, readonly
 from twin.kinds.parts.line import Line, MachineJob, written_out
 from twin.kinds.parts.section import (
-    GripSection,
     PartGripSection,
     PartSection,
     PartsSection,
@@ -97,7 +96,7 @@ def _balance(section: PartsSection) -> StandingRules | None:
     return as_planned(StandingRules, own, touch=section.touch_m, joints=tuple(joints))
 
 
-def _grip_rules(section: GripSection | PartGripSection, rules: GripRules) -> GripRules:
+def _grip_rules(section: PartGripSection, rules: GripRules) -> GripRules:
     """Return rules with what a section says in place of what they say."""
     values = plain_values(section)
     for key in ("close_s", "open_s"):

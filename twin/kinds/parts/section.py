@@ -135,18 +135,21 @@ class PartGripSection(Section):
     """Rules for the grips on one part, in place of those of the assembly.
 
     Attributes:
-        positions: places along the part.
+        positions: places along the longest edge of a part.
         end_margin_m: distance of the outermost place from the end.
-        opening_m: widest that fits between the fingers.
-        depth_m: how far the tool frame goes below what it meets.
+        opening_m: widest edge that fits between the fingers.
+        depth_m: how far the tool frame goes below the face it comes from, at most to the
+            middle of the part.
         directions: directions in the world along which the tool may point.
         steepest_deg: largest angle between the tool and the nearest of them.
         tilts_deg: leanings of the tool about the axis along which its fingers close.
-        around_deg: step in which the tool is turned about a bar or a mesh.
-        finger_width_m: width of the fingers.
-        finger_depth_m: room that an open finger takes beside the part.
-        suction: whether the part is held by suction.
-        cup_m: radius of the spot that must be flat then.
+        around_deg: step in which the tool is turned about a bar, and about the direction in
+            which it closes on a mesh.
+        finger_width_m: width of the fingers, across the direction in which they close.
+        finger_depth_m: room that an open finger takes beside a part that is no box.
+        suction: whether parts are held by suction, with the tool frame at a face.
+        cup_m: radius of the spot that must be flat then; default: that of the cup that the shapes of
+            the tool tell, 0.01 where they do not.
     """
 
     positions: Positions | None = None
@@ -163,32 +166,16 @@ class PartGripSection(Section):
     cup_m: Distance | None = None
 
 
-class GripSection(Section):
+class GripSection(PartGripSection):
     """Rules for the grips that are tried.
 
     Attributes:
         frame: tool frame; its z axis points out of the hand, its fingers close along y.
-        positions: places along the longest edge of a part.
-        end_margin_m: distance of the outermost place from the end.
-        opening_m: widest edge that fits between the fingers.
-        depth_m: how far the tool frame goes below the face it comes from, at most to the
-            middle of the part.
-        directions: directions in the world along which the tool may point.
-        steepest_deg: largest angle between the tool and the nearest of them.
-        tilts_deg: leanings of the tool about the axis along which its fingers close.
-        around_deg: step in which the tool is turned about a bar, and about the direction in
-            which it closes on a mesh.
-        finger_width_m: width of the fingers, across the direction in which they close.
-        finger_depth_m: room that an open finger takes beside a part that is no box.
-        suction: whether parts are held by suction, with the tool frame at a face.
-        cup_m: radius of the spot that must be flat then; default: that of the cup that the shapes of
-            the tool tell, 0.01 where they do not.
         close_s: time that a tool takes to close on a part, or suction to hold it: a number or a
             distribution; for tools that do not say it; default: 0.4, and 0.2 for suction.
         open_s: time that a tool takes to let go, likewise.
     """
 
-    frame: Name = "tool"
     positions: Positions = 5
     end_margin_m: Margin = 0.02
     opening_m: Distance = 0.04
@@ -200,7 +187,7 @@ class GripSection(Section):
     finger_width_m: Distance = 0.02
     finger_depth_m: Distance = 0.01
     suction: bool = False
-    cup_m: Distance | None = None
+    frame: Name = "tool"
     close_s: ActuationTime | None = None
     open_s: ActuationTime | None = None
 

@@ -11,7 +11,7 @@ import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
@@ -19,7 +19,7 @@ from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, ActuationKey
 from twin.document.section import Name, Section, attributes, parts_of
 from twin.durations.lifetimes import AnyDuration, SkillOverride
 from twin.durations.model import DurationModel, Skill
-from twin.registry import KINDS, SECTIONS
+from twin.registry import KINDS, PLANNERS, SECTIONS
 from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection
 from twin.scenario.sections.cell import RobotSection as RobotSection
@@ -48,6 +48,13 @@ else:
     AnyAssembly = _any_assembly()
 
 
+def _registered_planner(name: str) -> str:
+    if name not in PLANNERS:
+        choices = ", ".join(PLANNERS.names())
+        raise ValueError(f"unknown transit planner {name!r} (valid: {choices})")
+    return name
+
+
 class PlanningSection(Section):
     """Settings of the planner.
 
@@ -62,6 +69,8 @@ class PlanningSection(Section):
         corners: with the ``limits`` model, whether robots pass corners of transits at speed, on a
             curve, where that is free and shortens the plan: ``smooth``; or ``rest`` at all.
         step_s: time between the waypoints of a path [s].
+        planner: what finds paths of transits, by its name in the registry: ``rrt-connect``, or one that a package or a
+            script adds.
         attempts: transit searches, each longer than the one before, until the planner gives up.
         coordination: ``sequential`` plans one task after another; ``synchronous`` turns that
             into slots in which robots move at once.
@@ -86,6 +95,7 @@ class PlanningSection(Section):
     speed_rad_s: Annotated[float, Field(ge=0.01, le=100)] | None = None
     corners: Literal["smooth", "rest"] = "rest"
     step_s: Annotated[float, Field(ge=0.001, le=10)] = 0.05
+    planner: Annotated[Name, AfterValidator(_registered_planner)] = "rrt-connect"
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
     coordination: Literal["sequential", "synchronous"] = "sequential"
     joint_planning: Literal["conflicts", "always"] = "conflicts"

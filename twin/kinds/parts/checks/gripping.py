@@ -23,13 +23,7 @@ from planning.parts.assembly import PlacePart
 from planning.parts.part_skills import process_targets
 from planning.parts.part_steps import lying_by_then, steps_in_order
 from planning.transforms import Array, inverse, translation
-from twin.check.finding import (
-    Finding,
-    Findings,
-    Subject,
-    in_file,
-    millimetres,
-)
+from twin.check.finding import Finding, Findings, Subject, in_file, millimetres
 from twin.kinds.parts.checks.context import of_parts
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.sources import TraySection

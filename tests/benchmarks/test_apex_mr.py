@@ -16,19 +16,19 @@ from benchmarks.apex_mr_paper import (
 )
 from benchmarks.apex_mr_report import DRAWN, REFERENCE, write_report
 from benchmarks.apex_mr_tables import JOINTLY, PUBLISHED, Measured
-from twin.comparison.comparison import (
-    BASELINES,
-    COMPARED,
-    Measurement,
-    Rows,
-    comparison_figures,
-)
 from twin.run.policies import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUTS,
     SEQUENTIAL,
     SYNCHRONOUS,
     SYNCHRONOUS_SHORTCUTS,
+)
+from twin.study.comparison import (
+    BASELINES,
+    COMPARED,
+    Measurement,
+    Rows,
+    comparison_figures,
 )
 
 TASKS = tuple(f"{PUBLISHED}{name}" for name in ("bridge", "cliff", "table"))

@@ -17,15 +17,8 @@ from scheduling.shortcuts.shortcutting import shorten_tpg
 from tests.twin.program import invoke
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.comparison.comparison import (
-    BASELINES,
-    COMPARED,
-    Measurement,
-    measure_policies,
-    straight_line_ratio,
-    straight_line_s,
-)
 from twin.durations.model import NANOSECONDS
+from twin.host.progress import StageWatch
 from twin.planning.pipeline import motion_settings
 from twin.reading.scenario_file import load_scenario
 from twin.run.events import ExecutionRecord
@@ -38,6 +31,15 @@ from twin.run.policies import (
     SYNCHRONOUS_TPG,
 )
 from twin.run.summary import lower_bound_s
+from twin.study.comparison import (
+    BASELINES,
+    COMPARED,
+    Measurement,
+    measure_policies,
+    plan_to_compare,
+    straight_line_ratio,
+    straight_line_s,
+)
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute
 
@@ -71,7 +73,9 @@ def goals(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def cliff() -> Mapping[str, Measurement]:
-    return measure_policies(load_scenario(CLIFF), 3, candidates=400, base=CLIFF.parent)
+    scenario = load_scenario(CLIFF).model_copy(update={"seed": 3})
+    turns = plan_to_compare(scenario, CLIFF.parent, watch := StageWatch())
+    return measure_policies(turns, scenario, watch, candidates=400, base=CLIFF.parent)
 
 
 def test_waiting_less_takes_less_time(cliff: Mapping[str, Measurement]) -> None:
