@@ -33,10 +33,10 @@ from benchmarks.apex_mr_tables import JOINTLY, PUBLISHED, Measured
 from benchmarks.machine import forget_answers, machine_line
 from benchmarks.store import Row, RowStore
 from planning.errors import TwinError
-from planning.importers.apex_mr.importer import available_tasks
+from planning.lego.importers.apex_mr.importer import available_tasks
+from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.kinds.lego.imports import import_task
-from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import plan_in_slots
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario, follow_references

@@ -43,11 +43,11 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.beam_search import reorder_tasks
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.audit import run_auditor
+from twin.kinds.lego.kind import build_lego, sequencing_rules
+from twin.kinds.lego.section import LegoSection
 from twin.planning.build_workcell import build_workcell
-from twin.planning.lego import build_lego, sequencing_rules
 from twin.planning.pipeline import default_shortcuts, motion_settings
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.lego import LegoSection
 from twin.trial import executor
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import given_plan

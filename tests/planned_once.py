@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import StageWatch
-from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import plan_motions
 from twin.scenario.sections.scenario import Scenario, resolved
 

@@ -119,13 +119,27 @@ def _is_installed(module: str) -> bool:
 KINDS = Group(
     "kinds",
     {
-        "lego": "twin.planning.lego:LegoKind",
-        "assembly": "twin.planning.parts:PartKind",
-        "goals": "twin.planning.goals:GoalsKind",
-        "construction": "twin.planning.construction:ConstructionKind",
+        "lego": "twin.kinds.lego.kind:LegoKind",
+        "assembly": "twin.kinds.parts.kind:PartKind",
+        "goals": "twin.kinds.goals.kind:GoalsKind",
+        "construction": "twin.kinds.construction.kind:ConstructionKind",
     },
 )
 """Kinds of assembly, by the ``kind`` of the assembly section of a scenario."""
+
+CHECKS = Group(
+    "checks",
+    {
+        "lego": "twin.kinds.lego.checks:LegoChecks",
+        "assembly": "twin.kinds.parts.checks.checks:PartChecks",
+        "goals": "twin.check.goals:GoalsChecks",
+        "construction": "twin.kinds.construction.checks:ConstructionChecks",
+    },
+)
+"""Checks of a scenario that depend on its kind of assembly, by the name of the kind."""
+
+SECTIONS = Group("sections", {"explore": "twin.explore.section:ExploreSection"})
+"""Optional sections of wings at the top of a scenario, by their key; nothing of a run depends on them."""
 
 COMMANDS = Group(
     "commands",
@@ -170,7 +184,7 @@ EXPORTS = Group(
         "graphml": "twin.exports.graphs:graphml_files",
         "task-graph": "twin.exports.graphs:task_graph_files",
         "open-plan": "twin.exports.open_plan:open_plan_files",
-        "ldraw": "twin.exports.ldraw:ldraw_files",
+        "ldraw": "twin.kinds.lego.ldraw:ldraw_files",
     },
 )
 """Formats that a run can be written in: functions of a run that return the content of each file by its name."""

@@ -20,12 +20,12 @@ from planning.errors import TwinError
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.dispatcher import earliest_times
 from twin.host.progress import Report
+from twin.kinds.construction.kind import ConstructionKind
+from twin.kinds.construction.section import ConstructionSection
 from twin.planning.build_workcell import build_workcell
-from twin.planning.construction import ConstructionKind
 from twin.planning.pipeline import motion_settings
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.cell import choose_robots
-from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 
 FOLDER = Path(__file__).parents[2] / "scenarios" / "construction"

@@ -28,9 +28,9 @@ from twin.judge.foreign_execution import planned_spans
 from twin.judge.judge import JudgedPlan
 from twin.judge.open_plan import OpenPlan
 from twin.planning.build_workcell import build_workcell
-from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import default_shortcuts, motion_settings
 from twin.run import policies
+from twin.scenario.sections.kind import assembly_kind
 from twin.study.plans import study_plans
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult

@@ -9,7 +9,7 @@ from typing import Any
 from twin.audit.audit import AuditReport, audit_run
 from twin.audit.worlds.engines import Engine, engine_named
 from twin.host.progress import Report, report_nothing
-from twin.planning.kind import assembly_kind
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
 

@@ -5,44 +5,23 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
 
-from twin.check.bricks import check_brick_places, check_brick_tools
-from twin.check.finding import Finding, Findings, Subject
-from twin.check.gripping import (
-    check_descriptions,
-    check_lifts,
-    check_room,
-    check_turning,
-)
-from twin.check.holds import check_friction, check_grip_times, check_holds, check_pads
-from twin.check.lying import (
-    check_balance,
-    check_centres,
-    check_fixtures,
-    check_goals,
-    check_helpers,
-    check_joints,
-    check_machines,
-    check_meshes,
-    check_starts,
-    check_works,
-)
+from twin.check.finding import Finding, Findings, FittedPart, Subject
+from twin.check.lying import check_centres, check_fixtures, check_meshes, check_starts
 from twin.check.reach import check_reach
 from twin.check.robots import (
     check_bases,
     check_efforts,
     check_homes,
-    check_payloads,
     check_skill_times,
     check_speeds,
     check_standing_times,
 )
 from twin.check.tools import (
+    check_descriptions,
     check_flanges,
-    check_grips,
     check_openings,
     check_suction,
     check_tool_frames,
@@ -51,106 +30,29 @@ from twin.check.tools import (
 from twin.check.usual import check_physics, check_rates, check_usual
 from twin.document.validation import FileProblem, InvalidScenarioError
 from twin.document.yaml_text import KeyPath, YamlDocument
-from twin.planning.part_assembly.fits import KnownFit, known_fits
-from twin.scenario.sections.parts import PartsSection, StepSection
 from twin.scenario.sections.scenario import Scenario
 
-Waits = dict[int, list[tuple[int, float, float]]]
-"""By step: an earlier one, the least time after it, and how long the step itself takes at least [s]."""
-
-
-def check_windows(subject: Subject) -> Findings:
-    """Yield steps that come after others that take longer than their window lets them.
-
-    What must be done between two steps is what the one comes after and what comes after the other: the
-    longest way by least durations and least times. Motions count as nothing.
-    """
-    section = subject.scenario.assembly
-    if not isinstance(section, PartsSection):
-        return
-    numbers = {step.known_as: k for k, step in enumerate(section.steps)}
-    waits: Waits = {}
-    for k, step in enumerate(section.steps):
-        takes = _least_s(subject, step)
-        known = [own for own in step.follows if own.step in numbers]
-        waits[k] = [(numbers[own.step], own.at_least_s, takes) for own in known]
-    for k, step in enumerate(section.steps):
-        for i, own in enumerate(step.follows):
-            if own.within_s is None or own.step not in numbers:
-                continue
-            least, way = _longest(waits, numbers[own.step], k)
-            if least > own.within_s:
-                names = [section.steps[n].known_as or f"step {n + 1}" for n in way]
-                yield Finding(
-                    ("assembly", "steps", k, "after", i),
-                    f"this can never be kept: at most {own.within_s:g} s may pass, and {', '.join(names)} take at"
-                    f" least {least:g} s, {least - own.within_s:g} s more; give within_s more time, or let less"
-                    " come between",
-                    error=True,
-                )
-
-
-def _longest(waits: Waits, first: int, last: int) -> tuple[float, list[int]]:
-    """Return the longest time from the end of a step to the begin of a later one [s], and by which steps."""
-    found: dict[int, tuple[float, list[int]]] = {first: (0.0, [first])}
-    before = {k: [n for n, _, _ in own] for k, own in waits.items()}
-    for k in TopologicalSorter(before).static_order():
-        for n, lag, takes in waits.get(k, ()):
-            if n in found and k != first:
-                seconds = found[n][0] + lag + (takes if k != last else 0.0)
-                if k not in found or seconds > found[k][0]:
-                    found[k] = seconds, [*found[n][1], k]
-    return found[last]
-
-
-def _least_s(subject: Subject, step: StepSection) -> float:
-    """Return the least duration of a process [s]; 0 for other steps, and where nothing says it."""
-    execution, name = subject.scenario.execution, step.process or ""
-    model = execution.skill_models(subject.folder).get(name)
-    overrides = execution.skill_exceptions(subject.folder)
-    others = [own.duration.minimum for own in overrides if own.skill == name]
-    return min([model.minimum, *others]) if model is not None else 0.0
-
-
-_CHECKS: tuple[Callable[[Subject], Findings], ...] = (
+_GENERAL: tuple[Callable[[Subject], Findings], ...] = (
     check_fixtures,
     check_meshes,
     check_bases,
     check_homes,
     check_starts,
-    check_goals,
-    check_joints,
-    check_balance,
-    check_helpers,
     check_centres,
     check_descriptions,
-    check_grips,
-    check_turning,
     check_flanges,
     check_tool_frames,
-    check_brick_places,
-    check_brick_tools,
     check_openings,
-    check_pads,
-    check_holds,
-    check_room,
-    check_lifts,
-    check_friction,
-    check_payloads,
     check_suction,
     check_efforts,
-    check_works,
-    check_machines,
-    check_windows,
     check_skill_times,
-    check_grip_times,
     check_standing_times,
     check_speeds,
     check_usual,
     check_rates,
     check_physics,
 )
-"""Quick checks; reach is looked at only where these found no error, as it takes what they check."""
+"""Quick checks of a kind that lists none; reach is looked at only where quick checks found no error."""
 
 
 _TOLD_AT_ONE_KEY = 5
@@ -177,7 +79,7 @@ class CheckReport:
     subject: Subject
     document: YamlDocument
     findings: tuple[Finding, ...]
-    fits: tuple[KnownFit, ...] = ()
+    fits: tuple[FittedPart, ...] = ()
 
     @property
     def errors(self) -> tuple[Finding, ...]:
@@ -247,9 +149,7 @@ def check_scenario(
         return mark.line, mark.column
 
     ordered = tuple(sorted(dict.fromkeys(found), key=place))
-    fits: tuple[KnownFit, ...] = ()
-    if subject.parts is not None and not any(item.error for item in found):
-        fits = known_fits(subject.parts, scenario.cell.robots)
+    fits = () if any(item.error for item in found) else subject.checks.fits()
     return CheckReport(subject, document, ordered, fits)
 
 
@@ -257,7 +157,8 @@ def quick_findings(subject: Subject) -> list[Finding]:
     """Return what is found without a look at what robots reach."""
     # What a wrong unit makes of a cell would be found by all others in their own words.
     found = _few(check_units(subject))
-    for check in _CHECKS if not found else ():
+    checks = subject.checks.quick or _GENERAL
+    for check in checks if not found else ():
         found += _few(check(subject))
     return found
 

@@ -51,7 +51,7 @@ def check(
             print_error(report.excerpts(shown).report())
         if not view.quiet:
             for fit in report.fits:
-                typer.echo(f"step {fit.fit.step}: {fit.words}")
+                typer.echo(f"step {fit.step}: {fit.words}")
             typer.echo(f"{scenario}: {verdict(report)}")
             if picture is not None:
                 typer.echo(f"picture: {picture}")

@@ -1,21 +1,24 @@
-"""What a check finds, and the cell that it looks at, its parts in the order of their steps."""
+"""What a check finds, the scenario that it looks at, and what depends on the kind of its assembly."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, wraps
+from functools import cached_property
 from pathlib import Path
+from typing import Any, ClassVar, Protocol
 
 from planning.cell.robot_model import RobotModel
-from planning.cell.workcell import PlacedRobot, Workcell
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.contacts.interference import Overlaps
+from planning.expectations import TOUCH
 from planning.steps.tool_changes import rack_tools, with_every_tool
+from planning.transforms import Array, Transform
 from twin.document.yaml_text import KeyPath
+from twin.durations.model import PackagedSkill
 from twin.planning.build_workcell import build_workcell
-from twin.planning.kind import AssemblyKind, assembly_kind
-from twin.planning.part_assembly.alike import listed_steps
-from twin.planning.part_assembly.ordered_parts import OrderedParts
-from twin.scenario.sections.parts import PartsSection
+from twin.registry import CHECKS
+from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
 
@@ -37,18 +40,6 @@ class Finding:
 
 
 Findings = Iterator[Finding]
-
-
-def of_parts(
-    check: Callable[[Subject, OrderedParts], Findings],
-) -> Callable[[Subject], Findings]:
-    """Make a check of assemblies of parts one of all scenarios, which finds nothing in others."""
-
-    @wraps(check)
-    def checked(subject: Subject) -> Findings:
-        return iter(()) if subject.parts is None else check(subject, subject.parts)
-
-    return checked
 
 
 @dataclass(frozen=True)
@@ -79,12 +70,11 @@ class Subject:
         return assembly_kind(self.scenario.assembly)
 
     @cached_property
-    def parts(self) -> OrderedParts | None:
-        """The assembly in order, where it is one of parts."""
-        section = self.scenario.assembly
-        if not isinstance(section, PartsSection):
-            return None
-        return OrderedParts(self.cell, section)
+    def checks(self) -> KindChecks:
+        """The checks that depend on the kind of the assembly."""
+        kind = self.scenario.assembly.kind
+        found: type[KindChecks] = CHECKS.load(kind) if kind in CHECKS else KindChecks
+        return found(self)
 
     @cached_property
     def unlike_robots(self) -> tuple[PlacedRobot, ...]:
@@ -109,28 +99,13 @@ class Subject:
         key = next((k for k in keys if getattr(section, k)), "name")
         return ("cell", "robots", number, key)
 
-    def step_at(self, number: int, *keys: str) -> KeyPath:
-        """Return where a step is in the file, by its number from 1; all products share theirs."""
-        assert self.parts is not None
-        listed = listed_steps(self.parts.section)
-        return ("assembly", "steps", listed[(number - 1) % len(listed)], *keys)
-
     def thing_at(self, name: str, key: str = "name") -> KeyPath:
         """Return where an object or a fixture is in the file; where it begins may be its source."""
         places, known = self._places, in_file(name, self._places)
         path = places.get(known, ("assembly",))
         if path[-1] != "name":
             return path
-        section = self.scenario.assembly
-        if isinstance(section, PartsSection) and path[:2] == ("assembly", "parts"):
-            number = path[2]
-            assert isinstance(number, int)
-            part = section.parts[number]
-            if key == "start" and part.source is not None:
-                return ("assembly", "sources", part.source, "pose")
-            if part.several and key in ("start", "goal"):
-                key += "s"
-        return (*path[:-1], key)
+        return self.checks.key_at(path, key)
 
     @cached_property
     def _places(self) -> dict[str, KeyPath]:
@@ -143,6 +118,93 @@ class Subject:
             for tool in rack_tools(self.built)
         }
         return {name: path for path, name in self.kind.names()} | fixtures | racks
+
+
+class KindChecks:
+    """What checks and pictures of a scenario ask of its kind of assembly; for kinds with nothing of their own.
+
+    Attributes:
+        subject: the scenario and its cell.
+        quick: its quick checks in their order; empty for the general ones.
+        skills: skills that every assembly of the kind uses, and for which no time is packaged.
+    """
+
+    quick: ClassVar[tuple[Callable[[Subject], Findings], ...]] = ()
+    skills: ClassVar[tuple[PackagedSkill, ...]] = ()
+
+    def __init__(self, subject: Subject) -> None:
+        self.subject = subject
+
+    @property
+    def by_suction(self) -> bool:
+        """Whether tools hold by suction where nothing else is said of them."""
+        return False
+
+    @property
+    def touch_m(self) -> float:
+        """Distance up to which things touch at the start [m]."""
+        return TOUCH
+
+    @property
+    def overlaps(self) -> Overlaps:
+        """How deep objects may be in each other."""
+        return Overlaps()
+
+    def reach(self) -> Findings:
+        """Yield what no robot reaches: an error where the planner would find none either."""
+        yield from ()
+
+    def goals(self) -> Mapping[str, Transform]:
+        """Return where objects are put, by their names."""
+        return {}
+
+    def goal_pieces(self) -> Iterator[tuple[str, Array]]:
+        """Yield what is put somewhere, with the corners of each of its pieces there, shape (v, 3) [m]."""
+        yield from ()
+
+    def tool_frames(self) -> Iterator[tuple[str, str, bool]]:
+        """Yield the tool frames that are used, each with its robot, and whether it holds parts there."""
+        for robot in self.subject.cell.robots:
+            yield robot.name, "tool", True
+
+    def sized(self) -> Sequence[CellObject]:
+        """Return the objects whose sizes the file gives."""
+        return ()
+
+    def placed(self) -> Sequence[CellObject]:
+        """Return the objects that are put in place and whose masses count."""
+        return ()
+
+    def key_at(self, path: KeyPath, key: str) -> KeyPath:
+        """Return the key of a property of an object or a fixture.
+
+        Args:
+            path: key of its name.
+            key: such as ``start`` or ``goal``.
+        """
+        return (*path[:-1], key)
+
+    def fits(self) -> tuple[FittedPart, ...]:
+        """Return how parts fit where they are put, in the order of the steps."""
+        return ()
+
+
+class FittedPart(Protocol):
+    """How a part fits where it is put."""
+
+    @property
+    def step(self) -> int:
+        """Number of the step, from 1."""
+        ...
+
+    @property
+    def words(self) -> str:
+        """What it is, for people."""
+        ...
+
+    def content(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        ...
 
 
 def in_file(name: str, known: Container[str]) -> str:

@@ -17,13 +17,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
-from planning.cell.cover import box_body
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
 from planning.errors import OutputError
 from planning.kinematics.kinematics import frame_pose, joint_poses_of
-from planning.parts.assembly import PlacePart
-from planning.parts.part_steps import spot_pose
 from planning.tasks.task import DOOR
 from planning.transforms import Array, Transform
 from twin.check.finding import Subject
@@ -43,52 +40,7 @@ from twin.check.views import (
     widened,
 )
 from twin.host.pictures import INK, new_picture, save_png
-from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.scenario import Scenario
-
-
-def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
-    """Yield what is put somewhere, with the corners of each of its pieces there, shape (v, 3) [m]."""
-    section = subject.scenario.assembly
-    if subject.parts is not None:
-        assembly, cell = subject.parts.listed, subject.cell
-        words = {
-            name: f"{name.rpartition('.')[0]} goal {number}"
-            for group in assembly.alike
-            for number, name in enumerate(group, start=1)
-        }
-        stops = [
-            (step.part, spot_pose(cell, step.stop))
-            for step in assembly.steps
-            if isinstance(step, PlacePart) and step.stop is not None
-        ]
-        for name, pose in (*assembly.goals.items(), *stops):
-            for piece in cell.object(name).shape.pieces:
-                yield words.get(name, name), placed_points(piece.vertices, pose)
-    elif isinstance(section, LegoSection):
-        yield from _bricks(section)
-    else:
-        from twin.planning.construction import ConstructionKind
-
-        if isinstance(subject.kind, ConstructionKind):
-            for part in subject.kind.parts:
-                yield part.name, _box_corners(part.size, part.goal)
-
-
-def _bricks(section: LegoSection) -> Iterator[tuple[str, Array]]:
-    from planning.lego.bricks.grid import box_pose, box_size
-    from twin.planning.lego import build_lego, build_structure
-
-    assembly = build_lego(section)
-    bricks = build_structure(section) or assembly.structure
-    for placed in bricks:
-        pose = box_pose(assembly.plate, placed)
-        yield placed.name, _box_corners(box_size(placed.brick), pose)
-
-
-def _box_corners(size: Array, pose: Transform) -> Array:
-    return placed_points(box_body("place", size).vertices, pose)
-
 
 PICTURE = "cell.png"
 """Name of the picture in a folder."""
@@ -165,7 +117,7 @@ def cell_figure(
     shapes = [*things, *_robots_drawn(subject)]
     goals = [
         DrawnShape(corners, "none", _GOAL, None, 0.6, (0, (3, 2)))
-        for _, corners in goal_boxes(subject)
+        for _, corners in subject.checks.goal_pieces()
     ]
     goals += [
         DrawnShape(corners, "none", _DOOR, None, 1.2, (0, (1, 1.5)))
@@ -234,7 +186,7 @@ def _things(subject: Subject) -> Iterator[tuple[str, Array, bool]]:
             yield thing.name, _box(thing.shape, thing.start), False
     for name, corners in _doors(subject):
         yield name, _bounds(corners), False
-    for name, pieces in groupby(goal_boxes(subject), key=itemgetter(0)):
+    for name, pieces in groupby(subject.checks.goal_pieces(), key=itemgetter(0)):
         yield name, _bounds(np.vstack([corners for _, corners in pieces])), True
 
 

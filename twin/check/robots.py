@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 from typing import get_args
@@ -22,21 +21,16 @@ from planning.geometry.exact import distance_at, resting_solid
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import inverse_kinematics, joint_poses_of
-from planning.steps.tool_changes import with_each_tool
 from planning.timing.torque import ArmDynamics, Payload, too_weak, why_unchecked
 from planning.transforms import Array, from_rpy
 from twin.check.finding import (
     Finding,
     Findings,
     Subject,
-    in_file,
     millimetres,
-    of_parts,
 )
 from twin.durations.measured import Packaged
 from twin.durations.model import DurationModel, PackagedSkill
-from twin.planning.part_assembly.ordered_parts import OrderedParts
-from twin.scenario.sections.parts import PartsSection
 from twin.uncertainty.skill_durations import SkillDurations
 
 _SUNK = 0.005
@@ -85,8 +79,7 @@ def _remedy(subject: Subject, robot: PlacedRobot, state: WorldState) -> str:
     if not _at_zero(robot, robot.model.dof):
         return "move its base or change its HOME"
     words = "its joints are at zero, as nobody gives it a HOME"
-    parts = subject.parts
-    goals = () if parts is None else tuple(parts.listed.goals.values())
+    goals = tuple(subject.checks.goals().values())
     first: list[int] | None = None
     for home, tool in _free_homes(subject.cell, robot, state):
         ways = [float(np.linalg.norm(tool[:2] - goal[:2, 3])) for goal in goals]
@@ -212,7 +205,7 @@ def check_efforts(subject: Subject) -> Findings:
     """
     if subject.scenario.speed_model != "limits":
         return
-    parts = _placed(subject)
+    parts = subject.checks.placed()
     for robot in subject.cell.robots:
         drives, at = robot.model.drives, subject.robot_at(robot.name, "limits", "model")
         if weak := too_weak(robot):
@@ -227,16 +220,6 @@ def check_efforts(subject: Subject) -> Findings:
         heaviest = max(light, key=lambda part: part.mass, default=None)
         if heaviest is not None and (words := _cannot_hold(robot, heaviest)):
             yield Finding(at, words)
-
-
-def _placed(subject: Subject) -> list[CellObject]:
-    section = subject.scenario.assembly
-    if not isinstance(section, PartsSection):
-        return []
-    placed = {step.place for step in section.steps if step.place}
-    return [
-        part for part in subject.cell.objects if in_file(part.name, placed) in placed
-    ]
 
 
 def _cannot_hold(robot: PlacedRobot, part: CellObject) -> str | None:
@@ -257,18 +240,11 @@ def _cannot_hold(robot: PlacedRobot, part: CellObject) -> str | None:
     )
 
 
-_SKILLS: dict[str, tuple[PackagedSkill, ...]] = {
-    "assembly": ("pick", "place-down"),
-    "construction": ("pick", "place-down"),
-}
-"""Skills that every assembly of a kind uses."""
-
-
 def check_standing_times(subject: Subject) -> Findings:
     """Yield that nothing which is done takes any time."""
     execution = subject.scenario.execution
     every: tuple[str, ...] = get_args(PackagedSkill)
-    used = [*_SKILLS.get(subject.scenario.assembly.kind, every)]
+    used = [*(subject.checks.skills or every)]
     used += subject.scenario.processes
     given = [execution.skills.get(name) for name in used]
     given += [item.duration for item in execution.skill_overrides if item.skill in used]
@@ -283,7 +259,7 @@ def check_standing_times(subject: Subject) -> Findings:
 
 
 def check_skill_times(subject: Subject) -> Findings:
-    """Yield skills of assemblies other than LEGO in which someone takes LEGO's packaged times."""
+    """Yield skills without packaged times of their own in which someone takes LEGO's packaged times."""
     execution = subject.scenario.execution
     models = {k: v for k, v in execution.skills.items() if isinstance(v, DurationModel)}
     durations = SkillDurations(models, execution.skill_overrides)
@@ -291,7 +267,7 @@ def check_skill_times(subject: Subject) -> Findings:
     kinds = dict.fromkeys(item.kind for item in subject.cell.objects if not item.fixed)
     packaged: dict[str, float] = {}
     takers: dict[str, None] = {}
-    for skill in _SKILLS.get(subject.scenario.assembly.kind, ()):
+    for skill in subject.checks.skills:
         for robot, kind in product(robots, kinds):
             duration = durations.model_of(skill, robot, kind)
             if isinstance(duration, Packaged):
@@ -306,116 +282,3 @@ def check_skill_times(subject: Subject) -> Findings:
             f" mean{who}), and this is no LEGO: give execution.skills your own (twin fit makes them"
             " from measured times)",
         )
-
-
-_NAMED = 4
-"""How many parts without a mass are named."""
-
-
-@of_parts
-def check_payloads(subject: Subject, parts: OrderedParts) -> Findings:
-    """Yield tools and parts that are too heavy for who carries them, and masses that nobody tells.
-
-    A part that no robot which may place it carries is an error; a tool that is too heavy by itself may
-    have a wrong mass in its description. Masses count where the scenario gives a payload: then one
-    that is not told is none.
-    """
-    section = parts.section
-    robots = list(with_each_tool(subject.built.robots))
-    yield from _heavy_tools(subject, robots)
-    for part in subject.cell.objects:
-        yield from _too_heavy(subject, section, part, robots)
-    given = _given(subject)
-    if not given:
-        return
-    yield from _light_tools(subject, robots, given)
-    moved = set(section.taken)
-    light = [p.name for p in section.parts if p.name in moved and not p.weight_told]
-    if light:
-        more = f" and {len(light) - _NAMED} more" if len(light) > _NAMED else ""
-        has = "have" if len(light) > 1 else "has"
-        yield Finding(
-            subject.thing_at(light[0], "name"),
-            f"{', '.join(light[:_NAMED])}{more} {has} no mass, so that of what {', '.join(given)} may carry"
-            " (limits.payload_kg) the tool alone counts: give mass_kg, or density_kg_m3",
-        )
-
-
-def _given(subject: Subject) -> dict[str, float]:
-    """Return the payloads that the scenario gives, by robot [kg]."""
-    cell = subject.scenario.cell
-    return {
-        robot.name: robot.limits.payload_kg
-        for robot in cell.robots
-        if robot.limits.payload_kg is not None
-    }
-
-
-def _heavy_tools(subject: Subject, robots: Sequence[PlacedRobot]) -> Findings:
-    for robot in robots:
-        drives = robot.model.drives
-        if drives is None or drives.tool_mass <= drives.payload:
-            continue
-        yield Finding(
-            subject.robot_at(robot.name, "limits", "tool", "model"),
-            f"{_tool(robot)} of {robot.name} weighs {drives.tool_mass:.3g} kg, and {robot.name} may carry"
-            f" {drives.payload:g} kg with it (limits.payload_kg): one of the two is wrong; tools.NAME.mass_kg"
-            " says what a tool weighs where its description does not know",
-        )
-
-
-def _light_tools(
-    subject: Subject, robots: Sequence[PlacedRobot], given: dict[str, float]
-) -> Findings:
-    seen: set[str] = set()
-    for robot in robots:
-        drives, name = robot.model.drives, robot.tool
-        known = name is None or name not in subject.scenario.cell.tools or name in seen
-        if known or robot.name not in given or drives is None or drives.tool_mass > 0.0:
-            continue
-        assert name is not None
-        seen.add(name)
-        yield Finding(
-            ("cell", "tools", name),
-            f"{name} has no mass, so that of the {given[robot.name]:g} kg that {robot.name} may carry, its tool"
-            f" included, all is left for parts: give cell.tools.{name}.mass_kg",
-        )
-
-
-def _too_heavy(
-    subject: Subject,
-    section: PartsSection,
-    part: CellObject,
-    robots: Sequence[PlacedRobot],
-) -> Findings:
-    for step in section.steps:
-        if step.place != in_file(part.name, {step.place or ""}):
-            continue
-        free = dict(_spare(robots, step.robots))
-        if part.mass > max(free.values(), default=math.inf):
-            listing = ", ".join(f"{name} {left:.3g} kg" for name, left in free.items())
-            who = "no robot" if step.robots is None else "no robot that may place it"
-            yield Finding(
-                subject.thing_at(part.name, "mass_kg"),
-                f"{part.name} weighs {part.mass:g} kg, which {who} carries beside its tool ({listing};"
-                " limits.payload_kg)",
-                error=True,
-            )
-            return
-
-
-def _spare(
-    robots: Sequence[PlacedRobot], allowed: Sequence[str] | None
-) -> Iterator[tuple[str, float]]:
-    """Yield what robots may carry beside their tools, those that change them with the lightest [kg]."""
-    most: dict[str, float] = {}
-    for robot in robots:
-        if allowed is None or robot.name in allowed:
-            drives = robot.model.drives
-            spare = math.inf if drives is None else drives.spare
-            most[robot.name] = max(most.get(robot.name, 0.0), spare)
-    yield from most.items()
-
-
-def _tool(robot: PlacedRobot) -> str:
-    return f"the tool {robot.tool}" if robot.tool else "the tool"

@@ -6,43 +6,34 @@ Checks of units: lengths a thousand times too large, as millimetres are where me
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from planning.cell.cover import ConvexBody, box_body
-from planning.cell.robot_model import RobotModel, ToolGrip
-from planning.cell.shape import Shape
+from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.geometry.exact import Solid, distance_at
-from planning.grips.cups import too_wide
-from planning.grips.grip import GripRules, part_grips
 from planning.grips.pads import finger_sides
 from planning.grips.tool_grips import (
-    robot_rules,
-    thinnest,
     tool_bodies,
     tool_heights,
-    tool_rules,
 )
 from planning.robots.descriptions.xml_files import read_xml
-from planning.robots.overview import flange_doubt, overview
+from planning.robots.overview import (
+    flange_doubt,
+    overview,
+)
 from planning.transforms import Array, Transform, readonly, translation
 from twin.check.finding import (
     Finding,
     Findings,
     Subject,
     millimetres,
-    of_parts,
 )
 from twin.check.reach import away_from, reach_bound
 from twin.document.yaml_text import KeyPath
-from twin.planning.part_assembly.ordered_parts import OrderedParts
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.construction import ConstructionSection
-from twin.scenario.sections.parts import PartsSection
-from twin.scenario.sections.scenario import GoalsSection
 from twin.scenario.sections.shapes import PoseSection
 
 _FAR = 0.02
@@ -63,71 +54,10 @@ _ALONG = 0.7
 _NOWHERE = np.zeros(0)
 
 
-@of_parts
-def check_grips(subject: Subject, parts: OrderedParts) -> Findings:
-    """Yield parts that the fingers cannot span, or cannot hold both at the start and in place."""
-    assembly, robots = parts.listed, subject.cell.robots
-    tools = dict.fromkeys(robot.model.grip for robot in robots)
-    for name in dict.fromkeys(assembly.placed):
-        part = subject.cell.object(name)
-        rules = assembly.handling(name).grips
-        widest = max(tool_rules(rules, tool).opening for tool in tools)
-        listing = "; ".join(_opens(tool, rules) for tool in tools)
-        least = thinnest(part.shape)
-        if least > widest and not rules.suction:
-            yield Finding(
-                subject.thing_at(name, "size_m"),
-                f"no fingers span {name}: its shortest edge is {millimetres(least)}, and {listing}",
-                error=True,
-            )
-            continue
-        for key, at, where in (
-            ("start", part.start, "where it lies at the start"),
-            ("goal", assembly.goals[name], "in its place"),
-        ):
-            why = [_no_face(robot, part.shape, at, rules) for robot in robots]
-            if None not in why:
-                wide = sorted({words for words in why if words})
-                listed = "; ".join([listing, *wide])
-                yield Finding(
-                    subject.thing_at(name, key),
-                    f"no face of {name} can be gripped {where}: {listed}; the tool leans at most"
-                    f" {np.degrees(rules.steepest):.0f} deg from assembly.grips.directions; turn the"
-                    " part, or allow more of opening_m, directions or steepest_deg"
-                    + (", or take a smaller cup" if wide else ""),
-                    error=True,
-                )
-
-
-def _no_face(
-    robot: PlacedRobot, shape: Shape, at: Transform, rules: GripRules
-) -> str | None:
-    """Return why a tool finds no face, empty where its cup, also as it is drawn, is not why; None where it does."""
-    plain, drawn = (
-        robot_rules(own, robot) for own in (rules, replace(rules, cup=None))
-    )
-    for own in (plain, drawn if drawn.lips else plain):
-        if not part_grips(shape, at, at, own):
-            words = too_wide(shape, at, at, own) if own.suction else None
-            return f"{robot.tool or robot.name}: {words}" if words else ""
-    return None
-
-
-def _opens(tool: ToolGrip | None, rules: GripRules) -> str:
-    """Return in words how far a tool opens, and where that is written."""
-    if tool is None:
-        return f"they open to {millimetres(rules.opening)} (assembly.grips.opening_m)"
-    if tool.opening is None:
-        return f"{tool.tool} holds any face"
-    if tool.opening[1] == 0.0:
-        return f"{tool.tool} holds nothing"
-    return f"{tool.tool} opens to {millimetres(tool.opening[1])} (cell.tools)"
-
-
 def check_tool_frames(subject: Subject) -> Findings:
     """Yield tool frames that are beside the tool, or do not point out of it."""
     seen: set[tuple[str, bytes]] = set()
-    for name, frame, holds in _frames(subject):
+    for name, frame, holds in subject.checks.tool_frames():
         model = subject.cell.robot(name).model
         if frame != "flange" and frame not in model.frames:
             choices = ", ".join(("flange", *model.frames))
@@ -151,27 +81,6 @@ def check_tool_frames(subject: Subject) -> Findings:
             yield Finding(at, f"frame {frame!r} of {name} ({model.name}) {words}")
 
 
-def _frames(subject: Subject) -> Iterator[tuple[str, str, bool]]:
-    """Yield the tool frames that are used, each with its robot, and whether it holds parts there."""
-    section = subject.scenario.assembly
-    robots = [robot.name for robot in subject.cell.robots]
-    if isinstance(section, GoalsSection):
-        for move in section.moves:
-            if move.to is not None:
-                yield move.robot, move.frame, True
-        return
-    frame = "tool"
-    if isinstance(section, PartsSection | ConstructionSection):
-        frame = section.grips.frame
-    for robot in robots:
-        yield robot, frame, True
-    if isinstance(section, PartsSection):
-        for process in section.processes.values():
-            for item in subject.cell.robots:
-                if process.frame in item.model.frames:
-                    yield item.name, process.frame, False
-
-
 def check_flanges(subject: Subject) -> Findings:
     """Yield flanges out of which another axis points than z, unless the tool makes up for it."""
     for robot in subject.unlike_robots:
@@ -186,8 +95,7 @@ def check_flanges(subject: Subject) -> Findings:
 
 def check_suction(subject: Subject) -> Findings:
     """Yield tools that are said to hold by suction, and whose descriptions have fingers that move."""
-    section = subject.scenario.assembly
-    everywhere = isinstance(section, PartsSection) and section.grips.suction
+    everywhere = subject.checks.by_suction
     for robot in subject.unlike_robots:
         model = robot.model
         suction = everywhere if model.grip is None else model.grip.suction
@@ -353,7 +261,7 @@ def check_units(subject: Subject) -> Findings:
     longest = max(map(_length, robots))
     places = list(_places(subject))
     yield from _far_apart(subject, places)
-    for item in subject.cell.objects if subject.parts is not None else ():
+    for item in subject.checks.sized():
         size = item.shape.size
         if float(size.max()) > _LARGE * longest:
             large = " x ".join(f"{value:.4g}" for value in size)
@@ -373,9 +281,7 @@ def _length(robot: PlacedRobot) -> float:
 
 def _places(subject: Subject) -> Iterator[Place]:
     """Yield where parts lie and where they go."""
-    goals: dict[str, Transform] = {}
-    if subject.parts is not None:
-        goals = dict(subject.parts.listed.goals)
+    goals = subject.checks.goals()
     for item in subject.cell.objects:
         at = subject.thing_at(item.name, "start")
         yield f"{item.name} lies", at, item.start
@@ -446,3 +352,12 @@ def _framed_poses(
 def _remedy(place: Array) -> str:
     small = ", ".join(f"{value / 1e3:.4g}" for value in place)
     return f"xyz_m is in metres; if these are millimetres, it is [{small}]"
+
+
+def check_descriptions(subject: Subject) -> Findings:
+    """Yield collision shapes without a volume, and what is likely in a wrong unit in descriptions."""
+    for robot in subject.unlike_robots:
+        found = overview(robot.model)
+        for words in (*found.left_out, *found.doubts):
+            at = subject.robot_at(robot.name, "model")
+            yield Finding(at, f"{robot.name}: {words}")

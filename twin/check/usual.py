@@ -6,8 +6,7 @@ compared: a default is usual.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from itertools import pairwise
+from collections.abc import Mapping
 
 import numpy as np
 from pydantic import BaseModel
@@ -20,8 +19,6 @@ from twin.durations.normal import TruncatedNormal
 from twin.durations.usual_range import UsualRange, usual_duration
 from twin.planning.build_workcell import fitted_model
 from twin.scenario.sections.cell import LimitsSection
-from twin.scenario.sections.line import ConveyorSection
-from twin.scenario.sections.parts import PartsSection
 
 _RANGES: Mapping[str, UsualRange] = {
     # Robots, tools and grips.
@@ -167,8 +164,8 @@ def _name(at: KeyPath) -> str:
 
 
 def check_rates(subject: Subject) -> Findings:
-    """Yield what stands still for longer than it works, and due times that fall or cannot be kept."""
-    execution, assembly = subject.scenario.execution, subject.scenario.assembly
+    """Yield what stands still for longer than it works."""
+    execution = subject.scenario.execution
     for path, own in parts_of(execution, ("execution",)):
         mtbf, mttr = getattr(own, "mtbf_s", None), getattr(own, "mttr_s", None)
         if mtbf is not None and mttr is not None and mttr > mtbf:
@@ -185,44 +182,6 @@ def check_rates(subject: Subject) -> Findings:
             f"rate_per_h {stalls.rate_per_h:g} makes robots stand still for {stood:.3g} h in an hour of work; usual is"
             " less than 0.1 h",
         )
-    products = getattr(assembly, "products", None)
-    due = products.due_s() if products is not None else ()
-    for who, first, each in _paces(subject) if due else ():
-        late = first + each * np.arange(len(due)) - np.array(due)
-        if late.max() > 0.0:
-            k = int(np.argmax(late > 0.0))
-            yield Finding(
-                ("assembly", "products", "due"),
-                f"due: product {k + 1} is due at {due[k]:g} s, and {who} takes {each:g} s for each product, so that it is"
-                f" not complete before {first + k * each:g} s; let products be due later",
-            )
-    for k, (first, then) in enumerate(pairwise(due)):
-        if then < first:
-            yield Finding(
-                ("assembly", "products", "due", k + 1),
-                f"due: product {k + 2} is due at {then:g} s, before product {k + 1} at {first:g} s, and products are"
-                " finished in their order; usual are times that rise",
-            )
-
-
-def _paces(subject: Subject) -> Iterator[tuple[str, float, float]]:
-    """Yield conveyors and machines of a line: in words, and the time until the first product has its parts, and for each further one [s].
-
-    By the mean of their times; nothing else takes any time.
-    """
-    section, folder = subject.scenario.assembly, subject.folder
-    assert isinstance(section, PartsSection)
-    for name, source in section.sources.items():
-        count = sum(part.count or 1 for part in section.parts if part.source == name)
-        if isinstance(source, ConveyorSection) and count:
-            every = source.interval.located(folder).mean
-            yield f"source {name}", (count - 1) * every, count * every
-    models = subject.scenario.execution.skill_models(folder)
-    for name in section.machines:
-        own = [step.process or "" for step in section.steps]
-        own = [k for k in own if k and section.processes[k].machine == name]
-        takes = sum(models[k].mean for k in own if k in models)
-        yield f"machine {name}", takes, takes
 
 
 _FASTER = 2.0

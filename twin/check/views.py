@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull, QhullError
 
+from planning.cell.cover import box_body
 from planning.transforms import Array, Transform
 from twin.host.pictures import FRAME, INK, style_axes
 
@@ -83,6 +84,11 @@ def draw_axes(area: Axes, view: Viewpoint, pose: Transform, length: float) -> No
         line = np.array([pose[:3, 3], pose[:3, 3] + length * pose[:3, axis]])
         across, along = line[:, view.flat].T
         area.plot(across, along, color=colour, linewidth=1.8, zorder=5)
+
+
+def box_corners(size: Array, pose: Transform) -> Array:
+    """Return the corners of a box in its place, shape (8, 3) [m]."""
+    return placed_points(box_body("place", size).vertices, pose)
 
 
 def placed_points(points: Array, pose: Transform) -> Array:

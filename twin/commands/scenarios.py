@@ -97,7 +97,7 @@ def validate(
     ] = False,
 ) -> int:
     """Check scenario files and report every problem in them."""
-    from twin.planning.kind import assembly_kind
+    from twin.scenario.sections.kind import assembly_kind
     from twin.trial.loaded_scenario import load
 
     code = COMPLETED

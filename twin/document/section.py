@@ -122,6 +122,16 @@ class Section(BaseModel):
         return self.model_copy(update=values)
 
 
+class WingSection(Section):
+    """Optional section of a wing at the top of a scenario, on which nothing of a run depends.
+
+    Attributes:
+        purpose: what it is for, shown by editors.
+    """
+
+    purpose: ClassVar[str]
+
+
 def with_tuples(value: Any) -> Any:
     """Return what was read from JSON with tuples for lists, which strict sections ask for."""
     if isinstance(value, dict):

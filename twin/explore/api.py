@@ -25,6 +25,7 @@ from twin.explore.folder import (
     write_request,
 )
 from twin.explore.report import write_report
+from twin.explore.section import ExploreSection, explore_section
 from twin.explore.singles import (
     SingleChange,
     candidates,
@@ -37,7 +38,6 @@ from twin.host.arguments import checks_arguments
 from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder
-from twin.scenario.sections.exploration import ExploreSection
 from twin.study.replications.workload import check_cluster, open_executor, parallelism
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 
@@ -177,7 +177,7 @@ def asked(
         ScenarioError: an option does not fit.
         RequestError: nothing varies, or several goals are to be judged by single changes.
     """
-    own = case.sections.explore or ExploreSection()
+    own = explore_section(case.sections) or ExploreSection()
     varied = tuple(map(vary_section, vary)) or own.vary
     if single:
         if vary or len(own.goals) > 1:

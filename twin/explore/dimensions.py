@@ -23,9 +23,9 @@ from twin.document.validation import (
     validated,
 )
 from twin.document.yaml_text import YamlDocument
+from twin.explore.section import ExploreSection, VarySection, explore_section
 from twin.reading.checks import find_problems
 from twin.scenario.schema import scenario_schema
-from twin.scenario.sections.exploration import ExploreSection, VarySection
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import (
     Variant,
@@ -251,7 +251,7 @@ def dimensions_of(
         )
     if not problems:
         return tuple(found)
-    if scenario.explore == section and document.nearest(problems[0][0]):
+    if explore_section(scenario) == section and document.nearest(problems[0][0]):
         told: list[FileProblem] = [document.problem(*item) for item in problems]
         raise InvalidScenarioError(document.path, told, document.lines)
     raise ScenarioError("; ".join(text for _, text in problems))

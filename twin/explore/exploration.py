@@ -17,8 +17,8 @@ from twin.explore.influence import front
 from twin.explore.journal import JOURNAL, REPLANNED, SEARCH, Journal, Tried
 from twin.explore.rungs import Evaluation
 from twin.explore.search import Search
+from twin.explore.section import ExploreSection
 from twin.host.progress import Report
-from twin.scenario.sections.exploration import ExploreSection
 
 SEARCHING = "designs"
 """Name of the stage for progress displays."""

@@ -22,8 +22,8 @@ from twin.explore.folder import read_sample, write_sample
 from twin.explore.influence import spread
 from twin.explore.journal import JOURNAL, REPLANNED, UNDONE, Tried
 from twin.explore.rungs import Climb, Setting, judged, keys_of, replicated_results
+from twin.explore.section import REPLICATED
 from twin.host.progress import Report
-from twin.scenario.sections.exploration import REPLICATED
 from twin.scenario.variations import Variant, varied
 from twin.study.gains.gains import PairedQuantiles
 from twin.study.replications.statistics import (

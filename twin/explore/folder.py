@@ -30,6 +30,7 @@ from planning.transforms import Array
 from twin.explore.dimensions import dimensions_of, variant_of
 from twin.explore.journal import JOURNAL
 from twin.explore.rungs import Setting
+from twin.explore.section import ExploreSection
 from twin.host.guard import versions_of
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.manifest import (
@@ -38,7 +39,6 @@ from twin.scenario.manifest import (
     unchanged_base,
     write_manifest,
 )
-from twin.scenario.sections.exploration import ExploreSection
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.shipped import write_beginning
 from twin.scenario.variations import varied

@@ -13,8 +13,8 @@ from rich.text import Text
 
 from twin.explore.finals import Worth
 from twin.explore.folder import REPORT
+from twin.explore.section import REPLICATED
 from twin.explore.summary import ExploreSummary, RankedDesign
-from twin.scenario.sections.exploration import REPLICATED
 from twin.study.replications.statistics import Interval
 
 BEST_HEAD = ["#"]

@@ -15,16 +15,15 @@ from scipy.spatial import ConvexHull, QhullError
 from planning.errors import TwinError, in_a_line
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
 from twin.check.check import quick_findings, reach_findings
 from twin.check.finding import Finding, Subject
 from twin.check.picture import cell_shapes
 from twin.document.expressions import ExpressionError, KeyValue
+from twin.explore.section import ExploreSection
 from twin.host.progress import StageWatch
-from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import order_motions, plan_motions
 from twin.reading.checks import find_problems
-from twin.scenario.sections.exploration import ExploreSection
-from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import Variant, layout_of, value_of, varied
 from twin.study.plans import workload
@@ -74,7 +73,7 @@ class Evaluation:
         rung: the last one that it came to.
         reason: why it is refused or behind.
         violation: how far it is from being possible, 0 if it is: rungs that it did not pass, and a share.
-        results: what is known of it, by the names of twin.scenario.sections.exploration.
+        results: what is known of it, by the names of twin.explore.section.
         goals: values of the goals, each as something to be small; empty where it is not done.
         turns_s: makespan of its plan without shortcuts, NaN where there is none, or of one product of several [s].
         makespans_s: of its replications, NaN where one did not complete [s].
@@ -185,7 +184,7 @@ class Climb:
         if self._planner_seed is not None:
             layout = layout.changed(seed=self._planner_seed)
         _, turns = _motions(Planned(layout, setting.folder))
-        if turns is not None and products(own) == 1:  # it is that of one product
+        if turns is not None and own.kind.products() == 1:  # it is that of one product
             turns_s = float(earliest_times(turns).makespan)
             self._known["turns_s"] = turns_s
             if turns_s > self._longest_turns_s:
@@ -326,17 +325,9 @@ def replicated_results(
         "p50_s": float(np.quantile(known, 0.5, method="inverted_cdf")),
         "p90_s": float(np.quantile(known, 0.9, method="inverted_cdf")),
         "failed": 1.0 - len(known) / len(makespans_s),
-        "throughput_per_h": 3600.0 * products(scenario) / mean,
+        "throughput_per_h": 3600.0 * scenario.kind.products() / mean,
     }
     if section.deadline_s is not None:
         late = ~(makespans_s <= section.deadline_s)  # what does not end is late
         found["late"] = float(np.mean(late))
     return found
-
-
-def products(scenario: Scenario) -> int:
-    """Return how many products a scenario makes."""
-    section = scenario.assembly
-    if isinstance(section, PartsSection) and section.products is not None:
-        return section.products.count
-    return 1

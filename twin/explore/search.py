@@ -11,8 +11,8 @@ import numpy as np
 
 from twin.explore.dimensions import Dimension, Values, all_designs, base_values, key_of
 from twin.explore.journal import Tried
+from twin.explore.section import SamplerName
 from twin.host.extras import extra_module
-from twin.scenario.sections.exploration import SamplerName
 
 _PENALTY = 1e9
 """What samplers without constraints are told of a design that is refused, the more the less far it got."""

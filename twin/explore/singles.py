@@ -17,8 +17,8 @@ from twin.explore.dimensions import Dimension, base_values, entry_name
 from twin.explore.exploration import Exploration
 from twin.explore.finals import Finals
 from twin.explore.journal import SINGLE, Tried
+from twin.explore.section import EFFORTS
 from twin.host.progress import Report
-from twin.scenario.sections.exploration import EFFORTS
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import value_of
 from twin.study.replications.statistics import Interval

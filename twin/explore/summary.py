@@ -15,8 +15,8 @@ from twin.explore.finals import Finalist, Worth
 from twin.explore.influence import Importance, front, importances
 from twin.explore.journal import SINGLE, Tried
 from twin.explore.rungs import CONSTRAINT, RUNGS
+from twin.explore.section import ExploreSection
 from twin.explore.singles import SingleChange
-from twin.scenario.sections.exploration import ExploreSection
 from twin.study.replications.statistics import Interval, mean_interval
 
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")

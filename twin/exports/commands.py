@@ -87,18 +87,15 @@ def export(
 
 def _export_scenario(file: Path, out: Path | None) -> Path:
     """Write what a scenario builds as a model of LDraw; return the file."""
-    from twin.exports.ldraw import ldraw_of_scenario
     from twin.host.guard import replacing
+    from twin.kinds.lego.ldraw import ldraw_of_scenario
     from twin.reading.scenario_file import load_scenario
-    from twin.scenario.sections.lego import LegoSection
 
     scenario = load_scenario(file)
-    if not isinstance(scenario.assembly, LegoSection):
-        raise OutputError(f"{file}: only a LEGO assembly is a model of LDraw")
+    content = ldraw_of_scenario(scenario, file)
     path = out or Path(f"{scenario.name}.ldr")
     if path.is_dir():
         path /= f"{scenario.name}.ldr"
-    content = ldraw_of_scenario(scenario.assembly, scenario.name)
     with replacing(path) as temporary:
         temporary.write_bytes(content)
     return path

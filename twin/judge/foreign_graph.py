@@ -13,15 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.lego.bricks.brick_world import next_copy, source_of
 from planning.tasks.task import TRANSIT, Handling, Task
 from planning.transforms import Array, identity, readonly
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.document.validation import Found, unless_known
 from twin.document.yaml_text import KeyPath
 from twin.judge.open_plan import OpenMotion, OpenPlan, require_none
-from twin.scenario.sections.lego import LegoSection
-from twin.scenario.sections.scenario import AssemblySection
+from twin.scenario.sections.kind import AssemblySection, assembly_kind
 
 
 def cell_for(
@@ -41,17 +39,14 @@ def cell_for(
     Raises:
         InvalidScenarioError: the plan names robots, joints or objects that there are not.
     """
-    stations = set()
-    if isinstance(assembly, LegoSection):
-        stations = {item.name for item in assembly.stock if item.station}
+    kind = assembly_kind(assembly)
     known = {item.name: item for item in cell.objects}
     for _, _, motion in plan.placed():
         for name in (motion.object, *(event.object for event in motion.events)):
-            source = source_of(name or "", stations)
-            if name is not None and name not in known and source != name:
-                number = int(name.rpartition(".")[2])
-                copy = next_copy(known[source], source, number)
-                known[copy.name] = copy
+            if name is None or name in known:
+                continue
+            if (item := kind.object_named(name, known)) is not None:
+                known[item.name] = item
     whole = replace(cell, objects=tuple(known.values()))
     require_none(path, _misfits(plan, whole))
     return whole

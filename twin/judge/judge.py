@@ -36,7 +36,7 @@ from twin.judge.foreign_graph import cell_for, graph_of
 from twin.judge.meant_contacts import meant_contacts
 from twin.judge.open_plan import OpenMotion, OpenPlan, read_open_plan
 from twin.planning.build_workcell import build_workcell
-from twin.planning.kind import assembly_kind
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.shipped import shipped_scenarios
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, load

@@ -16,6 +16,7 @@ from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
+from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import state_at
 from scheduling.rolling.supply import supply_waits, with_supply, without_chains
 from twin.durations.model import NANOSECONDS
@@ -27,11 +28,11 @@ from twin.operate.going import Planner
 from twin.operate.person import Ask, Person, Says
 from twin.operate.recovery import Recovery
 from twin.operate.rolling import Keep, RollingDrivenExecution, RollingExecution
-from twin.planning.kind import AssemblyKind, PlannedMotions, assembly_kind
 from twin.recorders.observers import Observers, Recorder
 from twin.registry import RECOVERIES
 from twin.run.events import ExecutionRecord
 from twin.scenario.sections.execution import AskSection
+from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler

@@ -27,6 +27,7 @@ from planning.worlds.onward import Hindered, Situation, hindered, narrowed
 from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, leftovers, standing
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from scheduling.rolling.supply import coming
 from twin.host.progress import StageWatch
@@ -60,7 +61,6 @@ from twin.operate.person import Ledger, Person
 from twin.operate.replanning import plan_from
 from twin.operate.step_window import StepWindow
 from twin.operate.termination import NO_PROGRESS
-from twin.planning.kind import PlannedMotions
 from twin.scenario.sections.scenario import Scenario
 
 _AS_PLANNED = ((Recut(steps=True),), (Recut(aside=True),))

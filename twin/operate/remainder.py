@@ -32,13 +32,13 @@ from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, taken_by
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from scheduling.rolling.supply import alone, going_on
 from twin.operate.committed import Committed, Failure, Incident, Recut
 from twin.operate.going import Planner
 from twin.operate.person import Person
 from twin.operate.recovery import Recovery
-from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import planned_shortcuts
 from twin.registry import RECOVERIES
 from twin.scenario.sections.scenario import Scenario

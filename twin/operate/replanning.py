@@ -16,9 +16,10 @@ from scheduling.build_tpg import build_nodes, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.beam_search import reorder_tasks
+from scheduling.planned_motions import PlannedMotions
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.host.progress import StageWatch
-from twin.planning.kind import PlannedMotions, timed
+from twin.planning.time_parameterization import timed
 from twin.scenario.sections.scenario import Scenario
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from planning.tasks.assignment import TaskPlan
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.planning.kind import PlannedMotions
+from scheduling.planned_motions import PlannedMotions
 from twin.scenario.sections.execution import StepWindowSection
 
 

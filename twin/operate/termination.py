@@ -32,7 +32,7 @@ from typing import NamedTuple
 
 from planning.tasks.task import HOLD, LEAVE_TOOL, SKILLS, TAKE_TOOL
 from twin.operate.person import Ledger, Person
-from twin.planning.kind import assembly_kind
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
 NO_PROGRESS = "a new plan would bring the operation no closer to its end"

@@ -6,7 +6,7 @@ Robot models as a scenario fits them out: with tools, flanges, limits and joints
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +14,7 @@ import numpy as np
 from planning.bounds import HOME_SLACK, LIMIT_SLACK
 from planning.cell.robot_model import RobotModel, limits_of
 from planning.cell.shape import (
-    Box,
-    Capsule,
-    Cylinder,
     Element,
-    Form,
-    Shape,
-    box_shape,
-    shape_of,
 )
 from planning.cell.workcell import (
     CellObject,
@@ -38,54 +31,12 @@ from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.descriptions.urdf_file import BY_JOINT, GivenLimits
 from planning.robots.registry import robot_model, with_tool
-from planning.transforms import Transform, identity, readonly
-from twin.planning.kind import AssemblyKind, assembly_kind
+from planning.transforms import readonly
+from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
+from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import FixtureSection, Scenario
 from twin.scenario.sections.shapes import ShapeSection, as_planned, build_transform
-
-
-def build_shape(name: str, section: ShapeSection, folder: Path = Path()) -> Shape:
-    """Return the shape that a section describes.
-
-    Args:
-        name: of what has the shape, for messages.
-        section: what the file says.
-        folder: where relative paths of meshes start.
-
-    Raises:
-        ShapeError: a mesh cannot be used; says which, and what to do.
-    """
-    if section.box is not None:
-        return box_shape(name, section.box)
-    return shape_of(name, tuple(_elements(section, readonly(identity()), folder)))
-
-
-def _elements(
-    section: ShapeSection, pose: Transform, folder: Path
-) -> Iterator[Element]:
-    """Yield the forms of a shape whose frame is at a pose."""
-    if section.compound is not None:
-        for item in section.compound:
-            place = readonly(pose @ build_transform(item.pose))
-            yield from _elements(item, place, folder)
-        return
-    yield Element(_form(section, folder), pose)
-
-
-def _form(section: ShapeSection, folder: Path) -> Form:
-    if section.box is not None:
-        return Box(section.box)
-    if section.cylinder is not None:
-        return Cylinder(section.cylinder.radius_m, section.cylinder.length_m)
-    if section.capsule is not None:
-        return Capsule(section.capsule.radius_m, section.capsule.length_m)
-    from planning.meshes.mesh_form import mesh_form
-
-    assert section.mesh is not None
-    file = file_named(section.mesh, folder, ShapeError)
-    return mesh_form(file, section.scale, section.within_m)
-
 
 _TOOL_COLOUR = (88, 92, 98)
 """Colour of tools that are objects."""

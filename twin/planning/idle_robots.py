@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
-from planning.cell.workcell import PlacedRobot
-from planning.grips.tool_grips import robot_grips
-from planning.parts.assembly import PartAssembly, PlacePart, Work
 from scheduling.graph.task_edges import idle_robots
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.planning.kind import PlannedMotions
-
-IdleReason = Literal[
-    "no reach", "tools", "not allowed", "makespan", "balance", "search", "unknown"
-]
+from scheduling.planned_motions import PlannedMotions
+from twin.scenario.sections.kind import AssemblyKind, IdleReason
 
 _WORDS: dict[IdleReason, str] = {
     "no reach": "it reaches none of them",
@@ -66,60 +60,33 @@ def known_idle(content: object) -> tuple[IdleRobot, ...]:
     )
 
 
-def find_idle(tpg: TemporalPlanGraph, first: PlannedMotions) -> tuple[IdleRobot, ...]:
+def find_idle(
+    tpg: TemporalPlanGraph, first: PlannedMotions, kind: AssemblyKind
+) -> tuple[IdleRobot, ...]:
     """Return the robots that get no task, and why.
 
     Args:
         tpg: the plan that was chosen.
         first: the motions of all robots, before those of fewer robots were compared with them.
+        kind: of the assembly.
     """
     if first.work is None:
-        return tuple(_idle_builder(name, first) for name in idle_robots(tpg))
+        return tuple(_idle_builder(name, first, kind) for name in idle_robots(tpg))
     found, problem = [], first.work.problem
     for name in idle_robots(tpg):
         steps = {c.step for c in problem.primaries if name in (c.robot, c.partner)}
         steps |= {c.step for c in problem.supports if c.robot == name}
         reason: IdleReason = "balance"
         if not steps:
-            reason = _why_none(tpg.cell.robot(name), first)
+            reason = kind.why_unable(tpg.cell.robot(name), first)
         elif any(task.robot == name for task in first.motion_plan.tasks):
             reason = "makespan"
         found.append(IdleRobot(name, reason, len(steps), len(problem.steps)))
     return tuple(found)
 
 
-def _idle_builder(name: str, first: PlannedMotions) -> IdleRobot:
-    """Return what a robot without a task in a construction could do: fetch, hand over or place parts, by reach alone."""
-    from planning.construction.problem.reach_bounds import reach_bounds
-
-    problem = first.assembly.problem
-    able = len(list(reach_bounds(problem).serves(name)))
+def _idle_builder(name: str, first: PlannedMotions, kind: AssemblyKind) -> IdleRobot:
+    """Return why a robot gets no task where tasks are chosen along with the motions."""
+    able, steps = kind.steps_served(name, first)
     reason: IdleReason = "search" if able else "no reach"
-    return IdleRobot(name, reason, able, len(problem.parts))
-
-
-def _why_none(robot: PlacedRobot, first: PlannedMotions) -> IdleReason:
-    """Return why a robot can serve no step."""
-    assembly = first.assembly
-    if not isinstance(assembly, PartAssembly):
-        # Moves are of robots by their names.
-        return "not allowed" if first.work and not first.work.assembly else "no reach"
-    able = [s for s in assembly.steps if isinstance(s, PlacePart | Work)]
-    able = [step for step in able if step.done_by(robot.name)]
-    if not able:
-        return "not allowed"
-    models = [robot.model, *(tool.model for tool in robot.tools)]
-    tools = {None, robot.tool, *(tool.name for tool in robot.tools)}
-    for step in able:
-        if isinstance(step, Work):
-            frame = step.process.frame
-            fits = step.process.tool in tools
-        else:
-            frame, part = assembly.frame, first.cell.object(step.part)
-            given = part.shape, part.start, part.start
-            grips = assembly.handling(step.part).grips
-            outfits = [replace(robot, model=model) for model in models]
-            fits = any(robot_grips(own, *given, grips) for own in outfits)
-        if fits and any(frame in {"flange", *model.frames} for model in models):
-            return "no reach"
-    return "tools"
+    return IdleRobot(name, reason, able, steps)

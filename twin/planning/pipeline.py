@@ -23,11 +23,12 @@ from scheduling.ordering.synchronous import (
     TaskConflicts,
     plan_synchronous,
 )
+from scheduling.planned_motions import PlannedMotions
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_workcell
-from twin.planning.kind import AssemblyKind, PlannedMotions, assembly_kind
 from twin.registry import PLANNERS
+from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
 SLOTS, ORDER = "who moves at once", "what waits for what"
@@ -68,7 +69,7 @@ def plan_motions(
     settings = motion_settings(scenario, cell, folder)
     if first is None:
         return kind.plan(cell, settings, watch)
-    from twin.planning.goals import plan_in_turns
+    from twin.planning.in_turns import plan_in_turns
 
     ahead = kind.ahead(cell, watch)
     with watch.stage("assignment"):
@@ -227,7 +228,7 @@ def planned_sidesteps(scenario: Scenario) -> int:
     candidates = scenario.planning.sidestep_candidates
     if candidates != "auto":
         return candidates
-    return default_shortcuts(scenario) if scenario.assembly.kind == "goals" else 0
+    return default_shortcuts(scenario) if scenario.kind.tries_sidesteps else 0
 
 
 def default_shortcuts(scenario: Scenario) -> int:

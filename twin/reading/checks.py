@@ -26,10 +26,9 @@ from twin.document.validation import Found, unknown_name, unless_known
 from twin.document.yaml_text import Elsewhere, KeyPath
 from twin.durations.measured import Empirical
 from twin.durations.model import DurationModel
-from twin.planning.kind import assembly_kind
-from twin.planning.part_assembly.problems import disturbed_machines
+from twin.registry import KINDS
 from twin.scenario.sections.cell import CellSection, RobotSection
-from twin.scenario.sections.parts import PartsSection
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.sections.shapes import ShapeSection
 
@@ -44,9 +43,11 @@ def _check_tools(scenario: Scenario) -> Found:
     tools, owners = scenario.cell.tools, dict[str, str]()
     for i, robot in enumerate(scenario.cell.listed):
         at: KeyPath = ("cell", "robots", i)
-        if robot.tools and not isinstance(scenario.assembly, PartsSection):
+        if robot.tools and not scenario.kind.changes_tools:
             kind = scenario.assembly.kind
-            words = "tools are changed in assemblies of kind 'assembly' only"
+            able = [k for k, own in KINDS.load_all().items() if own.changes_tools]
+            named = " or ".join(map(repr, able))
+            words = f"tools are changed in assemblies of kind {named} only"
             yield (*at, "tools"), f"{words}, and this is a {kind}: give tool"
         if robot.tools and robot.frames:
             words = "frames of tools that are changed belong to the tools"
@@ -267,9 +268,7 @@ def _is_path(model: str) -> bool:
 
 def _check_robot_names(scenario: Scenario) -> Found:
     """Disturbances happen to robots of the cell, and to machines of the assembly."""
-    machines: tuple[str, ...] = ()
-    if isinstance(scenario.assembly, PartsSection):
-        machines = tuple(disturbed_machines(scenario.assembly))
+    machines = tuple(scenario.kind.disturbed_machines())
     for name in scenario.execution.machines:
         at, none = ("execution", "machines", name), f"there is no machine {name!r}"
         yield from unless_known(at, "machine", name, machines, none)
@@ -277,7 +276,7 @@ def _check_robot_names(scenario: Scenario) -> Found:
     for path, name in scenario.execution.named_robots():
         yield from unless_known(("execution", *path), "robot", name, names)
     outages, late = scenario.execution.outages, scenario.execution.late
-    works = getattr(scenario.assembly, "machines", {})
+    works = tuple(scenario.kind.working_machines())
     for i, item in enumerate(outages):
         who: KeyPath = ("execution", "outages", i, "robot")
         what = "robot or machine" if works else "robot"
@@ -368,18 +367,12 @@ def _check_skills(scenario: Scenario) -> Found:
     for key, deviations in said.items():
         for name in deviations or ():
             place = (key, "deviation", name, "[key]")
-            if scenario.assembly.kind == "construction":
-                text = "a construction is planned without deviation: leave it out"
+            if not scenario.kind.allows_deviation:
+                text = f"a {scenario.assembly.kind} is planned without deviation: leave it out"
                 yield (key, "deviation"), text
             yield from unless_known(place, "skill", name, valid)
-    section = scenario.assembly
-    if isinstance(section, PartsSection):
-        things = [part.name for part in section.parts]
-    else:
-        things = [name for _, name in assembly_kind(section).names()]
-    lie_as_said = isinstance(section, PartsSection) and not (
-        section.sources or section.products
-    )
+    things = tuple(scenario.kind.part_names())
+    lie_as_said = scenario.kind.lies_as_given()
     robots = [robot.name for robot in scenario.cell.robots]
     for skill, failure in execution.failures.items():
         at_a_part = skill in HANDLING

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from planning.files import read_file
+from twin.document.section import Section
 from twin.document.validation import (
     FileProblem,
     InvalidScenarioError,
@@ -15,10 +16,9 @@ from twin.document.validation import (
 )
 from twin.document.yaml_text import Mark, YamlDocument
 from twin.reading.checks import find_problems
+from twin.registry import KINDS
 from twin.scenario.schema import scenario_schema
-from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.scenario import Scenario
-from twin.scenario.sections.shapes import StructureSection
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -48,10 +48,10 @@ def scenario_of(path: Path, text: str) -> tuple[Scenario, YamlDocument]:
     Raises:
         InvalidScenarioError: see load_scenario.
     """
-    document, included = _include_structure(parsed(path, text))
+    document, included = _include_section(parsed(path, text))
     scenario = validated(document, Scenario, scenario_schema)
     if included is not None:
-        _check_structure_file(scenario, included)
+        _check_included(scenario, included)
     found = [document.problem(*item) for item in find_problems(scenario, path.parent)]
     if found or document.problems:
         problems = [*document.problems, *found]
@@ -74,54 +74,61 @@ def _read_text(path: Path) -> str:
     raise InvalidScenarioError(path, [FileProblem(Mark(1, 1), reason)])
 
 
-def _include_structure(
+def _include_section(
     document: YamlDocument,
 ) -> tuple[YamlDocument, YamlDocument | None]:
-    """Return a scenario with the structure of the file it names, and that file if any.
+    """Return a scenario with the section of the file that its assembly names, and that file if any.
 
-    ``assembly.structure`` may be ``{file: NAME}``, relative to the scenario.
+    Such as ``assembly.structure`` may be ``{file: NAME}``, relative to the scenario.
     """
-    name = _file_name(document.data)
-    if name is None:
-        return document, None
+    for kind in KINDS.load_all().values():
+        for key, section in kind.included.items():
+            name = _file_name(document.data, key)
+            if name is not None:
+                return _included(document, key, name, section)
+    return document, None
+
+
+def _included(
+    document: YamlDocument, key: str, name: str, section: type[Section]
+) -> tuple[YamlDocument, YamlDocument]:
+    """Return a scenario with the section that a file holds, and that file.
+
+    Raises:
+        InvalidScenarioError: the file cannot be read, or does not hold such a section.
+    """
     path = document.path.parent / name
     try:
         text = read_file(path).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
         problem = FileProblem(
-            document.mark_of(("assembly", "structure", "file")),
+            document.mark_of(("assembly", key, "file")),
             f"{path}: cannot be read: {reason}",
         )
         raise InvalidScenarioError(document.path, [problem], document.lines) from None
     included = parsed(path, text)
-    validated(included, StructureSection, StructureSection.model_json_schema)
+    validated(included, section, section.model_json_schema)
     if included.problems:
         raise InvalidScenarioError(path, included.problems, included.lines)
     data = dict(document.data)
-    data["assembly"] = {**data["assembly"], "structure": included.data}
+    data["assembly"] = {**data["assembly"], key: included.data}
     return replace(document, data=data), included
 
 
-def _check_structure_file(scenario: Scenario, included: YamlDocument) -> None:
-    """Raise an error, with places in that file, for bricks that cannot be as they are drawn."""
-    from twin.planning.brick_checks import find_structure_problems
-    from twin.scenario.sections.lego import brick_types
-
-    lego = scenario.assembly
-    assert isinstance(lego, LegoSection)
-    types = brick_types(lego)
-    if any(item.brick not in types for item in lego.stock):
-        return
-    problems = [included.problem(*item) for item in find_structure_problems(lego)]
+def _check_included(scenario: Scenario, included: YamlDocument) -> None:
+    """Raise an error, with places in that file, for what cannot be as it says."""
+    found = scenario.kind.included_problems()
+    problems = [included.problem(*item) for item in found]
     if problems:
         raise InvalidScenarioError(included.path, problems, included.lines)
 
 
-def _file_name(data: Any) -> str | None:
+def _file_name(data: Any, key: str) -> str | None:
+    """Return the file that an entry of the assembly names, None where it is given in full or not at all."""
     assembly = data.get("assembly") if isinstance(data, dict) else None
-    structure = assembly.get("structure") if isinstance(assembly, dict) else None
-    if not isinstance(structure, dict) or set(structure) != {"file"}:
+    entry = assembly.get(key) if isinstance(assembly, dict) else None
+    if not isinstance(entry, dict) or set(entry) != {"file"}:
         return None
-    name = structure["file"]
+    name = entry["file"]
     return name if isinstance(name, str) else None

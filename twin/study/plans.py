@@ -12,6 +12,7 @@ from planning.errors import RequestError, ScenarioError, TwinError, in_a_line
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
+from scheduling.planned_motions import PlannedMotions
 from twin.check.check import check_scenario
 from twin.document.validation import parsed
 from twin.engine.bulk.bulk_engine import held_back
@@ -19,9 +20,8 @@ from twin.engine.execution_model import ExecutionModel
 from twin.host.guard import versions
 from twin.host.progress import Report, StageWatch
 from twin.operate.replicated.operating import Operated
-from twin.planning.kind import PlannedMotions, assembly_kind
-from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import default_shortcuts, plan_motions, planned_shortcuts
+from twin.planning.repetition import repeated_plans
 from twin.reading.checks import find_problems
 from twin.run.policies import (
     ASYNCHRONOUS,
@@ -38,6 +38,7 @@ from twin.run.policies import (
     policy_name,
 )
 from twin.scenario.manifest import file_hashes, scenario_sha256
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import Variant, layout_of, varied
 from twin.study.folder import Refused, StudyRequest

@@ -13,6 +13,7 @@ import numpy as np
 from planning.errors import OutputError, RequestError
 from planning.files import read_object
 from scheduling.graph.plan_files import save_plan
+from scheduling.planned_motions import PlannedMotions
 from twin.audit.audit import audit_off_bases, audit_run
 from twin.audit.motion.deviated import deviated
 from twin.audit.motion.executed import read_recording
@@ -25,9 +26,9 @@ from twin.engine.execution_model import Messages
 from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
-from twin.planning.kind import PlannedMotions, assembly_kind
 from twin.recorders.observers import write_motion
 from twin.run.policies import NAMED_POLICIES, OPEN_LOOP
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import is_of_execution, layout_of, varied
 from twin.study.folder import (

@@ -14,8 +14,8 @@ from pydantic import Field
 from planning.transforms import Array
 from twin.audit.worlds.engines import engine_and_version, engine_named
 from twin.durations.model import NANOSECONDS
-from twin.planning.kind import assembly_kind
 from twin.run.policies import OPEN_LOOP, PLAIN_POLICIES, shown_policy
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.variations import Variant, is_of_execution, layout_of, varied
 from twin.study.folder import Refused, StudyRequest
 from twin.study.operated import OperatedSummary

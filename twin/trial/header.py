@@ -15,13 +15,13 @@ from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.planning.idle_robots import IdleRobot
-from twin.planning.kind import assembly_kind
 from twin.registry import AUDIT, AUDITORS, RECORDERS
 from twin.run.events import DeadlockError, ExecutionRecord, Policy
 from twin.run.header import RunHeader
 from twin.run.policies import SHORTENED
 from twin.run.summary import summarise
 from twin.run.windows import window_doubts
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
 from twin.trial.simulation import execute, scenario_execution

@@ -61,7 +61,7 @@ class LoadedScenario:
     @property
     def steps(self) -> int:
         """Number of steps of the assembly."""
-        from twin.planning.kind import assembly_kind
+        from twin.scenario.sections.kind import assembly_kind
 
         return assembly_kind(self.sections.assembly).steps()
 
@@ -95,7 +95,7 @@ class LoadedScenario:
 
     def __repr__(self) -> str:
         """Return what it is in a line; ``resolved`` has all of it."""
-        from twin.planning.kind import assembly_kind
+        from twin.scenario.sections.kind import assembly_kind
 
         kind = assembly_kind(self.sections.assembly)
         size = f"{len(self.robots)} robots, {kind.steps()} steps, {kind.supply()}"

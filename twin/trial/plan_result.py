@@ -13,10 +13,10 @@ from planning.files import read_object
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
 from twin.host.arguments import checks_arguments
 from twin.planning.build_workcell import build_workcell
 from twin.planning.idle_robots import IdleRobot, known_idle
-from twin.planning.kind import PlannedMotions
 from twin.run.folder import FIRST, PLAN_FILES, TURNS, VERSIONS, require_as_written
 from twin.run.policies import IN_SLOTS, IN_TURNS
 from twin.scenario.manifest import MANIFEST, manifest_base, read_manifest

@@ -21,10 +21,9 @@ from planning.tasks.task import (
 )
 from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.idle_robots import find_idle
-from twin.planning.kind import PlannedMotions, assembly_kind, timed
-from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import (
     MOST_CANDIDATES,
     order_motions,
@@ -35,6 +34,8 @@ from twin.planning.pipeline import (
     shorten,
     wanted_steps,
 )
+from twin.planning.repetition import repeated_plans
+from twin.planning.time_parameterization import timed
 from twin.run.policies import (
     AT_ONCE,
     IN_SLOTS,
@@ -43,6 +44,7 @@ from twin.run.policies import (
     SLOTS_SHORTENED,
     WHOLE_PLANS,
 )
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
@@ -157,7 +159,7 @@ def shortest_plan(
     plan = _coordinated(case, first, watch)
     for other in others:
         plan = _shorter(plan, other, watch)
-    return replace(plan, idle=find_idle(plan.tpg, motions))
+    return replace(plan, idle=find_idle(plan.tpg, motions, scenario.kind))
 
 
 def _shorter(
@@ -278,7 +280,7 @@ def chooses_crew(scenario: Scenario) -> bool:
 
     It may where a plan is judged by its temporal plan graph, and there are more than two of them.
     """
-    chosen = scenario.assembly.kind in ("lego", "assembly")
+    chosen = scenario.kind.chooses_robots
     in_turns = scenario.planning.coordination == "sequential"
     return chosen and in_turns and len(scenario.cell.robots) > 2
 

@@ -10,11 +10,12 @@ from twin.durations.measured import packaged_timings
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.planning.kind import assembly_kind
+from twin.planning.place_misses import place_misses
 from twin.reading.scenario_file import load_scenario
 from twin.recorders.observers import Recorder
 from twin.run.events import ExecutionRecord, Policy
 from twin.scenario.manifest import MANIFEST, manifest_base, read_manifest
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -40,7 +41,7 @@ def scenario_execution(
     execution = scenario.execution
     robots = tuple(robot.name for robot in scenario.cell.robots)
     disturbances = execution.disturbances(robots, base)
-    misses = assembly_kind(scenario.assembly).place_misses(scenario, base)
+    misses = place_misses(scenario, base)
     return ExecutionModel(
         durations=skill_durations(scenario, base, antithetic=antithetic),
         policy=policy or execution.policy,

@@ -19,7 +19,7 @@ from planning.cell.shape import (
 from planning.geometry.exact import hull_shape
 from planning.transforms import from_rpy
 from tests.planning.cell.round_forms import stands_out
-from twin.planning.build_workcell import build_shape
+from twin.planning.shapes import build_shape
 from twin.scenario.sections.shapes import ShapeSection
 
 lengths = st.floats(1e-3, 1.0)

@@ -9,7 +9,7 @@ from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick
 from planning.lego.bricks.grid import check_press, press_cell
 from planning.lego.sequencing.sequencing import sequence_structure
 from planning.lego.skills.targets import supported_span
-from twin.planning.lego import build_lego, build_structure
+from twin.kinds.lego.kind import build_lego, build_structure
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import LegoSection
 

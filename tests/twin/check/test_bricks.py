@@ -8,10 +8,10 @@ import pytest
 from planning.robots.registry import robot_model
 from planning.transforms import translation
 from tests.twin.written import Change, written
-from twin.check.bricks import check_brick_tools
 from twin.check.check import check_scenario
 from twin.check.finding import Subject
 from twin.document.validation import InvalidScenarioError
+from twin.kinds.lego.checks import check_brick_tools
 from twin.reading.scenario_file import load_scenario, read_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario

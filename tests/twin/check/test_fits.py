@@ -11,8 +11,9 @@ from planning.parts.part_steps import part_steps
 from tests.planted import planted
 from tests.twin.written import Change, loaded, refusal
 from twin.check.finding import Finding, Subject
-from twin.check.lying import check_goals, check_starts
-from twin.planning.part_assembly.fits import KnownFit, known_fits
+from twin.check.lying import check_starts
+from twin.kinds.parts.checks.context import ordered_parts
+from twin.kinds.parts.checks.places import check_goals
 from twin.trial.simulation import scenario_execution
 
 CELL = """\
@@ -92,8 +93,7 @@ def findings(folder: Path, *changes: Change) -> list[Finding]:
 
 
 def plan_steps(folder: Path, *changes: Change) -> None:
-    parts = Subject(loaded(folder, CELL, *changes), folder).parts
-    assert parts is not None
+    parts = ordered_parts(Subject(loaded(folder, CELL, *changes), folder))
     part_steps(parts.cell, parts.listed)
 
 
@@ -116,20 +116,15 @@ def test_a_hair_less_is_no_word_worth(what: str, folder: Path) -> None:
     plan_steps(folder, *changed(what, old, new))
 
 
-def fits_of(subject: Subject) -> tuple[KnownFit, ...]:
-    assert subject.parts is not None
-    return known_fits(subject.parts, subject.scenario.cell.robots)
-
-
 def test_the_fit_is_told_and_how_often_a_robot_that_repeats_so_well_meets_it(
     folder: Path,
 ) -> None:
-    (plain,) = fits_of(Subject(loaded(folder, CELL), folder))
+    (plain,) = Subject(loaded(folder, CELL), folder).checks.fits()
     assert plain.words == "peg in block: 0.10 mm on all sides"
     base = "base: {xyz_m: [-0.5, 0, 0]}"
     stated = (base, f"repeatability_m: 0.0002, {base}")
     given = loaded(folder, CELL, stated)
-    (fit,) = fits_of(Subject(given, folder))
+    (fit,) = Subject(given, folder).checks.fits()
     # The radius in the plane is a Rayleigh distribution of 0.2 mm / 3.616.
     chance = 1.0 - math.exp(-0.5 * (0.1 / (0.2 / 3.616)) ** 2)
     assert fit.chances == {"arm": pytest.approx(chance, abs=1e-3)}
@@ -144,7 +139,7 @@ def test_the_fit_is_told_and_how_often_a_robot_that_repeats_so_well_meets_it(
         loaded(folder, CELL, exact), folder
     ).disturbances.failures
     pressed = changed("a press that is stated", *RIGHT["a press that is stated"])
-    (tight,) = fits_of(Subject(loaded(folder, CELL, stated, *pressed), folder))
+    (tight,) = Subject(loaded(folder, CELL, stated, *pressed), folder).checks.fits()
     assert tight.words == "peg in block: pressed in by 0.02 mm"
     assert tight.chances == {}
 

@@ -11,6 +11,7 @@ from planning.tasks.assignment import NO_TOOLS
 from tests.twin.written import Change, checked, written
 from twin.check.finding import Subject
 from twin.check.picture import _doors, cell_figure
+from twin.kinds.parts.checks.context import ordered_parts
 from twin.reading.scenario_file import load_scenario
 from twin.trial.planning import plan_scenario
 
@@ -229,8 +230,8 @@ def test_a_door_is_free_of_a_robot_with_each_of_its_tools(tmp_path: Path) -> Non
         words = door % ", ".join(map(str, at)) + bake
         file = written(tmp_path, text.replace("  parts:", words + "  parts:"))
         subject = Subject(load_scenario(file), tmp_path)
-        assert subject.parts is not None
-        skills = ToolSkills(subject.built, subject.parts.listed)(NO_TOOLS)
+        parts = ordered_parts(subject)
+        skills = ToolSkills(subject.built, parts.listed)(NO_TOOLS)
         assert skills.in_door("oven.door") == who
         assert [name for name, _ in _doors(subject)] == ["oven.door"]
         assert cell_figure(subject, detail=False).axes

@@ -32,9 +32,10 @@ from tests.twin.program import invoke
 from tests.twin.written import Change, checked, refusal, written
 from twin.check.finding import Subject
 from twin.check.picture import cell_figure
-from twin.check.robots import check_payloads
 from twin.check.tools import finger_gap
 from twin.check.views import MOST, close_ups
+from twin.kinds.parts.checks.context import ordered_parts
+from twin.kinds.parts.checks.loads import check_payloads
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import resolved, restored
 from twin.scenario.shipped import scenario_path
@@ -76,10 +77,9 @@ def test_the_named_home_is_beside_the_places_of_parts(tmp_path: Path) -> None:
     given = f"model: {ur5e()}", f"model: {ur5e()}\n      {key}"
     report = checked(written(tmp_path, CELL, *arms, given))
     assert not [item for item in report.findings if "at HOME" in item.message]
-    assert report.subject.parts is not None
     for robot in report.subject.cell.robots:
         tool = frame_pose(robot, robot.home)[:2, 3]
-        for goal in report.subject.parts.listed.goals.values():
+        for goal in ordered_parts(report.subject).listed.goals.values():
             assert np.linalg.norm(tool - goal[:2, 3]) > 0.24
 
 

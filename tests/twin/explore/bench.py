@@ -11,6 +11,7 @@ from twin.explore.dimensions import dimensions_of
 from twin.explore.exploration import Exploration
 from twin.explore.journal import JOURNAL
 from twin.explore.rungs import Climb, Evaluation, Setting
+from twin.explore.section import explore_section
 from twin.host.progress import report_nothing
 from twin.trial.loaded_scenario import LoadedScenario, load
 
@@ -55,7 +56,7 @@ class Bench(Crew):
 def setting_of(file: Path, **changes: object) -> Setting:
     """Return what designs of a scenario have in common, with something else in its section."""
     case = load(file)
-    own = case.sections.explore
+    own = explore_section(case.sections)
     assert own is not None
     section = own.changed(**changes)
     return Setting(case.sections.changed(explore=None), case.folder, section)

@@ -20,10 +20,10 @@ from twin.explore.journal import SEARCH, Tried
 from twin.explore.page_words import verdict, worth_words
 from twin.explore.report import write_report
 from twin.explore.rungs import Climb, Evaluation
+from twin.explore.section import GoalSection, VarySection
 from twin.explore.summary import summary_of
 from twin.host.progress import report_nothing
 from twin.reading.scenario_file import load_scenario, scenario_of
-from twin.scenario.sections.exploration import GoalSection, VarySection
 from twin.scenario.shipped import shipped_scenarios
 from twin.scenario.variations import varied
 from twin.study.replications.statistics import mean_interval

@@ -8,7 +8,7 @@ from tests.twin.explore.sliders import slider_file
 from tests.twin.program import invoke
 from twin.document.expressions import Expression, ExpressionError, Inequality
 from twin.explore.dimensions import dimensions_of, vary_section
-from twin.scenario.sections.exploration import ExploreSection
+from twin.explore.section import ExploreSection
 from twin.trial.loaded_scenario import load
 
 GOOD = "{key: cell.robots.left.base.xyz_m.0, low: -0.6, high: 0.6}"

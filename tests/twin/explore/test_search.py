@@ -19,7 +19,7 @@ from tests.twin.explore.bench import (
 from tests.twin.explore.sliders import EXPLORE, LEFT, RIGHT, slider_file
 from twin.explore.journal import JOURNAL, SEARCH, Journal, Tried
 from twin.explore.rungs import Climb, Evaluation, Setting, refused
-from twin.scenario.sections.exploration import GoalSection, SamplerName, VarySection
+from twin.explore.section import GoalSection, SamplerName, VarySection
 from twin.scenario.variations import varied
 from twin.trial.loaded_scenario import load
 

@@ -9,14 +9,14 @@ import pytest
 import yaml
 from typer.testing import Result
 
-from planning.importers.apex_mr.importer import HOME_DEG
-from planning.importers.brick_models.cell import APART
-from planning.importers.brick_models.ldraw import read_ldraw
+from planning.lego.importers.apex_mr.importer import HOME_DEG
+from planning.lego.importers.brick_models.cell import APART
+from planning.lego.importers.brick_models.ldraw import read_ldraw
 from planning.robots.registry import robot_model
 from tests.twin.program import invoke
-from twin.planning.lego import build_lego, build_structure
+from twin.kinds.lego.kind import build_lego, build_structure
+from twin.kinds.lego.section import LegoSection
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.lego import LegoSection
 
 ROOT = Path(__file__).parents[3]
 DESIGNS = sorted((ROOT / "scenarios" / "lego").glob("*.yaml"))

@@ -31,9 +31,9 @@ from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import STACK, operated, planned
 from tests.twin.operate.reworked import REWORKED
 from twin.operate.operation import Operation
-from twin.planning.kind import assembly_kind
 from twin.run.events import Event
 from twin.run.trajectory import object_placements
+from twin.scenario.sections.kind import assembly_kind
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario, with_failures
 

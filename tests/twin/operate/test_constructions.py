@@ -29,7 +29,7 @@ from tests.twin.operate.operated import (
 )
 from twin.operate.operation import Operation
 from twin.operate.person import PERSON
-from twin.planning.kind import assembly_kind
+from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario

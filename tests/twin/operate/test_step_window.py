@@ -34,12 +34,12 @@ from tests.twin.operate.operated import (
     tasks_of,
 )
 from tests.twin.program import invoke
+from twin.kinds.lego.kind import build_lego
+from twin.kinds.lego.section import LegoSection
+from twin.kinds.parts.built import assembly_of
+from twin.kinds.parts.kind import PartKind
 from twin.planning.build_workcell import build_workcell
-from twin.planning.kind import assembly_kind
-from twin.planning.lego import build_lego
-from twin.planning.part_assembly.built import assembly_of
-from twin.planning.parts import PartKind
-from twin.scenario.sections.lego import LegoSection
+from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario

@@ -16,16 +16,12 @@ from tests.twin.audit.audit_cell import HandWrittenRun, brick, two_arm_cell
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.written import checked, loaded, refusal, written
 from twin.audit.audit import audit_run
-from twin.planning.kind import assembly_kind
-from twin.planning.part_assembly.alike import (
-    alike_parts,
-    listed_steps,
-    with_named_parts,
-)
-from twin.planning.part_assembly.built import build_assembly
+from twin.kinds.parts.alike import alike_parts, listed_steps, with_named_parts
+from twin.kinds.parts.built import build_assembly
+from twin.kinds.parts.section import PartSection, PartsSection
+from twin.kinds.parts.sources import GridSection, PlacesSection
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.line import GridSection, PlacesSection
-from twin.scenario.sections.parts import PartSection, PartsSection
+from twin.scenario.sections.kind import assembly_kind
 from twin.trial.planning import plan_scenario
 
 SCENARIO = cell(
@@ -132,7 +128,7 @@ def test_counts_add_up_or_are_refused(
     goals: tuple[PlacesSection, ...],
     count: int | None,
 ) -> None:
-    from twin.planning.part_assembly.alike import find_alike_problems
+    from twin.kinds.parts.alike import find_alike_problems
 
     part = PartSection(
         name="rod", size_m=(0.1, 0.1, 0.1), count=count, starts=starts, goals=goals

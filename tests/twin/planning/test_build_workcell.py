@@ -9,10 +9,10 @@ from planning.expectations import Expectations
 from planning.lego.bricks.assembly import Cell, Press, Support
 from planning.transforms import rotation
 from tests.twin.written import loaded
+from twin.kinds.lego.kind import build_lego
 from twin.planning.build_workcell import build_workcell
-from twin.planning.kind import assembly_kind
-from twin.planning.lego import build_lego
 from twin.reading.scenario_file import load_scenario
+from twin.scenario.sections.kind import assembly_kind
 
 SCENARIO = """\
 version: 1

@@ -17,12 +17,12 @@ from planning.tasks.assignment import (
 from planning.tasks.work import AssemblyWork
 from scheduling.ordering.crews import crews
 from scheduling.ordering.plan_rating import PlanRater
+from scheduling.planned_motions import PlannedMotions
 from scheduling.verification.verify import verify_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
 from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.written import loaded
 from twin.host.progress import StageWatch
-from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import plan_motions
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult

@@ -18,6 +18,10 @@ from planning.tasks.work import AssemblyWork
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.supply import without_chains
 from tests.twin.twin_toys import random_tpg
+from twin.kinds.construction.kind import ConstructionKind
+from twin.kinds.goals.kind import GoalsKind
+from twin.kinds.lego.kind import LegoKind
+from twin.kinds.parts.kind import PartKind
 from twin.planning.idle_robots import find_idle, known_idle
 
 SOLO = """\
@@ -112,7 +116,10 @@ def made_of(*steps: Any) -> PartAssembly:
     ],
 )
 def test_why_a_robot_gets_no_task(first: Any, reason: str, serves: int) -> None:
-    (found,) = find_idle(without_last(), first)
+    kind: Any = GoalsKind if first.assembly is None else LegoKind
+    if isinstance(first.assembly, PartAssembly):
+        kind = PartKind
+    (found,) = find_idle(without_last(), first, kind(None))
     assert (found.robot, found.reason, found.serves) == ("robot_1", reason, serves)
     assert found.steps == 2
     assert f"of 2 steps it can serve {serves}" in found.message
@@ -130,7 +137,8 @@ def test_of_a_construction_the_parts_that_an_idle_robot_reaches_are_counted(
         "planning.construction.problem.reach_bounds.reach_bounds", lambda _: bounds
     )
     first: Any = SimpleNamespace(work=None, assembly=SimpleNamespace(problem=problem))
-    (found,) = find_idle(without_last(), first)
+    kind: Any = ConstructionKind
+    (found,) = find_idle(without_last(), first, kind(None))
     assert (found.reason, found.serves, found.steps) == (reason, len(reached), 3)
 
 

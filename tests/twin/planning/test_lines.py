@@ -17,10 +17,10 @@ from tests.planted import rows
 from tests.twin.written import loaded, refusal
 from twin.document.validation import InvalidScenarioError
 from twin.host.progress import StageWatch
-from twin.planning.kind import assembly_kind
-from twin.planning.part_assembly.line import slots, written_out
+from twin.kinds.parts.line import slots, written_out
 from twin.reading.scenario_file import load_scenario
 from twin.run.throughput import line_summary, product_nodes
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.study.comparison import shared_motions
 from twin.trial.planning import plan_scenario

@@ -32,11 +32,11 @@ from twin.audit.motion.executed import read_recording
 from twin.cli import app
 from twin.durations.measured import packaged_timings
 from twin.host.progress import StageWatch
+from twin.kinds.construction.kind import ConstructionKind
 from twin.planning.build_workcell import build_workcell
-from twin.planning.construction import ConstructionKind
-from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import motion_settings
 from twin.reading.scenario_file import load_scenario
+from twin.scenario.sections.kind import assembly_kind
 from twin.trial.planning import plan_scenario
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "construction"

@@ -18,7 +18,7 @@ from planning.lego.sequencing.stable_steps import stable_steps
 from tests.planted import rows
 from tests.twin.program import invoke
 from tests.twin.written import written
-from twin.planning.lego import build_lego
+from twin.kinds.lego.kind import build_lego
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.schema import scenario_schema
 

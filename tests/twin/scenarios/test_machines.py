@@ -27,15 +27,15 @@ from tests.twin.written import loaded
 from twin.audit.audit import audit_run
 from twin.audit.run_auditor import audit_execution
 from twin.check.finding import Subject
-from twin.check.lying import check_goals
 from twin.check.reach import check_reach
 from twin.document.validation import InvalidScenarioError
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.execution_model import ExecutionModel
-from twin.planning.kind import assembly_kind
+from twin.kinds.parts.checks.places import check_goals
 from twin.run.summary import summarise
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.block_results import task_groups
 from twin.study.replications.statistics import Block

@@ -19,9 +19,9 @@ from tests.twin.scenarios.executed import executed
 from tests.twin.written import loaded
 from twin.audit.audit import audit_run
 from twin.check.finding import Subject
-from twin.check.lying import check_goals
 from twin.check.reach import check_reach
-from twin.planning.kind import assembly_kind
+from twin.kinds.parts.checks.places import check_goals
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.scenario.variations import varied
 from twin.trial.plan_result import PlanResult

@@ -11,7 +11,7 @@ from tests.twin.program import invoke
 from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.written import refusal, written
 from twin.document.validation import InvalidScenarioError
-from twin.planning.lego import build_lego, build_structure
+from twin.kinds.lego.kind import build_lego, build_structure
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import LegoSection
 

@@ -20,9 +20,9 @@ from tests.twin.scenarios.executed import built, executed
 from tests.twin.written import loaded
 from twin.audit.audit import AuditReport, audit_run
 from twin.check.finding import Subject
-from twin.check.lying import check_balance
-from twin.planning.kind import assembly_kind
+from twin.kinds.parts.checks.places import check_balance
 from twin.reading.scenario_file import load_scenario
+from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario

@@ -21,7 +21,7 @@ from twin.audit.audit import audit_run
 from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
-from twin.planning.kind import assembly_kind
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.study.products import windows_summary
 from twin.study.replications.block_results import cell_part, write_block

@@ -145,7 +145,7 @@ def test_the_audit_holds_a_run_to_its_scenario_not_to_its_plan(
     from dataclasses import replace
 
     from planning.transforms import translation
-    from twin.planning.parts import PartKind
+    from twin.kinds.parts.kind import PartKind
     from twin.scenario.sections.cell import CellSection
 
     told = PartKind.wanted

@@ -1,4 +1,1 @@
-"""Constructions in the twin: planning what is left when something fails.
-
-Imports planning.construction and operate.
-"""
+"""Constructions: parts that mobile robots put in their places, planned in space and time."""

@@ -24,8 +24,10 @@ from planning.tasks.task import AllowedContact, Task
 from planning.worlds.supplied import taken_out
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import complete_tasks, kept_hold
 from twin.host.progress import StageWatch
+from twin.kinds.construction.kind import ConstructionKind
 from twin.operate.committed import (
     Committed,
     Draw,
@@ -39,8 +41,8 @@ from twin.operate.going import Extension, Known, Luck, Planner, appended, nothin
 from twin.operate.judging import Judging, asks_for_another
 from twin.operate.person import Ledger, Person
 from twin.operate.replanning import graph_from
-from twin.planning.construction import ConstructionKind
-from twin.planning.kind import PlannedMotions, assembly_kind, timed
+from twin.planning.time_parameterization import timed
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
 _PUT = "place-down"

@@ -1,4 +1,1 @@
-"""Commands for LEGO assemblies: sequencing, and scenarios from files of other programs.
-
-Imports planning.lego and planning.importers; nothing imports it.
-"""
+"""LEGO assemblies: bricks of a stock that are put on a plate."""

@@ -13,7 +13,7 @@ from planning.errors import InfeasibleStepError, RequestError, ScenarioError, Tw
 from twin.host.guard import guarded
 
 if TYPE_CHECKING:
-    from planning.importers.brick_models.model import BrickModel
+    from planning.lego.importers.brick_models.model import BrickModel
     from twin.scenario.sections.scenario import Scenario
 
 Output = Annotated[Path, typer.Option("--output", "-o", help="Scenario file to write.")]
@@ -89,7 +89,7 @@ def import_brick_list(
     cell: CellOf = None,
 ) -> None:
     """Make a scenario of a brick list."""
-    from planning.importers.brick_models.model import read_brick_list
+    from planning.lego.importers.brick_models.model import read_brick_list
 
     _write(file, read_brick_list(file), output, cell)
 
@@ -104,7 +104,7 @@ def import_ldraw(
     cell: CellOf = None,
 ) -> None:
     """Make a scenario of a model of LDraw, as LeoCAD, Studio and others write them."""
-    from planning.importers.brick_models.ldraw import read_ldraw
+    from planning.lego.importers.brick_models.ldraw import read_ldraw
 
     _write(file, read_ldraw(file), output, cell)
 
@@ -124,18 +124,18 @@ def import_task(
         RequestError: there is no such task, or no such reading of its presses.
         ScenarioError: the published tables do not fit together.
     """
-    from planning.importers.apex_mr.importer import PressFrom, import_apex_mr
+    from planning.lego.importers.apex_mr.importer import PressFrom, import_apex_mr
     from planning.lego.sequencing.stable_steps import stable_steps
     from planning.robots.registry import with_tool
-    from twin.check.bricks import check_brick_tools
     from twin.check.finding import Subject
     from twin.document.yaml_text import scenario_text
     from twin.host.guard import write_text
+    from twin.kinds.lego.checks import check_brick_tools
+    from twin.kinds.lego.kind import build_lego
+    from twin.kinds.lego.section import LegoSection
     from twin.kinds.lego.tool_choice import choose_tool
-    from twin.planning.kind import assembly_kind
-    from twin.planning.lego import build_lego
     from twin.reading.scenario_file import scenario_of
-    from twin.scenario.sections.lego import LegoSection
+    from twin.scenario.sections.kind import assembly_kind
 
     known: tuple[PressFrom, ...] = get_args(PressFrom)
     readings = [own for own in known if press_from in (None, own)]
@@ -201,7 +201,7 @@ def _note(line: str) -> None:
 
 def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> None:
     """Write the scenario of a model, turned if need be, if its cell reaches all of it."""
-    from planning.importers.brick_models.cell import model_cell, orientations
+    from planning.lego.importers.brick_models.cell import model_cell, orientations
     from twin.document.yaml_text import scenario_text
     from twin.host.guard import write_text
     from twin.reading.scenario_file import scenario_of
@@ -243,11 +243,11 @@ def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> No
 def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
     """Return the content of a scenario with the model in the cell of another scenario."""
     from planning.files import read_file
-    from planning.importers.brick_models.cell import free_corner, structure_content
+    from planning.lego.importers.brick_models.cell import free_corner, structure_content
     from twin.document.yaml_text import read_yaml
-    from twin.planning.lego import build_lego
+    from twin.kinds.lego.kind import build_lego
+    from twin.kinds.lego.section import LegoSection
     from twin.reading.scenario_file import load_scenario
-    from twin.scenario.sections.lego import LegoSection
 
     section = load_scenario(path).assembly
     if not isinstance(section, LegoSection):
@@ -286,9 +286,9 @@ def _check_reach(scenario: Scenario, folder: Path) -> None:
     """Raise an error where no robot reaches a brick's place, or any of its type in stock."""
     from planning.lego.bricks.assembly import LegoStep
     from planning.lego.sequencing.blocking import check_reach
+    from twin.kinds.lego.kind import build_lego, build_structure
+    from twin.kinds.lego.section import LegoSection
     from twin.planning.build_workcell import build_workcell
-    from twin.planning.lego import build_lego, build_structure
-    from twin.scenario.sections.lego import LegoSection
 
     section = scenario.assembly
     assert isinstance(section, LegoSection)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from planning.lego.bricks.assembly import LegoAssembly, Support
     from planning.lego.insertion.rules import SequencingRules
     from planning.lego.sequencing.sequencing import SequencedStep, SequencedStructure
-    from twin.scenario.sections.lego import LegoSection
+    from twin.kinds.lego.section import LegoSection
 
 _SCAFFOLDS: Mapping[str, bool | Literal["removable"]] = {
     "none": False,
@@ -61,10 +61,10 @@ def sequence(
     """
     from planning.tasks.highs_solver import require_candidates
     from twin.host.progress import StageWatch
+    from twin.kinds.lego.kind import buildable_sequence
+    from twin.kinds.lego.section import LegoSection
     from twin.planning.build_workcell import build_workcell
-    from twin.planning.lego import buildable_sequence
     from twin.reading.scenario_file import load_scenario
-    from twin.scenario.sections.lego import LegoSection
     from twin.scenario.shipped import scenario_path
 
     scenario = scenario_path(scenario)
@@ -118,7 +118,7 @@ def _with_scaffold(lego: LegoSection, scaffold: str) -> LegoSection:
 def _explain(assembly: LegoAssembly, number: int, rules: SequencingRules) -> None:
     """Print what the structure bears at a step, and draw it."""
     from planning.lego.sequencing.stable_steps import MOST, explain_step
-    from twin.planning.step_picture import draw_step
+    from twin.kinds.lego.step_picture import draw_step
 
     def up_to(force: float) -> str:
         return f"{force:.1f} N" + (" and more" if force >= MOST - 0.05 else "")
@@ -235,9 +235,9 @@ def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     from planning.files import read_file
     from twin.document.yaml_text import read_yaml, scenario_text
     from twin.host.guard import write_text
-    from twin.planning.lego import brick_colours
+    from twin.kinds.lego.kind import brick_colours
+    from twin.kinds.lego.section import LegoSection
     from twin.reading.scenario_file import load_scenario
-    from twin.scenario.sections.lego import LegoSection
 
     content = read_yaml(source, read_file(source).decode("utf-8-sig")).data
     section = load_scenario(source).assembly

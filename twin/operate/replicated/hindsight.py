@@ -10,6 +10,7 @@ from planning.tasks.task import FAILED, GONE
 from planning.worlds.onward import Situation
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
@@ -18,7 +19,6 @@ from twin.operate.going import Luck
 from twin.operate.judging import hopeless
 from twin.operate.operation import Operation
 from twin.operate.replanning import plan_from
-from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import planned_shortcuts
 from twin.scenario.sections.scenario import Scenario
 

@@ -12,12 +12,12 @@ import numpy.typing as npt
 from planning.tasks.task import FAILED, STRAIGHT, TAKEN_OUT, TRANSIT
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.operation import Operation, operate
 from twin.operate.replicated.hindsight import Hindsight
-from twin.planning.kind import PlannedMotions
 from twin.scenario.sections.scenario import Scenario
 
 RUNGS = ("done_again", "begun_anew", "not_done_any_more", "robots_out", "asked")

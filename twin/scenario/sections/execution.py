@@ -15,7 +15,6 @@ from twin.document.yaml_text import KeyPath
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import AnyDuration, Distribution, SkillOverride
 from twin.durations.model import DurationModel, Skill
-from twin.scenario.sections.between import WindowsSection
 from twin.uncertainty.disturbances import (
     Disturbances,
     LatePart,
@@ -38,6 +37,18 @@ class ReferenceDuration(Section):
 
 SkillSection = Annotated[Distribution | ReferenceDuration, Field(discriminator="kind")]
 """Duration of a skill: drawn from a distribution, or that of its reference path."""
+
+
+class WindowsSection(Section):
+    """How windows of time between steps are kept while the plan is executed.
+
+    Attributes:
+        hold: the work of a step that opens a window does not begin before the later step would be
+            in time with this probability, by the forecast; it waits for no longer than until all that
+            the later step needs of others is done. 0 holds nothing back.
+    """
+
+    hold: Annotated[float, Field(ge=0, le=0.9999)] = 0.0
 
 
 class StepWindowSection(Section):

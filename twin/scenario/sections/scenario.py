@@ -9,86 +9,43 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
-from planning.tasks.task import CLOSE, LEAVE_TOOL, OPEN, TAKE_TOOL, ActuationKey
-from twin.document.section import (
-    Name,
-    Section,
-    Several,
-    attributes,
-    parts_of,
-)
+from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, ActuationKey
+from twin.document.section import Name, Section, attributes, parts_of
 from twin.durations.lifetimes import AnyDuration, SkillOverride
-from twin.durations.measured import Packaged
-from twin.durations.model import DurationModel, PackagedSkill, Skill
-from twin.registry import PLANNERS
+from twin.durations.model import DurationModel, Skill
+from twin.registry import KINDS, PLANNERS, SECTIONS
 from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection
 from twin.scenario.sections.cell import RobotSection as RobotSection
-from twin.scenario.sections.cell import actuation_model
-from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.execution import ExecutionSection as ExecutionSection
 from twin.scenario.sections.execution import ReferenceDuration
-from twin.scenario.sections.exploration import ExploreSection
-from twin.scenario.sections.lego import LegoSection
-from twin.scenario.sections.parts import PartsSection, ProcessSection
-from twin.scenario.sections.shapes import Configuration, PoseSection
+from twin.scenario.sections.kind import (
+    AssemblyKind,
+    AssemblySection,
+    SpeedModelName,
+    assembly_kind,
+)
 from twin.uncertainty.base_errors import PoseErrorSection
 
 
-class MoveSection(Section):
-    """One robot goes to one goal.
-
-    Attributes:
-        robot: who.
-        to_deg: configuration of a robot with revolute joints only [deg]; or
-        to_rad_or_m: configuration of any robot, joint by joint [rad or m]; or
-        to: pose of the frame in the world.
-        frame: tool frame that goes there.
-    """
-
-    robot: Name
-    to_deg: Configuration | None = None
-    to_rad_or_m: Configuration | None = None
-    to: PoseSection | None = None
-    frame: Name = "tool"
-
-    @model_validator(mode="after")
-    def _one_goal(self) -> MoveSection:
-        given = [v for v in (self.to_deg, self.to_rad_or_m, self.to) if v is not None]
-        if len(given) != 1:
-            raise ValueError("give 'to', 'to_deg' or 'to_rad_or_m', one of them")
-        return self
+def _any_assembly() -> Any:
+    """Return the type of the assembly section: that of any kind, by its ``kind``."""
+    sections = [kind.section_class for kind in KINDS.load_all().values()]
+    if len(sections) == 1:
+        return sections[0]
+    return Annotated[Union[tuple(sections)], Field(discriminator="kind")]  # noqa: UP007
 
 
-class GoalsSection(Section):
-    """Goals of the robots.
-
-    Attributes:
-        kind: ``goals``.
-        moves: in the order of a sequential plan.
-    """
-
-    kind: Literal["goals"]
-    moves: Several[MoveSection]
-
-
-AssemblySection = Annotated[
-    LegoSection | PartsSection | GoalsSection | ConstructionSection,
-    Field(discriminator="kind"),
-]
-"""Assembly of a scenario, by ``kind``."""
-
-
-SpeedModelName = Literal["limits", "joint", "l1"]
-
-_OF_THE_PAPERS: Mapping[str, SpeedModelName] = {"lego": "l1", "construction": "joint"}
-"""Speed models of the kinds of assemblies that the papers are about."""
+if TYPE_CHECKING:
+    AnyAssembly = AssemblySection
+else:
+    AnyAssembly = _any_assembly()
 
 
 def _registered_planner(name: str) -> str:
@@ -170,8 +127,6 @@ class Scenario(Section):
         assembly: what is built.
         planning: how the planner works.
         execution: how the plan is executed.
-        explore: what may be different, and what is looked for, where designs of the cell are explored;
-            nothing else depends on it.
     """
 
     version: Literal[1]
@@ -179,10 +134,15 @@ class Scenario(Section):
     description: str = ""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     cell: CellSection
-    assembly: AssemblySection
+    assembly: AnyAssembly
     planning: PlanningSection = PlanningSection()
     execution: ExecutionSection = ExecutionSection()
-    explore: ExploreSection | None = None
+    if not TYPE_CHECKING:
+        for _name, _section in SECTIONS.load_all().items():
+            __annotations__[_name] = Annotated[
+                _section | None, Field(description=_section.purpose)
+            ]
+            vars()[_name] = None
 
     @property
     def checks_off(self) -> tuple[dict[str, str], ...]:
@@ -206,13 +166,11 @@ class Scenario(Section):
         take to close and to open, elsewhere the packaged times.
         """
         own: dict[str, AnyDuration] = {
-            name: process.duration
-            for name, process in self.processes.items()
-            if process.duration is not None
+            name: duration
+            for name, duration in self.processes.items()
+            if duration is not None
         }
-        if not isinstance(self.assembly, PartsSection):
-            names: tuple[PackagedSkill, ...] = get_args(PackagedSkill)
-            own |= {name: Packaged(skill=name) for name in names}
+        own |= self.kind.default_durations()
         if own.keys() <= self.execution.skills.keys():
             return self
         skills = {**own, **self.execution.skills}
@@ -220,16 +178,19 @@ class Scenario(Section):
         return self.model_copy(update={"execution": execution})
 
     @property
-    def speed_model(self) -> SpeedModelName:
-        """How fast robots are: as the planning section says, or as is usual for the kind."""
-        given = self.planning.speed_model
-        return given or _OF_THE_PAPERS.get(self.assembly.kind, "limits")
+    def kind(self) -> AssemblyKind:
+        """The kind of the assembly."""
+        return assembly_kind(self.assembly)
 
     @property
-    def processes(self) -> Mapping[str, ProcessSection]:
-        """The processes that the assembly names."""
-        own = self.assembly
-        return own.processes if isinstance(own, PartsSection) else {}
+    def speed_model(self) -> SpeedModelName:
+        """Speed model of the plan: that of the planning section, or else the default of the kind."""
+        return self.planning.speed_model or self.kind.default_speed_model
+
+    @property
+    def processes(self) -> Mapping[str, AnyDuration | None]:
+        """The processes that the assembly names, each with the duration that it gives."""
+        return self.kind.processes()
 
     @property
     def tool_durations(self) -> tuple[SkillOverride, ...]:
@@ -244,29 +205,15 @@ class Scenario(Section):
 
     @property
     def actuations(self) -> Mapping[ActuationKey, DurationModel]:
-        """How long tools take to close and to open, by act, robot and tool, in assemblies of parts."""
-        found: dict[ActuationKey, DurationModel] = {}
-        if not isinstance(self.assembly, PartsSection):
-            return found
-        rules = self.assembly.grips
-        for robot in (outfit for one in self.cell.robots for outfit in one.outfits):
-            tool = self.cell.tools.get(robot.tool or "")
-            told = tool is not None and (tool.suction or tool.opening_m is not None)
-            suction = tool.suction if tool is not None and told else rules.suction
-            for act, key in ((CLOSE, "close_s"), (OPEN, "open_s")):
-                said = None if tool is None else getattr(tool, key)
-                given = getattr(rules, key) if said is None else said
-                model = actuation_model(given, suction=suction)
-                found[act, robot.name, robot.tool] = model
-        return found
+        """How long tools take to close and to open, by act, robot and tool."""
+        return self.kind.actuations(self.cell)
 
     @model_validator(mode="after")
     def _paths_of_constructions(self) -> Scenario:
-        kind = self.assembly.kind
-        if self.planning.paths != "auto" and kind != "construction":
+        if self.planning.paths != "auto" and not self.kind.at_once:
             raise ValueError(
                 f"planning.paths says how the paths of a construction are found: leave it out"
-                f" for kind {kind!r}, or set it to 'auto'"
+                f" for kind {self.assembly.kind!r}, or set it to 'auto'"
             )
         return self
 
@@ -305,11 +252,15 @@ def follow_references(scenario: Scenario) -> Scenario:
 
 
 def resolved(scenario: Scenario) -> dict[str, Any]:
-    """Return the scenario with every default filled in, ready for JSON; of explore nothing depends."""
-    content = scenario.model_dump(mode="json", by_alias=True, exclude={"explore"})
+    """Return the scenario with every default filled in, ready for JSON, without the sections of wings.
+
+    Nothing of a run depends on these.
+    """
+    wings = set(SECTIONS.names())
+    content = scenario.model_dump(mode="json", by_alias=True, exclude=wings)
     skills = scenario.execution.skills
-    for name, process in scenario.processes.items():
-        if skills.get(name) == process.duration:  # said by the process itself
+    for name, duration in scenario.processes.items():
+        if skills.get(name) == duration:  # said by the process itself
             content["execution"]["skills"].pop(name, None)
     return content
 

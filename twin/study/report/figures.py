@@ -23,7 +23,7 @@ from twin.durations.model import NANOSECONDS, DurationModel
 from twin.engine.bulk.max_plus import OTHER
 from twin.host.guard import versions
 from twin.host.pictures import INK, bar_chart, legend_below, one_chart
-from twin.planning.kind import assembly_kind
+from twin.planning.place_misses import place_misses
 from twin.run.throughput import takts_s
 from twin.scenario.sections.execution import ExecutionSection, ReferenceDuration
 from twin.scenario.variations import Variant, is_of_execution
@@ -229,10 +229,9 @@ def assumptions(result: StudyResult) -> Iterator[tuple[str, str]]:
         )
     yield "Times of motions", _motions(result)
     yield "Disturbances", "; ".join(_disturbances(scenario.execution)) or "none"
-    kind = assembly_kind(scenario.assembly)
     misses = "; ".join(
         f"{name.replace('/', ' misses the place of ')} in {100 * p:.3g} % of attempts"
-        for name, p in kind.place_misses(scenario, request.base).items()
+        for name, p in place_misses(scenario, request.base).items()
     )
     if misses:
         yield "Repeatability of robots", misses

@@ -24,8 +24,8 @@ from twin.drawing.markup import (
 from twin.host.guard import write_text
 from twin.host.pictures import WIDTH_IN
 from twin.host.progress import Report
-from twin.planning.kind import assembly_kind
 from twin.run.policies import shown_policy
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.variations import varied
 from twin.study.folder import BLOCKS, REPORT
 from twin.study.gains.gains import LEADING

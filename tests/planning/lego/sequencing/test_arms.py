@@ -8,10 +8,15 @@ from hypothesis import strategies as st
 
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError, ScenarioError
-from planning.importers.brick_models.cell import Finished, Station, model_cell, stations
-from planning.importers.brick_models.model import read_brick_list
 from planning.lego.bricks.assembly import BRICKS, Cell, GridSpan, LegoStep, PlacedBrick
 from planning.lego.bricks.grid import presses, top_pose
+from planning.lego.importers.brick_models.cell import (
+    Finished,
+    Station,
+    model_cell,
+    stations,
+)
+from planning.lego.importers.brick_models.model import read_brick_list
 from planning.lego.insertion.rules import ArmLimits, SequencingRules
 from planning.lego.sequencing.arms import GripReach
 from planning.lego.sequencing.sequencing import sequence_structure
@@ -20,8 +25,8 @@ from planning.steps.skill import SkillPath, skill_postures
 from tests.planning.lego.structures import brick
 from twin.document.yaml_text import scenario_text
 from twin.host.progress import StageWatch
+from twin.kinds.lego.kind import build_lego, buildable_sequence
 from twin.planning.build_workcell import build_workcell
-from twin.planning.lego import build_lego, buildable_sequence
 from twin.reading.scenario_file import scenario_of
 from twin.scenario.sections.scenario import LegoSection
 

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from planning.errors import InfeasibleStepError, ScenarioError, UndecidedError
-from planning.importers.apex_mr.importer import import_apex_mr
 from planning.lego.bricks.assembly import (
     BRICKS,
     LAYER_HEIGHT,
@@ -28,6 +27,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.grid import press_cell, presses
+from planning.lego.importers.apex_mr.importer import import_apex_mr
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.insertion.tool_room import GRID, tool_room
@@ -35,10 +35,15 @@ from planning.lego.sequencing.sequencing import SequencedStructure, sequence_str
 from planning.lego.sequencing.stable_steps import explain_step
 from planning.lego.stability.contacts import ToolHold
 from planning.statics.equilibrium import Load
-from tests.planning.importers.published_form import DATA, cell_of, needs_data, types_of
+from tests.planning.lego.importers.published_form import (
+    DATA,
+    cell_of,
+    needs_data,
+    types_of,
+)
 from tests.planning.lego.structures import brick, dropped
 from tests.planning.lego.whole_stability import stability
-from twin.planning.step_picture import draw_step, step_figure
+from twin.kinds.lego.step_picture import draw_step, step_figure
 
 
 def _tower(height: int, x: int = 20, y: int = 20) -> list[PlacedBrick]:

@@ -41,7 +41,7 @@ from planning.tasks.assignment import (
 )
 from planning.tasks.highs_solver import assign_steps
 from planning.transforms import from_rpy, translation
-from tests.planning.importers.published_form import DATA, needs_data
+from tests.planning.lego.importers.published_form import DATA, needs_data
 from tests.planning.lego.skills.overhang import (
     STEPS,
     STOCK,
@@ -186,9 +186,9 @@ def test_an_arm_that_stands_in_the_way_is_an_obstruction(found: LegoCandidates) 
 
 @needs_data
 def test_the_published_cliff_gets_the_published_robots() -> None:
-    from planning.importers.apex_mr.importer import import_apex_mr
+    from planning.lego.importers.apex_mr.importer import import_apex_mr
+    from twin.kinds.lego.kind import build_lego
     from twin.planning.build_workcell import build_workcell
-    from twin.planning.lego import build_lego
     from twin.scenario.sections.scenario import Scenario
 
     content = import_apex_mr(DATA, "cliff")

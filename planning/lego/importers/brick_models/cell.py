@@ -1,0 +1,343 @@
+"""A cell for a brick model: two arms that face each other across a plate, and feeding stations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from planning.cell.workcell import Clearances, PlacedRobot, Workcell
+from planning.errors import ScenarioError
+from planning.lego.bricks.assembly import (
+    BrickType,
+    Cell,
+    GridSpan,
+    LegoAssembly,
+    LegoStep,
+    OnGrid,
+    Plate,
+    StockBrick,
+)
+from planning.lego.bricks.brick_world import (
+    BrickWorld,
+    brick_colour,
+    grasp_number,
+    plate_fixture,
+    stock_objects,
+)
+from planning.lego.bricks.grid import presses, top_pose
+from planning.lego.importers.brick_models.model import BrickModel, ModelBrick
+from planning.lego.skills.brick_skills import BrickSkills
+from planning.lego.skills.targets import (
+    DEFAULT_TWIST,
+    BrickGrip,
+    lever_reaches_below,
+    pick_targets,
+)
+from planning.robots.registry import robot_model
+from planning.steps.skill import SkillPath, skill_postures
+from planning.steps.skill_trial import ResolvedSkill
+from planning.transforms import from_rpy, translation
+
+APART = 2
+"""Studs between two stations."""
+
+AWAY = 3
+"""Studs between a station and the structure."""
+
+
+@dataclass(frozen=True)
+class Station(OnGrid):
+    """A feeding station.
+
+    Attributes:
+        brick: the type it feeds.
+        cell: where its bricks come up.
+        stand: type of the fixed brick below it, None where it is on the plate.
+    """
+
+    brick: BrickType
+    cell: Cell
+    stand: str | None
+
+
+def stations(
+    robot: PlacedRobot,
+    plate: Plate,
+    structure: GridSpan,
+    kinds: Sequence[BrickType],
+    *,
+    far: bool,
+    stays_free: Callable[[Station], bool] = lambda _: True,
+) -> list[Station]:
+    """Return a station for each type on a robot's side of the plate.
+
+    Columns fill from the edge of the plate, each from its middle to its ends, the largest types
+    first. A plate's station stands on a brick: beside it the tool needs the room below.
+
+    Args:
+        robot: who is to reach them.
+        plate: of the structure.
+        structure: where the structure will be; nothing comes near.
+        kinds: the types.
+        far: on the side of the plate's greatest x, turned by half a turn against the other side.
+        stays_free: tells whether what is built leaves room to pick there.
+
+    Raises:
+        ScenarioError: there is no room within reach for one of them.
+    """
+    out: list[Station] = []
+    for kind in sorted(kinds, key=lambda k: (-k.height, -k.studs[0] * k.studs[1])):
+        for station in _places(plate, structure, kind, far=far):
+            room = station.span.widened(APART)
+            if any(room.shares_studs(other.span) for other in out):
+                continue
+            if _reaches(robot, plate, station) and stays_free(station):
+                out.append(station)
+                break
+        else:
+            side, (wide, deep) = "right" if far else "left", structure.size
+            raise ScenarioError(
+                f"no room for a feeding station of {kind.name} within reach of the {side} robot: "
+                f"the structure of {wide} x {deep} studs and {len(out)} stations take it;"
+                " give a cell of your own (--cell)"
+            )
+    return out
+
+
+def _places(
+    plate: Plate, structure: GridSpan, kind: BrickType, *, far: bool
+) -> Iterator[Station]:
+    """Yield the places of a station in the order in which they are tried."""
+    wide, deep = plate.studs
+    nx, ny = kind.studs
+    middle = (deep - ny) // 2
+    room = (wide - structure.x1 if far else structure.x0) - AWAY - nx
+    rows = sorted(range(APART, deep - ny - APART + 1), key=lambda y: abs(y - middle))
+    raised = lever_reaches_below(kind)
+    z, stand = (2, f"{nx}x{ny}") if raised else (1, None)
+    for x in range(APART, room + 1):
+        for y in rows:
+            at = (wide - x - nx, deep - y - ny) if far else (x, y)
+            yield Station(kind, Cell(*at, z), stand)
+
+
+def _reaches(robot: PlacedRobot, plate: Plate, station: Station) -> bool:
+    """Tell whether a robot reaches a station with every grip."""
+    top, frames = top_pose(plate, station), robot.model.frames
+    grips = (BrickGrip(frames, station.brick, top, p) for p in presses(station.brick))
+    return all(
+        any(
+            isinstance(found, SkillPath)
+            for found in skill_postures(robot, pick_targets(grip))
+        )
+        for grip in grips
+    )
+
+
+STUDS = 48
+"""Studs of the plate along x and y."""
+
+_WIDER = (56, 64)
+"""Studs along x of the plates for models that would stand in the way of picks at their stations."""
+
+
+class Finished:
+    """Picks at stations once a model stands.
+
+    Args:
+        robots: of the cell.
+        plate: of the model.
+        structure: the bricks of the model in their places.
+    """
+
+    def __init__(
+        self,
+        robots: tuple[PlacedRobot, ...],
+        plate: Plate,
+        structure: Sequence[LegoStep],
+    ) -> None:
+        self._robots, self._plate = robots, plate
+        self._steps = tuple(structure)
+        self._twist = dict(DEFAULT_TWIST)
+
+    def stays_free(self, robot: str, station: Station) -> bool:
+        """Tell whether a robot picks at a station with every grip beside the finished model."""
+        stock = (StockBrick("station", station.brick, station.cell, station=True),)
+        assembly = LegoAssembly(self._plate, stock, self._steps, self._twist)
+        objects, plate = stock_objects(assembly), plate_fixture(self._plate)
+        cell = Workcell(self._robots, (plate,), objects, Clearances())
+        skills = BrickSkills(BrickWorld(cell, assembly))
+        for press in presses(station.brick):
+            found = skills.pick(robot, "station", grasp_number(press))
+            if not isinstance(found, ResolvedSkill) or skills.latest(found) is not None:
+                return False
+        return True
+
+
+_MODEL = "gp4"
+_BASE_Z = 0.9246
+_PLATE = (0.44, 0.0, 1.1145)
+_TABLE = {
+    "name": "table",
+    "size_m": [0.6, 1.2, 0.02],
+    "pose": {"xyz_m": [0.44, 0, 1.1045]},
+}
+_ROBOTS = (("left", 0.0, 0.0), ("right", 0.88, 180.0))
+"""Name, x of the base [m], and yaw [deg]."""
+
+_MOST_WIDE = STUDS - 2 * (APART + 2 + AWAY)
+
+
+def model_cell(model: BrickModel) -> dict[str, Any]:
+    """Return the content of a scenario that builds a model in the middle of a cell chosen for it.
+
+    Raises:
+        ScenarioError: it is too large, or there is no room for the feeding stations.
+    """
+    wide, deep, _ = model.size
+    if not _fits(model):
+        raise ScenarioError(
+            f"the model covers {wide} x {deep} studs; {_MOST_WIDE} x {STUDS} fit between the"
+            " feeding stations of the plate"
+        )
+    arm, robots = robot_model(_MODEL), list[PlacedRobot]()
+    for name, x, yaw in _ROBOTS:
+        pose = from_rpy([x, 0.0, _BASE_Z], (0.0, 0.0, np.radians(yaw)))
+        robots.append(PlacedRobot(name, arm, pose, arm.home))
+    plain = _content(model, tuple(robots), STUDS, free=False)
+    for studs in (STUDS, *_WIDER):
+        with suppress(ScenarioError):
+            return _content(model, tuple(robots), studs, free=True)
+    # Where no plate leaves room for ever, the stations stand as near as can be.
+    return plain
+
+
+def _content(
+    model: BrickModel, robots: tuple[PlacedRobot, ...], studs: int, *, free: bool
+) -> dict[str, Any]:
+    """Return the content of a scenario with a plate so wide.
+
+    Raises:
+        ScenarioError: there is no room for the feeding stations; or, where picks are to stay free
+            beside the finished model, they would not.
+    """
+    wide, deep, _ = model.size
+    corner = (studs - wide) // 2, (STUDS - deep) // 2
+    plate = Plate(translation(*_PLATE), (studs, STUDS))
+    span = GridSpan(corner[0], corner[0] + wide, corner[1], corner[1] + deep, 0, 1)
+    placed = [
+        LegoStep(
+            i.brick, replace(i.cell, x=i.cell.x + corner[0], y=i.cell.y + corner[1])
+        )
+        for i in model.bricks
+    ]
+    finished, stock = Finished(robots, plate, placed), list[dict[str, Any]]()
+    for robot, (name, x, _) in zip(robots, _ROBOTS, strict=True):
+        stays_free = partial(finished.stays_free, name) if free else lambda _: True
+        kinds = list(model.kinds)
+        for station in stations(
+            robot, plate, span, kinds, far=x > 0.0, stays_free=stays_free
+        ):
+            stock += _stock(name, station)
+    listed = [
+        {
+            "name": name,
+            "model": _MODEL,
+            "base": {"xyz_m": [x, 0.0, _BASE_Z], "rpy_deg": [0, 0, yaw]},
+        }
+        for name, x, yaw in _ROBOTS
+    ]
+    return {
+        "cell": {"robots": listed, "fixtures": [_TABLE]},
+        "assembly": {
+            "kind": "lego",
+            "plate": {"pose": {"xyz_m": list(_PLATE)}, "studs": [studs, STUDS]},
+            "structure": structure_content(model, corner),
+            "stock": stock,
+        },
+    }
+
+
+def orientations(model: BrickModel) -> list[BrickModel]:
+    """Return a model as it is, and turned by a quarter turn with a note of why, as far as they fit.
+
+    Where neither fits between the stations, it is the model as it is.
+    """
+    why = "reach of the arms" if _fits(model) else "room between the feeding stations"
+    note = f"the model is turned by a quarter turn, for {why}"
+    turned = replace(model.quarter_turned(), notes=(*model.notes, note))
+    return [item for item in (model, turned) if _fits(item)] or [model]
+
+
+def _fits(model: BrickModel) -> bool:
+    wide, deep, _ = model.size
+    return wide <= _MOST_WIDE and deep <= STUDS
+
+
+def structure_content(model: BrickModel, corner: tuple[int, int]) -> dict[str, Any]:
+    """Return a model as the structure of a scenario, its least corner at a stud of the plate."""
+    x, y = corner
+    bricks = [
+        {
+            "brick": item.brick.name,
+            **replace(item.cell, x=item.cell.x + x, y=item.cell.y + y).entry,
+            **_colour(item),
+        }
+        for item in model.bricks
+    ]
+    return {"bricks": bricks}
+
+
+def _colour(item: ModelBrick) -> dict[str, Any]:
+    """Return the colour of a brick where it is not that of its type anyway."""
+    if item.colour is None or item.colour == brick_colour(item.brick):
+        return {}
+    return {"colour": list(item.colour)}
+
+
+def free_corner(
+    model: BrickModel, studs: tuple[int, int], taken: Mapping[tuple[int, int], str]
+) -> tuple[int, int]:
+    """Return where a model stands free on a plate of some studs, as near to its middle as can be.
+
+    Raises:
+        ScenarioError: it fits nowhere; says what stands in its way in the middle.
+    """
+    wide, deep, _ = model.size
+    covered = frozenset().union(*(item.studs for item in model.bricks))
+    middle = (studs[0] - wide) // 2, (studs[1] - deep) // 2
+    corners = [
+        (x, y) for x in range(studs[0] - wide + 1) for y in range(studs[1] - deep + 1)
+    ]
+    corners.sort(key=lambda c: (abs(c[0] - middle[0]) + abs(c[1] - middle[1]), c))
+    for x, y in corners:
+        if not any((x + i, y + j) in taken for i, j in covered):
+            return x, y
+    size = f"the model covers {wide} x {deep} studs"
+    if not corners:
+        raise ScenarioError(f"{size}, the plate has {studs[0]} x {studs[1]}")
+    names = {
+        taken[place]
+        for i, j in covered
+        if (place := (middle[0] + i, middle[1] + j)) in taken
+    }
+    raise ScenarioError(
+        f"{size}: there is no such room on the plate beside the stock; in the middle stand"
+        f" {', '.join(sorted(names)[:6])}"
+    )
+
+
+def _stock(robot: str, station: Station) -> list[dict[str, Any]]:
+    """Return a station as entries of the stock, the brick that it stands on first."""
+    kind, at = station.brick.name, station.cell
+    name = f"{robot}_{kind}"
+    own = {"name": name, "brick": kind, **at.entry, "station": True}
+    if station.stand is None:
+        return [own]
+    below = {"brick": station.stand, **replace(at, z=at.z - 1).entry}
+    return [{"name": f"{name}_stand", **below, "fixed": True}, own]

@@ -1,0 +1,271 @@
+"""Lines of an LDraw file: models with their references to parts and to each other, and colours.
+
+A ``.ldr`` file is one model. A ``.mpd`` file holds several, each after ``0 FILE name``; the first
+is the whole, which refers to the others. Colours and steps are counted, lines and faces (types 2
+to 5), which only draw, too.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from planning.lego.bricks.assembly import BRICKS, BrickType
+from planning.lego.importers.brick_models.model import FileFaults
+from planning.transforms import Array
+
+Colour = tuple[int, int, int]
+"""Red, green and blue, 0 to 255."""
+
+INHERITED = ("16", "24")
+"""Codes that stand for the colour of the model around."""
+
+_VALUES: Mapping[int, int] = MappingProxyType(
+    {
+        **{0: 0x05131D, 1: 0x0055BF, 2: 0x257A3E, 3: 0x00838F, 4: 0xC91A09, 5: 0xC870A0},
+        **{6: 0x583927, 7: 0x9BA19D, 8: 0x6D6E5C, 9: 0xB4D2E3, 10: 0x4B9F4A, 11: 0x55A5AF},
+        **{12: 0xF2705E, 13: 0xFC97AC, 14: 0xF2CD37, 15: 0xFFFFFF, 17: 0xC2DAB8},
+        **{18: 0xFBE696, 19: 0xE4CD9E, 20: 0xC9CAE2, 22: 0x81007B, 23: 0x2032B0},
+        **{25: 0xFE8A18, 26: 0x923978, 27: 0xBBE90B, 28: 0x958A73, 29: 0xE4ADC8},
+        **{30: 0xAC78BA, 31: 0xE1D5ED, 68: 0xF3CF9B, 69: 0xCD6298, 70: 0x582A12},
+        **{71: 0xA0A5A9, 72: 0x6C6E68, 73: 0x5C9DD1, 74: 0x73DCA1, 77: 0xFECCCF},
+        **{78: 0xF6D7B3, 84: 0xCC702A, 85: 0x3F3691, 86: 0x7C503A, 89: 0x4C61DB},
+        **{151: 0xE6E3E0, 191: 0xF8BB3D, 212: 0x86C1E1, 216: 0xB31004, 226: 0xFFF03A},
+        **{232: 0x56BED6, 272: 0x0D325B, 288: 0x184632, 308: 0x352100, 313: 0x54A9C8},
+        **{320: 0x720E0F, 321: 0x1498D7, 322: 0x3EC2DD, 323: 0xBDDCD8, 326: 0xDFEEA5},
+        **{330: 0x9B9A5A, 335: 0xD67572, 351: 0xF785B1, 366: 0xFA9C1C, 373: 0x845E84},
+        **{378: 0xA0BCAC, 379: 0x597184, 450: 0xB67B50, 462: 0xFFA70B, 484: 0xA95500},
+        **{503: 0xE6E3DA, 33: 0x0020A0, 36: 0xC91A09, 40: 0x635F52, 47: 0xFCFCFC},
+        **{57: 0xF08F1C},
+    }
+)  # fmt: skip
+"""Opaque colours, and the commonest of those that one sees through, as LeoCAD shows them."""
+
+_WRITTEN = re.compile(r"(?:0x[0-9a-f]{1,2}|#)?([0-9a-f]{6})")
+_DEFINED = re.compile(
+    r"0\s+!COLOUR\s+\S+\s+CODE\s+(\d{1,9})\s+VALUE\s+#([0-9A-Fa-f]{6})\b"
+)
+
+
+def colour_of(text: str, defined: Mapping[int, Colour]) -> Colour | None:
+    """Return the colour of a part, None where it is not known.
+
+    Args:
+        text: as written, in small letters: a code, or ``0x2rrggbb``.
+        defined: colours that the file defines, by code.
+    """
+    if text.startswith(("0x", "#")):
+        written = _WRITTEN.fullmatch(text)
+        return None if written is None else _split(int(written[1], 16))
+    code = int(text)
+    if code in defined:
+        return defined[code]
+    return _split(_VALUES[code]) if code in _VALUES else None
+
+
+def _split(value: int) -> Colour:
+    return value >> 16, value >> 8 & 255, value & 255
+
+
+_COLOUR = re.compile(r"[+-]?\d{1,10}|(0x|#)[0-9a-fA-F]{6,8}", re.ASCII)
+_REFERENCE = 15
+_LARGEST = 1e7
+
+FORM = (
+    "a line starts with 0 to 5; a part is a line such as"
+    " '1 4 20 -24 0 1 0 0 0 1 0 0 0 1 3001.dat': 1, colour, x y z, nine of its rotation, file"
+)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A part or a model in a model, or in the whole one.
+
+    Attributes:
+        line: of the file, from 1.
+        pose: in the model, shape (4, 4), lengths in LDraw units.
+        name: of the file it refers to, in small letters.
+        colour: as written; in the whole model that of the model around it where it takes that.
+        via: in the whole model, lines of the references that lead to it, the outermost first.
+    """
+
+    line: int
+    pose: Array
+    name: str
+    colour: str
+    via: tuple[int, ...] = ()
+
+    @property
+    def source(self) -> str:
+        """Where it stands, such as ``"line 12 by way of line 3"``."""
+        return f"line {self.line}{self._way}"
+
+    @property
+    def words(self) -> str:
+        """Its file and by which lines it came, such as ``"3001.dat by way of line 3"``."""
+        return f"{self.name}{self._way}"
+
+    @property
+    def _way(self) -> str:
+        return "".join(f" by way of line {k}" for k in reversed(self.via))
+
+
+@dataclass
+class Document:
+    """The models of a file by name, in small letters; the first is the whole.
+
+    Attributes:
+        models: references of each.
+        drawn: how many lines of types 2 to 5 there are.
+        steps: how many steps end.
+        colours: that the file defines, by code.
+    """
+
+    models: dict[str, list[Reference]] = field(default_factory=dict)
+    drawn: int = 0
+    steps: int = 0
+    colours: dict[int, Colour] = field(default_factory=dict)
+
+
+def read_document(path: Path, lines: Sequence[str]) -> Document:
+    """Return the models of a file, given its lines.
+
+    Raises:
+        ScenarioError: lines that are no LDraw, or two models of one name; each by its number.
+    """
+    faults, document = FileFaults(path), Document()
+    here: list[Reference] | None = document.models.setdefault("", [])
+    for number, line in enumerate(lines, start=1):
+        words = line.split(None, _REFERENCE - 1)
+        if not words:
+            continue
+        if words[0] == "1":
+            found = _reference(words, number)
+            if isinstance(found, str):
+                faults.add(number, found)
+            elif here is not None:
+                here.append(found)
+        elif words[0] in ("2", "3", "4", "5"):
+            document.drawn += 1
+        elif words[0] != "0":
+            faults.add(number, f"{line.strip()[:30]!r} is no line of LDraw")
+        elif len(words) > 1 and words[1].upper() in ("FILE", "NOFILE"):
+            name = file_name(line.split(None, 2)[2] if len(words) > 2 else "")
+            here = None
+            if words[1].upper() == "FILE":
+                if name in document.models:
+                    faults.add(number, f"a model before it is called {name!r}, too")
+                here = document.models.setdefault(name, [])
+        elif len(words) > 1 and words[1].upper() == "STEP":
+            document.steps += 1
+        elif (colour := _DEFINED.match(line.strip())) is not None:
+            document.colours[int(colour[1])] = _split(int(colour[2], 16))
+    faults.check(form=FORM)
+    if not document.models[""] and len(document.models) > 1:
+        del document.models[""]
+    return document
+
+
+def file_name(text: str) -> str:
+    """Return the name of a file as references compare it."""
+    return text.strip().strip('"').replace("\\", "/").casefold()
+
+
+def _reference(words: Sequence[str], number: int) -> Reference | str:
+    """Return the reference of a line, or what is wrong with it."""
+    if len(words) < _REFERENCE:
+        return f"a part has {_REFERENCE} values, this line {len(words)}"
+    if not _COLOUR.fullmatch(words[1]):
+        return f"{words[1][:20]!r} is no colour"
+    values = []
+    for text in words[2:14]:
+        try:
+            value = float(text)
+        except ValueError:
+            return f"{text[:20]!r} is no number"
+        if not abs(value) <= _LARGEST:
+            return f"{text[:20]} is no length or direction"
+        values.append(value)
+    pose = np.eye(4)
+    pose[:3, 3] = values[:3]
+    pose[:3, :3] = np.reshape(values[3:], (3, 3))
+    return Reference(number, pose, file_name(words[14]), words[1].casefold())
+
+
+STUD, LEVEL = 20, 8
+"""Distance of studs, and height of a plate; a brick is three times as high [LDraw units]."""
+
+_NUMBERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "1x1": ("3005",),
+        "1x2": ("3004",),
+        "1x3": ("3622",),
+        "1x4": ("3010",),
+        "1x6": ("3009",),
+        "1x8": ("3008",),
+        "2x2": ("3003",),
+        "2x3": ("3002",),
+        "2x4": ("3001",),
+        "2x6": ("2456", "44237"),
+        "2x8": ("3007",),
+        "1x1-plate": ("3024",),
+        "1x2-plate": ("3023", "3023a", "3023b"),
+        "1x3-plate": ("3623",),
+        "1x4-plate": ("3710",),
+        "1x6-plate": ("3666",),
+        "1x8-plate": ("3460",),
+        "2x2-plate": ("3022",),
+        "2x3-plate": ("3021",),
+        "2x4-plate": ("3020",),
+        "2x6-plate": ("3795",),
+        "2x8-plate": ("3034",),
+    }
+)
+
+PARTS: Mapping[str, BrickType] = MappingProxyType(
+    {number: BRICKS[kind] for kind, all_ in _NUMBERS.items() for number in all_}
+)
+"""Brick types by the number of their part."""
+
+_BASEPLATES = frozenset(
+    ("3497", "3334", "3645", "3811", "3857", "3865", "3867", "4186", "4187")
+)
+"""Thin plates that models stand on, from 8 x 16 to 48 x 48 studs."""
+
+_OF_SIZE = {
+    (tuple(sorted(BRICKS[kind].studs)), BRICKS[kind].height): numbers[0]
+    for kind, numbers in _NUMBERS.items()
+}
+
+# Printed ones have a p and more behind the number, such as 3005p01.
+_PRINTED = re.compile(r"(\d+[ab]?)p\w*")
+
+
+def part_of(name: str) -> BrickType | None:
+    """Return the brick type of a part by the name of its file, None where it is none.
+
+    Printed bricks are bricks.
+    """
+    number = name.removesuffix(".dat")
+    printed = _PRINTED.fullmatch(number)
+    return PARTS.get(printed[1] if printed else number)
+
+
+def is_baseplate(name: str) -> bool:
+    """Tell by the name of its file whether a part is a base plate, on which bricks stand."""
+    return name.removesuffix(".dat") in _BASEPLATES
+
+
+def number_of(size: tuple[int, int], height: int) -> str | None:
+    """Return the number of the part of a size in studs and levels, None where there is none."""
+    return _OF_SIZE.get(((min(size), max(size)), height))
+
+
+def table() -> tuple[str, ...]:
+    """Return the parts in words, such as ``"3001 (2x4)"``."""
+    return tuple(f"{numbers[0]} ({kind})" for kind, numbers in _NUMBERS.items())

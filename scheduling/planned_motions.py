@@ -1,0 +1,38 @@
+"""An assembly with its planned motions: what every coordination starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from planning.cell.workcell import Workcell
+from planning.motion.known_motions import MotionPlan
+from planning.motion.sequential import MotionSettings
+from planning.tasks.assignment import TaskPlan
+from planning.tasks.work import AssemblyWork, WorkAhead
+from scheduling.repeat import Pattern
+
+
+@dataclass(frozen=True)
+class PlannedMotions:
+    """An assembly with its motions: what every coordination starts from.
+
+    Attributes:
+        cell: the workcell.
+        assembly: what is built, such as a ``LegoAssembly``; the plan of a construction.
+        task_plan: who does what; empty where that is decided along with the motions.
+        motion_plan: how everyone moves.
+        settings: how tasks were turned into motions.
+        work: what task and motion plan were made from, where others can be made from it.
+        pattern: how the plan goes on for further products, None where it is that of all.
+        ahead: the work of more steps, None where all are planned.
+    """
+
+    cell: Workcell
+    assembly: Any
+    task_plan: TaskPlan
+    motion_plan: MotionPlan
+    settings: MotionSettings
+    work: AssemblyWork | None = field(default=None, kw_only=True)
+    pattern: Pattern | None = field(default=None, kw_only=True)
+    ahead: WorkAhead | None = field(default=None, kw_only=True)

@@ -1,0 +1,1 @@
+"""Goals: robots go to configurations and poses, and nothing is built."""

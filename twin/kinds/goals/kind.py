@@ -1,0 +1,96 @@
+"""Kind ``goals``: from its section of a scenario to data of planning, and to motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from planning.cell.workcell import PlacedRobot, Workcell
+from planning.errors import ScenarioError
+from planning.transforms import readonly
+from twin.document.validation import Found, unless_known
+from twin.host.progress import StageWatch
+from twin.kinds.goals.section import GoalsSection, MoveSection
+from twin.scenario.sections.cell import CellSection
+from twin.scenario.sections.kind import AssemblyKind, IdleReason
+from twin.scenario.sections.shapes import build_transform
+
+if TYPE_CHECKING:
+    from planning.motion.sequential import MotionSettings
+    from planning.steps.robot_goals import RobotGoal
+    from scheduling.planned_motions import PlannedMotions
+
+
+@dataclass(frozen=True)
+class GoalsKind(AssemblyKind):
+    """Goals of a scenario.
+
+    Attributes:
+        section: what the file says.
+    """
+
+    section_class = GoalsSection
+    tries_sidesteps = True
+
+    section: GoalsSection
+
+    def steps(self) -> int:
+        """Return the number of goals."""
+        return len(self.section.moves)
+
+    def supply(self) -> str:
+        """Return that nothing is built."""
+        return "no parts"
+
+    def problems(self, cell: CellSection) -> Found:
+        """Yield the moves of robots that the file does not have."""
+        names = tuple(robot.name for robot in cell.robots)
+        for k, move in enumerate(self.section.moves):
+            at = ("assembly", "moves", k, "robot")
+            yield from unless_known(at, "robot", move.robot, names)
+
+    def why_unable(self, robot: PlacedRobot, motions: PlannedMotions) -> IdleReason:
+        """Return that every move is that of a named robot."""
+        return "not allowed"
+
+    def plan(
+        self, cell: Workcell, settings: MotionSettings, watch: StageWatch
+    ) -> PlannedMotions:
+        """Find the configurations of all goals, then the ways to them."""
+        from planning.steps.robot_goals import prepare_goals
+        from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
+
+        goals = tuple(
+            _goal(cell, move, k) for k, move in enumerate(self.section.moves, start=1)
+        )
+        with watch.stage("assignment", ASSIGNMENT):
+            work = prepare_goals(cell, goals)
+        return plan_in_turns(cell, goals, work, settings, watch)
+
+
+def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
+    from planning.steps.robot_goals import RobotGoal
+
+    robot = cell.robot(move.robot)
+    if move.to is not None:
+        frames = robot.model.frames
+        if move.frame not in {*frames, "flange"}:
+            raise ScenarioError(
+                f"move {number}: robot {move.robot!r} has no frame {move.frame!r}",
+                choices=(*frames, "flange"),
+            )
+        return RobotGoal(
+            move.robot, pose=readonly(build_transform(move.to)), frame=move.frame
+        )
+    joints = move.to_rad_or_m
+    if move.to_deg is not None:
+        joints = tuple(np.deg2rad(move.to_deg).tolist())
+    assert joints is not None
+    dof = robot.model.dof
+    if len(joints) != dof:
+        raise ScenarioError(
+            f"move {number}: robot {move.robot!r} has {dof} joints, not {len(joints)}"
+        )
+    return RobotGoal(move.robot, joints=readonly(joints))

@@ -1,0 +1,182 @@
+"""Assemblies of parts of a scenario: from their section to data of planning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from planning.cell.standing_rules import Joint, StandingRules
+from planning.contacts.interference import Overlaps
+from planning.grips.grip import GripRules
+from planning.parts.assembly import (
+    AnyStep,
+    MachineWork,
+    PartAssembly,
+    PartHandling,
+    PlacePart,
+    Process,
+    Spot,
+    Work,
+)
+from planning.tasks.task import (
+    TimeLag,
+)
+from planning.transforms import Transform, readonly
+from twin.kinds.parts.line import Line, MachineJob, written_out
+from twin.kinds.parts.section import (
+    PartGripSection,
+    PartSection,
+    PartsSection,
+    PlaceOfWork,
+    StepSection,
+)
+from twin.scenario.sections.shapes import as_planned, build_transform, plain_values
+
+
+def build_assembly(section: PartsSection) -> PartAssembly:
+    """Return goals, steps, grips and supplies of a section, its products written out."""
+    return assembly_of(written_out(section))
+
+
+def assembly_of(line: Line) -> PartAssembly:
+    """Return goals, steps, grips and supplies of what is written out."""
+    section = line.section
+    usual = as_planned(
+        PartHandling, section, grips=_grip_rules(section.grips, GripRules())
+    )
+    return as_planned(
+        PartAssembly,
+        section,
+        goals={
+            part.name: readonly(build_transform(part.goal))
+            for part in section.parts
+            if part.goal is not None
+        },
+        steps=tuple(
+            _step(section, step, line.jobs.get(number), line.lags.get(number, ()))
+            for number, step in enumerate(section.steps, start=1)
+        ),
+        usual=usual,
+        own={part.name: _ways(part, usual) for part in section.parts},
+        balance=_balance(section),
+        overlaps=overlaps_of(section),
+        supply=line.supply,
+        alike=tuple(own.names for own in line.alike if own.goals and not own.sourced),
+    )
+
+
+def overlaps_of(section: PartsSection) -> Overlaps:
+    """Return how deep what is joined, and what is pressed into each other, may be in each other."""
+    joined = frozenset(joined_pairs(section))
+    said = dict.fromkeys(joined, section.joined_overlap_m)
+    for fit in section.fits:
+        pair = frozenset(fit.parts)
+        said[pair] = max(fit.press_m, said.get(pair, 0.0))
+    return Overlaps(said, joined, section.joined_overlap_m)
+
+
+def joined_pairs(section: PartsSection) -> dict[frozenset[str], float]:
+    """Return the pairs that are joined, each with the room between the two [m]."""
+    return {frozenset(item.parts): item.gap_m for item in section.joined}
+
+
+def _balance(section: PartsSection) -> StandingRules | None:
+    """Return what an assembly must stand by; None where that is not looked at."""
+    own = section.balance
+    if not own.check:
+        return None
+    joints = (
+        as_planned(Joint, item, first=first, second=second)
+        for item in section.joined
+        for first, second in [item.parts]
+    )
+    return as_planned(StandingRules, own, touch=section.touch_m, joints=tuple(joints))
+
+
+def _grip_rules(section: PartGripSection, rules: GripRules) -> GripRules:
+    """Return rules with what a section says in place of what they say."""
+    values = plain_values(section)
+    for key in ("close_s", "open_s"):
+        values.pop(key, None)  # when, not where: execution asks for them
+    if section.directions is not None:
+        values["directions"] = tuple(map(_unit, section.directions))
+    return replace(rules, **values)
+
+
+def _ways(part: PartSection, usual: PartHandling) -> PartHandling:
+    """Return how one part is handled: as it says, else as the assembly says."""
+    rules = usual.grips
+    if part.grips is not None:
+        rules = _grip_rules(part.grips, rules)
+    return PartHandling(
+        rules,
+        part.approach_m or usual.approach,
+        part.leave_m or usual.leave,
+        _unit(part.insert),
+        _unit(part.take_out),
+    )
+
+
+def _unit(direction: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = (np.asarray(direction) / np.linalg.norm(direction)).tolist()
+    return x, y, z
+
+
+def _step(
+    section: PartsSection,
+    step: StepSection,
+    job: MachineJob | None,
+    lags: tuple[TimeLag, ...],
+) -> AnyStep:
+    at = step.at
+    when: Any = {"after": tuple(x.step for x in step.follows), "lags": lags}
+    if step.place is not None:
+        stop = None if at is None else _spot(section, at)
+        own = {"name": step.known_as, "part": step.place}
+        return as_planned(PlacePart, step, stop=stop, **own, **when)
+    assert at is not None
+    if job is not None:
+        own = {"machine": job.machine, "part": at.part, "door": job.door}
+        return as_planned(MachineWork, step, **own, **when)
+    return as_planned(
+        Work, step, process=_process(section, step), spot=_spot(section, at), **when
+    )
+
+
+def _spot(section: PartsSection, at: PlaceOfWork) -> Spot:
+    """Return a place of work; frames of parts are poses in the part's own frame."""
+    pose: Transform = np.eye(4)
+    if at.part is not None and at.frame is not None:
+        frames = {part.name: part.frames for part in section.parts}
+        pose = build_transform(frames[at.part][at.frame])
+    if at.pose is not None:
+        pose = pose @ build_transform(at.pose)
+    frame = at.frame if at.fixture is not None else None
+    return Spot(_words(at), at.part or at.fixture, frame, readonly(pose))
+
+
+def _process(section: PartsSection, step: StepSection) -> Process:
+    """Return the process of a step, with what the step says of it."""
+    assert step.process is not None
+    own = section.processes[step.process]
+    turn = own.turn_deg if step.turn_deg is None else step.turn_deg
+    turns = np.arange(own.turns) * 360.0 / own.turns if turn is None else [turn]
+    path = own.path if step.path is None else step.path
+    return as_planned(
+        Process,
+        own,
+        name=step.process,
+        path=tuple(readonly(build_transform(pose)) for pose in path),
+        turns=tuple(np.deg2rad(turns).tolist()),
+    )
+
+
+def _words(at: PlaceOfWork) -> str:
+    """Return a place of work in words: its owner and frame, else where it is."""
+    named = [name for name in (at.part or at.fixture, at.frame) if name is not None]
+    if at.pose is not None and at.frame is None:
+        named.append("(" + ", ".join(f"{v:g}" for v in at.pose.xyz_m) + ")")
+    return "/".join(named)

@@ -1,0 +1,45 @@
+"""An assembly of parts that is checked, with its parts in the order of their steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property, wraps
+
+from twin.check.finding import Findings, KindChecks, Subject
+from twin.kinds.parts.ordered_parts import OrderedParts
+from twin.kinds.parts.section import PartsSection
+
+
+class PartsContext(KindChecks):
+    """An assembly of parts that is checked."""
+
+    @cached_property
+    def section(self) -> PartsSection:
+        """What the file says."""
+        section = self.subject.scenario.assembly
+        assert isinstance(section, PartsSection)
+        return section
+
+    @cached_property
+    def parts(self) -> OrderedParts:
+        """The assembly in order."""
+        return OrderedParts(self.subject.cell, self.section)
+
+
+def ordered_parts(subject: Subject) -> OrderedParts:
+    """Return the assembly of parts of a scenario."""
+    checks = subject.checks
+    assert isinstance(checks, PartsContext)
+    return checks.parts
+
+
+def of_parts(
+    check: Callable[[Subject, OrderedParts], Findings],
+) -> Callable[[Subject], Findings]:
+    """Return a check of assemblies of parts as one of scenarios with such an assembly."""
+
+    @wraps(check)
+    def checked(subject: Subject) -> Findings:
+        return check(subject, ordered_parts(subject))
+
+    return checked

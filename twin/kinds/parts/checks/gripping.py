@@ -1,0 +1,222 @@
+"""Checks of gripping: robots that turn tools as grips need, and tools that have room beside neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from planning.cell.shape import Shape
+from planning.cell.workcell import Fixture, PlacedRobot
+from planning.geometry.touching import Lying, near_to
+from planning.grips.pads import own_bodies
+from planning.grips.tool_grips import robot_grips
+from planning.kinematics.kinematics import frame_in_last_joint
+from planning.kinematics.orientations import (
+    can_turn,
+    direction_words,
+    turning_axes,
+    turning_words,
+)
+from planning.motion.sequential import MARGIN
+from planning.parts.assembly import PlacePart
+from planning.parts.part_skills import process_targets
+from planning.parts.part_steps import lying_by_then, steps_in_order
+from planning.transforms import Array, inverse, translation
+from twin.check.finding import Finding, Findings, Subject, in_file, millimetres
+from twin.kinds.parts.checks.context import of_parts
+from twin.kinds.parts.ordered_parts import OrderedParts
+from twin.kinds.parts.sources import TraySection
+
+_FARTHEST, _STEP = 0.5, 0.005
+"""Parts are lifted so far, in such steps, to see what is enough [m]."""
+
+_TOLD = 4
+"""How many orientations are named."""
+
+
+@of_parts
+def check_turning(subject: Subject, parts: OrderedParts) -> Findings:
+    """Yield parts and places of work for which no robot turns its tool as they need, whatever its joints do."""
+    assembly, frame = parts.listed, parts.listed.frame
+    for _, step, where, end in steps_in_order(subject.cell, assembly):
+        if not isinstance(step, PlacePart):
+            continue
+        name, start = step.part, where[step.part]
+        shape, rules = subject.cell.object(name).shape, assembly.handling(name).grips
+        robots = _placing(subject, step, frame)
+        ends = [("start", start, start), ("goal", end, end)]
+        # Who turns at all may lay a part down in between, and grip it anew.
+        if not any(turning_axes(robot) for robot in robots):
+            ends.append(("goal", start, end))
+        for key, *poses in ends:
+            wanted = [
+                (robot, [(pose @ grip.pose)[:3, :3] for pose in poses])
+                for robot in robots
+                for grip in robot_grips(robot, shape, poses[0], poses[0], rules)
+            ]
+            if found := _turned(wanted, frame):
+                at = subject.thing_at(name, key)
+                yield Finding(at, f"{name} cannot be gripped: {found}", error=True)
+                break
+    for number, known, work, robots in parts.works():
+        targets = (
+            process_targets(work.process, known.place, turn).targets.subgoals
+            for turn in work.process.turns
+        )
+        ways = [[goal.pose[:3, :3] for goal in own] for own in targets]
+        wanted = [(robot, way) for robot in robots for way in ways]
+        if found := _turned(wanted, work.process.frame):
+            at = parts.step_at(number)
+            yield Finding(at, f"{work.words} cannot be done: {found}", error=True)
+
+
+def _turned(wanted: Sequence[tuple[PlacedRobot, list[Array]]], frame: str) -> str:
+    """Return in words that no robot turns a frame as wanted, empty where one does.
+
+    Args:
+        wanted: robots, each with the orientations in the world, shape (3, 3), that one way to do it takes.
+        frame: of their tools.
+    """
+    if not wanted or any(
+        all(can_turn(r, frame, at) for at in way) for r, way in wanted
+    ):
+        return ""
+    needed = dict.fromkeys(
+        " then ".join(
+            f"{direction_words(at[:, 2])}, y axis {direction_words(at[:, 1])}"
+            for at in {at.tobytes(): at for at in (way[0], way[-1])}.values()
+        )
+        for _, way in wanted
+    )
+    can = dict.fromkeys(f"{r.name}: {turning_words(r, frame)}" for r, _ in wanted)
+    return f"{'; '.join(can)}; needed: {'; or '.join([*needed][:_TOLD])}"
+
+
+def _placing(subject: Subject, step: PlacePart, frame: str) -> list[PlacedRobot]:
+    """Return the robots that may do a step and have the frame for it."""
+    robots = (r for r in subject.cell.robots if frame in {"flange", *r.model.frames})
+    return [robot for robot in robots if step.done_by(robot.name)]
+
+
+@of_parts
+def check_room(subject: Subject, parts: OrderedParts) -> Findings:
+    """Yield parts beside whose neighbours no tool has room, by whatever grip.
+
+    Of parts that are alike the first step may take any: there is none only where each lacks room.
+    """
+    assembly, cell = parts.found, parts.cell
+    if isinstance(assembly, str):
+        return
+    groups = {name: group for group in assembly.alike for name in group}
+    seen: set[str] = set()
+    for _, step, where, end in steps_in_order(cell, assembly):
+        if not isinstance(step, PlacePart) or step.part in seen:
+            continue
+        name, group = step.part, groups.get(step.part, (step.part,))
+        seen.update(group if len(group) > 1 else ())
+        robots = _placing(subject, step, assembly.frame)
+        starts = [(own, where[own]) for own in group if own in where]
+        for key, ends in (("start", starts), ("goal", [(name, end)])):
+            if key == "goal" and len(group) > 1:
+                continue
+            found = [
+                _lack(
+                    parts,
+                    robots,
+                    (cell.object(own), at),
+                    lying_by_then(cell, where, own),
+                )
+                for own, at in ends
+            ]
+            if found and found[0] and all(found):
+                yield _no_room(subject, parts, name, key, *found[0])
+                break
+
+
+def _lack(
+    parts: OrderedParts,
+    robots: Sequence[PlacedRobot],
+    part: Lying,
+    lying: Mapping[str, Lying],
+) -> tuple[float, str, str] | None:
+    """Return how much room the grip on a part lacks that lacks least [m], beside what, and which grip.
+
+    Returns:
+        None where a grip lacks none, or there is none.
+    """
+    (item, at), found = part, list[tuple[float, str, str]]()
+    rules = parts.listed.handling(item.name).grips
+    clear = parts.cell.clearances.robot_object - 1e-6
+    for robot in robots:
+        body = Shape((), tuple(own_bodies(robot.model)))
+        if not body.pieces:
+            return None
+        tip = inverse(frame_in_last_joint(robot.model, rules.frame))
+        for grip in robot_grips(robot, item.shape, at, at, rules):
+            pose = at @ grip.pose @ tip
+            near = near_to((Fixture("tool", body, pose), pose), lying, clear)
+            if not near:
+                return None
+            beside = min(near, key=lambda name: near[name])
+            words = f"{grip.words} by {robot.name}"
+            found.append((clear - near[beside], beside, words))
+    return min(found, default=None)
+
+
+def _no_room(
+    subject: Subject,
+    parts: OrderedParts,
+    name: str,
+    key: str,
+    lack: float,
+    beside: str,
+    grip: str,
+) -> Finding:
+    """Return the finding: an error at the pitch of a source whose parts lie too near to each other."""
+    at, remedy = subject.thing_at(name, key), "move one of the two"
+    sources = {part.name: part.source for part in parts.section.parts}
+    own, other = (sources.get(in_file(n, sources)) for n in (name, beside))
+    source = parts.section.sources.get(own or "")
+    in_source = key == "start" and own == other and source is not None
+    if in_source:
+        pitch = ("grid", "pitch_m") if isinstance(source, TraySection) else ("pitch_m",)
+        at, remedy = ("assembly", "sources", str(own), *pitch), "give a larger pitch_m"
+    where = "where it lies" if key == "start" else "in its place"
+    return Finding(
+        at,
+        f"no grip on {name} has room beside its neighbours {where}: {grip} lacks least, {millimetres(lack)}"
+        f" beside {beside}; {remedy}, or take a slimmer tool",
+        error=in_source,
+    )
+
+
+@of_parts
+def check_lifts(subject: Subject, parts: OrderedParts) -> Findings:
+    """Yield parts that are not lifted clear of what comes up where they lay, such as the next of a conveyor."""
+    assembly, cell = parts.listed, parts.cell
+    clear = cell.clearances.robot_object + MARGIN - 1e-9
+    for number, step, where, _ in steps_in_order(cell, assembly):
+        refill = assembly.supply.refills.get(number)
+        if refill is None or not isinstance(step, PlacePart):
+            continue
+        name, ways, part = (
+            step.part,
+            assembly.handling(step.part),
+            cell.object(step.part),
+        )
+        coming = {k: (cell.object(k), at) for k, at in dict(refill.parts).items()}
+        lengths = ways.leave + np.arange(0.0, _FARTHEST, _STEP)
+        out = [translation(*(x * np.array(ways.extraction))) for x in lengths.tolist()]
+        near = [near_to((part, up @ where[name]), coming, clear) for up in out]
+        if first := near[0]:
+            other = min(first, key=lambda k: first[k])
+            remedy = f": {lengths[near.index({})]:.3f} is enough" if {} in near else ""
+            own = {p.name: p.leave_m for p in parts.section.parts}
+            told = own[in_file(name, own)] is not None
+            yield Finding(
+                subject.thing_at(name, "leave_m") if told else ("assembly", "leave_m"),
+                f"{name} is lifted by leave_m {ways.leave:g}, and then {other} comes up where it lay, at a"
+                f" distance of {millimetres(abs(first[other]))}; lift it farther{remedy}",
+                error=True,
+            )

@@ -1,0 +1,88 @@
+"""Checks of grips: fingers and cups that find faces of the parts to hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from planning.cell.robot_model import ToolGrip
+from planning.cell.shape import Shape
+from planning.cell.workcell import PlacedRobot
+from planning.grips.cups import too_wide
+from planning.grips.grip import GripRules, part_grips
+from planning.grips.tool_grips import (
+    robot_rules,
+    thinnest,
+    tool_rules,
+)
+from planning.transforms import Transform
+from twin.check.finding import (
+    Finding,
+    Findings,
+    Subject,
+    millimetres,
+)
+from twin.kinds.parts.checks.context import of_parts
+from twin.kinds.parts.ordered_parts import OrderedParts
+
+
+@of_parts
+def check_grips(subject: Subject, parts: OrderedParts) -> Findings:
+    """Yield parts that the fingers cannot span, or cannot hold both at the start and in place."""
+    assembly, robots = parts.listed, subject.cell.robots
+    tools = dict.fromkeys(robot.model.grip for robot in robots)
+    for name in dict.fromkeys(assembly.placed):
+        part = subject.cell.object(name)
+        rules = assembly.handling(name).grips
+        widest = max(tool_rules(rules, tool).opening for tool in tools)
+        listing = "; ".join(_opens(tool, rules) for tool in tools)
+        least = thinnest(part.shape)
+        if least > widest and not rules.suction:
+            yield Finding(
+                subject.thing_at(name, "size_m"),
+                f"no fingers span {name}: its shortest edge is {millimetres(least)}, and {listing}",
+                error=True,
+            )
+            continue
+        for key, at, where in (
+            ("start", part.start, "where it lies at the start"),
+            ("goal", assembly.goals[name], "in its place"),
+        ):
+            why = [_no_face(robot, part.shape, at, rules) for robot in robots]
+            if None not in why:
+                wide = sorted({words for words in why if words})
+                listed = "; ".join([listing, *wide])
+                yield Finding(
+                    subject.thing_at(name, key),
+                    f"no face of {name} can be gripped {where}: {listed}; the tool leans at most"
+                    f" {np.degrees(rules.steepest):.0f} deg from assembly.grips.directions; turn the"
+                    " part, or allow more of opening_m, directions or steepest_deg"
+                    + (", or take a smaller cup" if wide else ""),
+                    error=True,
+                )
+
+
+def _no_face(
+    robot: PlacedRobot, shape: Shape, at: Transform, rules: GripRules
+) -> str | None:
+    """Return why a tool finds no face, empty where its cup, also as it is drawn, is not why; None where it does."""
+    plain, drawn = (
+        robot_rules(own, robot) for own in (rules, replace(rules, cup=None))
+    )
+    for own in (plain, drawn if drawn.lips else plain):
+        if not part_grips(shape, at, at, own):
+            words = too_wide(shape, at, at, own) if own.suction else None
+            return f"{robot.tool or robot.name}: {words}" if words else ""
+    return None
+
+
+def _opens(tool: ToolGrip | None, rules: GripRules) -> str:
+    """Return in words how far a tool opens, and where that is written."""
+    if tool is None:
+        return f"they open to {millimetres(rules.opening)} (assembly.grips.opening_m)"
+    if tool.opening is None:
+        return f"{tool.tool} holds any face"
+    if tool.opening[1] == 0.0:
+        return f"{tool.tool} holds nothing"
+    return f"{tool.tool} opens to {millimetres(tool.opening[1])} (cell.tools)"

@@ -1,0 +1,118 @@
+"""Checks of times: windows between steps and due times of products that cannot be kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from itertools import pairwise
+
+import numpy as np
+
+from twin.check.finding import (
+    Finding,
+    Findings,
+    Subject,
+)
+from twin.kinds.parts.checks.context import of_parts
+from twin.kinds.parts.ordered_parts import OrderedParts
+from twin.kinds.parts.section import PartsSection, StepSection
+from twin.kinds.parts.sources import ConveyorSection
+
+Waits = dict[int, list[tuple[int, float, float]]]
+"""By step: an earlier one, the least time after it, and how long the step itself takes at least [s]."""
+
+
+@of_parts
+def check_windows(subject: Subject, parts: OrderedParts) -> Findings:
+    """Yield steps that come after others that take longer than their window lets them.
+
+    What must be done between two steps is what the one comes after and what comes after the other: the
+    longest way by least durations and least times. Motions count as nothing.
+    """
+    section = parts.section
+    numbers = {step.known_as: k for k, step in enumerate(section.steps)}
+    waits: Waits = {}
+    for k, step in enumerate(section.steps):
+        takes = _least_s(subject, step)
+        known = [own for own in step.follows if own.step in numbers]
+        waits[k] = [(numbers[own.step], own.at_least_s, takes) for own in known]
+    for k, step in enumerate(section.steps):
+        for i, own in enumerate(step.follows):
+            if own.within_s is None or own.step not in numbers:
+                continue
+            least, way = _longest(waits, numbers[own.step], k)
+            if least > own.within_s:
+                names = [section.steps[n].known_as or f"step {n + 1}" for n in way]
+                yield Finding(
+                    ("assembly", "steps", k, "after", i),
+                    f"this can never be kept: at most {own.within_s:g} s may pass, and {', '.join(names)} take at"
+                    f" least {least:g} s, {least - own.within_s:g} s more; give within_s more time, or let less"
+                    " come between",
+                    error=True,
+                )
+
+
+def _longest(waits: Waits, first: int, last: int) -> tuple[float, list[int]]:
+    """Return the longest time from the end of a step to the begin of a later one [s], and by which steps."""
+    found: dict[int, tuple[float, list[int]]] = {first: (0.0, [first])}
+    before = {k: [n for n, _, _ in own] for k, own in waits.items()}
+    for k in TopologicalSorter(before).static_order():
+        for n, lag, takes in waits.get(k, ()):
+            if n in found and k != first:
+                seconds = found[n][0] + lag + (takes if k != last else 0.0)
+                if k not in found or seconds > found[k][0]:
+                    found[k] = seconds, [*found[n][1], k]
+    return found[last]
+
+
+def _least_s(subject: Subject, step: StepSection) -> float:
+    """Return the least duration of a process [s]; 0 for other steps, and where nothing says it."""
+    execution, name = subject.scenario.execution, step.process or ""
+    model = execution.skill_models(subject.folder).get(name)
+    overrides = execution.skill_exceptions(subject.folder)
+    others = [own.duration.minimum for own in overrides if own.skill == name]
+    return min([model.minimum, *others]) if model is not None else 0.0
+
+
+@of_parts
+def check_due_times(subject: Subject, parts: OrderedParts) -> Findings:
+    """Yield due times that fall or cannot be kept."""
+    products = parts.section.products
+    due = products.due_s() if products is not None else ()
+    for who, first, each in _paces(subject, parts.section) if due else ():
+        late = first + each * np.arange(len(due)) - np.array(due)
+        if late.max() > 0.0:
+            k = int(np.argmax(late > 0.0))
+            yield Finding(
+                ("assembly", "products", "due"),
+                f"due: product {k + 1} is due at {due[k]:g} s, and {who} takes {each:g} s for each product, so that it is"
+                f" not complete before {first + k * each:g} s; let products be due later",
+            )
+    for k, (first, then) in enumerate(pairwise(due)):
+        if then < first:
+            yield Finding(
+                ("assembly", "products", "due", k + 1),
+                f"due: product {k + 2} is due at {then:g} s, before product {k + 1} at {first:g} s, and products are"
+                " finished in their order; usual are times that rise",
+            )
+
+
+def _paces(
+    subject: Subject, section: PartsSection
+) -> Iterator[tuple[str, float, float]]:
+    """Yield conveyors and machines of a line: in words, and the time until the first product has its parts, and for each further one [s].
+
+    By the mean of their times; nothing else takes any time.
+    """
+    folder = subject.folder
+    for name, source in section.sources.items():
+        count = sum(part.count or 1 for part in section.parts if part.source == name)
+        if isinstance(source, ConveyorSection) and count:
+            every = source.interval.located(folder).mean
+            yield f"source {name}", (count - 1) * every, count * every
+    models = subject.scenario.execution.skill_models(folder)
+    for name in section.machines:
+        own = [step.process or "" for step in section.steps]
+        own = [k for k in own if k and section.processes[k].machine == name]
+        takes = sum(models[k].mean for k in own if k in models)
+        yield f"machine {name}", takes, takes

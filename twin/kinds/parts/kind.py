@@ -1,0 +1,296 @@
+"""Assemblies of parts of a scenario: from their section to data of planning, and to motions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from planning.cell.workcell import CONTACT_DEPTH, CellObject, PlacedRobot, Workcell
+from planning.expectations import Expectations
+from planning.tasks.task import CLOSE, DOOR, OPEN, ActuationKey
+from planning.transforms import readonly
+from twin.document.validation import Found
+from twin.document.yaml_text import KeyPath
+from twin.durations.lifetimes import AnyDuration, SkillOverride
+from twin.durations.model import DurationModel
+from twin.host.progress import StageWatch
+from twin.kinds.parts.alike import (
+    alike_parts,
+    listed_steps,
+    with_named_parts,
+)
+from twin.kinds.parts.line import Line, machine_durations, written_out
+from twin.kinds.parts.problems import (
+    disturbed_machines,
+    find_part_problems,
+    machine_names,
+)
+from twin.kinds.parts.section import PartSection, PartsSection
+from twin.planning.shapes import build_shape
+from twin.scenario.sections.cell import CellSection, RobotSection, actuation_model
+from twin.scenario.sections.kind import AssemblyKind, IdleReason
+from twin.scenario.sections.shapes import as_planned, build_transform
+
+if TYPE_CHECKING:
+    from planning.motion.sequential import MotionSettings
+    from planning.tasks.work import AssemblyWork, WorkAhead
+    from scheduling.planned_motions import PlannedMotions
+
+
+_GREY_BLUE = (196, 214, 226)
+
+_ROUNDING = 0.001
+"""What is joined may be deeper in each other than its file says by this [m]."""
+
+ORDERS = "orders tried"
+"""Name of the stage for progress displays."""
+
+
+@dataclass(frozen=True)
+class PartKind(AssemblyKind):
+    """An assembly of parts of a scenario.
+
+    Attributes:
+        section: what the file says.
+        whole: whether all products are written out, and not those of a pattern only.
+    """
+
+    section_class = PartsSection
+    chooses_robots = True
+    changes_tools = True
+
+    section: PartsSection
+    whole: bool = False
+
+    @property
+    def line(self) -> Line:
+        """The products that are planned."""
+        return written_out(self.section, whole=self.whole)
+
+    def written_out(self) -> PartKind:
+        """Return the same with every product planned by itself."""
+        return replace(self, whole=True)
+
+    def steps(self) -> int:
+        """Return the number of steps, of one product or of all."""
+        return len(listed_steps(self.section)) * (self.products() if self.whole else 1)
+
+    def wanted_steps(self) -> int:
+        """Return the number of steps without those of spare products."""
+        products = self.section.products
+        spare = products.spare if products and self.whole else 0
+        return self.steps() - spare * len(listed_steps(self.section))
+
+    def products(self) -> int:
+        """Return how many products are made; of those that are written out, with the spare ones."""
+        products = self.section.products
+        if products is None:
+            return 1
+        return products.count + (products.spare if self.whole else 0)
+
+    def supply(self) -> str:
+        """Return in words what there is to build with."""
+        return f"{len(with_named_parts(self.section).parts)} parts"
+
+    def names(self) -> Iterator[tuple[KeyPath, str]]:
+        """Yield the names of the parts, each with its key."""
+        for i, part in enumerate(self.section.parts):
+            yield ("assembly", "parts", i, "name"), part.name
+        where = {part.name: i for i, part in enumerate(self.section.parts)}
+        for own in alike_parts(self.section):
+            for name in own.names:
+                yield ("assembly", "parts", where[own.kind], "name"), name
+        yield from machine_names(self.section)
+
+    def part_names(self) -> Iterable[str]:
+        """Return the names of the parts as the file gives them."""
+        return [part.name for part in self.section.parts]
+
+    def working_machines(self) -> Iterable[str]:
+        """Return the names of the machines."""
+        return self.section.machines
+
+    def disturbed_machines(self) -> Iterable[str]:
+        """Return the names of the machines that may be disturbed; what nobody does is none."""
+        return disturbed_machines(self.section)
+
+    def lies_as_given(self) -> bool:
+        """Return whether no part comes from a source or belongs to one of several products."""
+        return not (self.section.sources or self.section.products)
+
+    def place_misses(
+        self, cell: Workcell, robots: Sequence[RobotSection]
+    ) -> Mapping[str, float]:
+        """Return how likely robots whose repeatability is stated miss the places of parts, by ROBOT/PART."""
+        from planning.steps.tool_changes import with_every_tool
+        from twin.kinds.parts.fits import place_misses
+        from twin.kinds.parts.ordered_parts import OrderedParts
+
+        return place_misses(OrderedParts(with_every_tool(cell), self.section), robots)
+
+    def default_durations(self) -> Mapping[str, AnyDuration]:
+        """Return nothing: skills take their motions, and what tools take to close and to open."""
+        return {}
+
+    def processes(self) -> Mapping[str, AnyDuration | None]:
+        """Return the duration of each process."""
+        processes = self.section.processes
+        return {name: process.duration for name, process in processes.items()}
+
+    def actuations(self, cell: CellSection) -> Mapping[ActuationKey, DurationModel]:
+        """Return how long tools take to close and to open: as they say, or else as the section does."""
+        found: dict[ActuationKey, DurationModel] = {}
+        rules = self.section.grips
+        for robot in (outfit for one in cell.robots for outfit in one.outfits):
+            tool = cell.tools.get(robot.tool or "")
+            told = tool is not None and (tool.suction or tool.opening_m is not None)
+            suction = tool.suction if tool is not None and told else rules.suction
+            for act, key in ((CLOSE, "close_s"), (OPEN, "open_s")):
+                said = None if tool is None else getattr(tool, key)
+                given = getattr(rules, key) if said is None else said
+                model = actuation_model(given, suction=suction)
+                found[act, robot.name, robot.tool] = model
+        return found
+
+    def problems(self, cell: CellSection) -> Found:
+        """Yield the problems of the section: steps and parts name what there is, no part twice."""
+        return find_part_problems(self.section, cell)
+
+    def object_kinds(self) -> Iterable[str]:
+        """Return the types of the parts, each once."""
+        return dict.fromkeys(part.shape_words for part in self.section.parts)
+
+    def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
+        """Return the parts where they are at the start."""
+        return _objects(self.line, folder)
+
+    def machines(self) -> tuple[str, ...]:
+        """Return the machines of sources, those that work, and what takes products away."""
+        return self.line.machines()
+
+    def machine_durations(self) -> tuple[SkillOverride, ...]:
+        """Return how long these take for their tasks."""
+        return machine_durations(self.section)
+
+    def due(self) -> tuple[tuple[float, ...], int | None]:
+        """Return when each product is due [s], and how many at the beginning do not count."""
+        products = self.section.products
+        return ((), None) if products is None else (products.due_s(), products.start_up)
+
+    def contact_depth(self) -> float:
+        """Return how deep they may be: bars that are joined may meet in a node [m]."""
+        from twin.kinds.parts.built import overlaps_of
+
+        said = overlaps_of(self.section).said.values()
+        return max([CONTACT_DEPTH, *(deep + _ROUNDING for deep in said)])
+
+    def wanted(self, cell: CellSection) -> Expectations:
+        """Return the goals of the parts, the processes, and how far fingers stand open."""
+        from twin.kinds.parts.expected import expectations_of
+
+        return expectations_of(self.section, cell)
+
+    def why_unable(self, robot: PlacedRobot, motions: PlannedMotions) -> IdleReason:
+        """Return whether it may do no step, has no tool for any, or reaches none."""
+        from twin.kinds.parts.unable import why_unable
+
+        return why_unable(robot, motions)
+
+    def plan(
+        self, cell: Workcell, settings: MotionSettings, watch: StageWatch
+    ) -> PlannedMotions:
+        """Find the candidates, choose, and plan one task after another."""
+        from twin.planning.in_turns import plan_in_turns
+
+        assembly, work = self._work(cell, watch)
+        return self.finished(plan_in_turns(cell, assembly, work, settings, watch))
+
+    def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
+        """Return the work of any number of products, looked at when they are planned; see ``AssemblyKind``.
+
+        All are looked at beforehand where that is one search, so only for the sake of spare ones.
+        """
+        from planning.parts.candidates import StepsAhead
+        from planning.parts.work import first_work
+        from planning.tasks.work import WorkAhead
+        from twin.kinds.parts.built import assembly_of
+        from twin.planning.in_turns import ASSIGNMENT
+
+        section, period = self.section, len(listed_steps(self.section))
+        first: Callable[[int], AssemblyWork]
+        assembly, spare = assembly_of(self.line), self.wanted_steps() < self.steps()
+        searched = section.order == "find" or bool(assembly.alike)
+        if not spare and (searched or self.line.products == 1):
+            return super().ahead(cell, watch)
+        if searched:
+            first = self._work(cell, watch)[1].of_first
+        else:
+            with watch.stage("assignment", ASSIGNMENT):
+                first = partial(first_work, StepsAhead(cell, assembly))
+        return WorkAhead(self.steps(), first, self.wanted_steps(), period)
+
+    def _work(self, cell: Workcell, watch: StageWatch) -> tuple[Any, AssemblyWork]:
+        """Return what is built, and its work."""
+        from planning.parts.alike import find_alike_candidates
+        from planning.parts.candidates import find_candidates
+        from planning.parts.order import find_ordered_candidates, in_found_order
+        from planning.parts.work import part_work
+        from twin.kinds.parts.built import assembly_of
+        from twin.planning.in_turns import ASSIGNMENT
+
+        assembly = assembly_of(self.line)
+        with watch.stage("assignment", ASSIGNMENT):
+            if self.section.order == "find":
+                find = partial(find_ordered_candidates, progress=watch.reporter(ORDERS))
+                found = find_alike_candidates(cell, assembly, find, in_found_order)
+            else:
+                found = find_alike_candidates(cell, assembly, find_candidates)
+            work = part_work(found)
+        return found.assembly if assembly.alike else assembly, work
+
+    def finished(self, motions: PlannedMotions) -> PlannedMotions:
+        """Return motions with the way in which they go on, and which tasks are for which product."""
+        line = self.line
+        if line.products == 1 or self.whole:
+            return motions
+        from twin.kinds.parts.pattern import line_pattern
+
+        pattern = line_pattern(line, motions.motion_plan.tasks)
+        return replace(motions, pattern=pattern)
+
+
+def _objects(line: Line, folder: Path) -> tuple[CellObject, ...]:
+    parts = (_part(part, line, folder) for part in line.section.parts)
+    return (*parts, *_doors(line, folder))
+
+
+def _doors(line: Line, folder: Path) -> Iterator[CellObject]:
+    """Yield the doors of machines, one for every time that one is shut."""
+    for job in line.jobs.values():
+        door = line.section.machines[job.machine].door if job.door else None
+        if job.door is None or door is None:
+            continue
+        shape = build_shape(job.door, door.described, folder)
+        pose = readonly(build_transform(door.pose))
+        yield CellObject(
+            job.door, DOOR, shape, pose, fixed=True, colour=_GREY_BLUE, later=True
+        )
+
+
+def _part(part: PartSection, line: Line, folder: Path) -> CellObject:
+    shape = build_shape(part.name, part.described, folder)
+    if part.centre_of_mass_m is not None:
+        shape = replace(shape, own_centre=readonly(part.centre_of_mass_m))
+    spare = [name for own in line.alike if own.goals for name in own.names]
+    return as_planned(
+        CellObject,
+        part,
+        kind=part.shape_words,
+        shape=shape,
+        mass=part.mass_kg or (part.density_kg_m3 or 0.0) * shape.volume,
+        fixed=not {*line.section.placed, *line.numbers, *spare} & {part.name},
+        later=part.name in line.later,
+    )

@@ -1,0 +1,393 @@
+"""Lines, written out: parts, steps, machines' jobs and supplies of the products of a pattern."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from itertools import product as product_of
+from typing import TypeVar
+
+from planning.tasks.task import LAG, TimeLag
+from planning.tasks.work import Leaving, Lying, Refill, Supply
+from planning.transforms import Transform, readonly, translation
+from scheduling.repeat import numbered
+from twin.durations.bounded import Fixed
+from twin.durations.lifetimes import AnyDuration, SkillOverride
+from twin.kinds.parts.alike import AlikeParts, alike_parts, with_named_parts
+from twin.kinds.parts.between import FitSection
+from twin.kinds.parts.section import PartSection, PartsSection, StepSection
+from twin.kinds.parts.sources import (
+    ConveyorSection,
+    SourceSection,
+    StackSection,
+    TraySection,
+)
+from twin.scenario.sections.shapes import build_transform, pose_section
+from twin.scenario.sections.standing import JoinedSection
+
+Pair = TypeVar("Pair", JoinedSection, FitSection)
+
+
+@dataclass(frozen=True)
+class MachineJob:
+    """A step that is done without a robot.
+
+    Attributes:
+        machine: whose task it is; what nobody does has a chain of its own for every step.
+        door: name of the object that is its door for as long as it works, None for none.
+        part: what this door is called in every product, None for none.
+        product: for which product it works, from 1.
+    """
+
+    machine: str
+    door: str | None = None
+    part: str | None = None
+    product: int = 1
+
+
+def machine_jobs(section: PartsSection, period: int) -> Mapping[int, MachineJob]:
+    """Return what does the steps that no robot does, by their numbers from 1.
+
+    Args:
+        section: with the steps of all products that are written out.
+        period: how many these are.
+    """
+    uses = Counter(step.process for step in section.steps if step.process)
+    length = len(section.steps) // period
+    found: dict[int, MachineJob] = {}
+    counted: Counter[tuple[str, int]] = Counter()
+    for number, step in enumerate(section.steps, start=1):
+        name = step.process or ""
+        process = section.processes.get(name)
+        if process is None or not process.without_robot:
+            continue
+        product = (number - 1) // length + 1
+        machine, door, part = process.machine, None, None
+        if machine is None:
+            counted[name, 0] += 1
+            machine = name if uses[name] == 1 else numbered(name, counted[name, 0])
+        elif machine in section.machines and section.machines[machine].door:
+            counted[machine, product] += 1
+            turn = counted[machine, product]
+            part = f"{machine}.door{turn if turn > 1 else ''}"
+            door = part if section.products is None else numbered(part, product)
+        found[number] = MachineJob(machine, door, part, product)
+    return found
+
+
+OUTFEED = "outfeed"
+"""Name of the machine that takes products away."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """An assembly as it is planned: as many products as it takes until all is as it was.
+
+    Attributes:
+        section: parts and steps of these products, every part at the place of its source.
+        supply: what comes up and leaves meanwhile.
+        later: parts that are not there at the start.
+        products: how many there are to be.
+        period: how many are written out.
+        numbers: part and product by name of a numbered part.
+        jobs: what does the steps that no robot does, by their numbers from 1.
+        alike: parts that are alike, kind by kind; of products by their names without numbers.
+    """
+
+    section: PartsSection
+    supply: Supply = field(default_factory=Supply)
+    later: frozenset[str] = frozenset()
+    products: int = 1
+    period: int = 1
+    numbers: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+    jobs: Mapping[int, MachineJob] = field(default_factory=dict)
+    alike: tuple[AlikeParts, ...] = ()
+
+    @cached_property
+    def lags(self) -> Mapping[int, tuple[TimeLag, ...]]:
+        """How long after others steps come that say so, by their numbers from 1."""
+        found: dict[int, tuple[TimeLag, ...]] = {}
+        taken: Counter[str] = Counter()
+        for number, step in enumerate(self.section.steps, start=1):
+            own: list[TimeLag] = []
+            for x in step.follows:
+                machine = None
+                if x.at_least_s > 0.0:
+                    machine = f"{x.step[:40]}.lag"
+                    taken[machine] += 1
+                    machine += str(taken[machine]) if taken[machine] > 1 else ""
+                if machine is not None or x.within_s is not None:
+                    own.append(TimeLag(x.step, x.at_least_s, x.within_s, machine))
+            if own:
+                found[number] = tuple(own)
+        return found
+
+    def machines(self) -> tuple[str, ...]:
+        """Return the machines that have something to do."""
+        refills = list(self.supply.refills.values())
+        names = [item.arrivals for item in refills] + [item.machine for item in refills]
+        names += [item.machine for item in self.supply.leaves.values()]
+        names += [item.machine for item in self.jobs.values()]
+        names += [lag.machine for own in self.lags.values() for lag in own]
+        return tuple(dict.fromkeys(name for name in names if name is not None))
+
+
+def written_out(section: PartsSection, *, whole: bool = False) -> Line:
+    """Return the line of an assembly.
+
+    Args:
+        section: passed its checks.
+        whole: write out all products, however many they are.
+    """
+    named = with_named_parts(section)
+    line = (
+        _written_out(named.model_dump_json(), whole)
+        if _has_line(named)
+        else Line(named, jobs=machine_jobs(named, 1))
+    )
+    return line if named is section else replace(line, alike=alike_parts(section))
+
+
+@lru_cache(maxsize=8)
+def _written_out(text: str, whole: bool) -> Line:
+    return _Writer(PartsSection.model_validate_json(text), whole).line()
+
+
+def _has_line(section: PartsSection) -> bool:
+    return bool(section.sources) or section.products is not None
+
+
+def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
+    """Return how long machines take for their tasks."""
+    found: list[tuple[str, str, AnyDuration]] = []
+    for name, source in section.sources.items():
+        if isinstance(source, ConveyorSection):
+            found.append(("arrive", name, source.interval))
+            found.append(("present", presenter(name, source), source.advance))
+        else:
+            found.append(("present", name, source.refill_time))
+    if section.products is not None:
+        found.append(("leave", OUTFEED, section.products.leave_time))
+    for own in written_out(section).lags.values():
+        for lag in own:
+            if lag.machine is not None:
+                found.append((LAG, lag.machine, Fixed(value_s=lag.least)))
+    return tuple(
+        SkillOverride(skill=skill, robot=machine, duration=duration)
+        for skill, machine, duration in found
+    )
+
+
+def presenter(name: str, source: SourceSection) -> str:
+    """Return the machine after whose task the next part is there."""
+    return f"{name}.end" if isinstance(source, ConveyorSection) else name
+
+
+def slots(source: SourceSection) -> tuple[Transform, ...]:
+    """Return where the parts of a full source lie, in the order in which they are taken."""
+    pose = build_transform(source.pose)
+    if isinstance(source, TraySection):
+        return tuple(readonly(pose @ at) for at in source.grid.places())
+    if isinstance(source, StackSection):
+        down = [translation(0.0, 0.0, -k * source.pitch_m) for k in range(source.count)]
+        return tuple(readonly(pose @ at) for at in down)
+    return (readonly(pose),)
+
+
+class _Writer:
+    """Writes out one line."""
+
+    def __init__(self, section: PartsSection, whole: bool) -> None:
+        self.section = section
+        self.parts = {part.name: part for part in section.parts}
+        products = section.products
+        self.products = 1 if products is None else products.count
+        if whole and products is not None:
+            self.products += products.spare
+        self.slots = {name: slots(item) for name, item in section.sources.items()}
+        self.taken: dict[str, list[str]] = {name: [] for name in section.sources}
+        for name in section.taken:
+            if (source := self.parts[name].source) is not None:
+                self.taken[source].append(name)
+        grid = None if products is None else products.places
+        self.places = [translation(0.0, 0.0, 0.0)] if grid is None else grid.places()
+        self.period = self.products if whole else self._period()
+
+    def line(self) -> Line:
+        handled = set(self.section.placed)
+        parts = [part for part in self.section.parts if part.name not in handled]
+        later: set[str] = set()
+        refills: dict[int, Refill] = {}
+        numbers: dict[str, tuple[str, int]] = {}
+        sourced: list[str] = []
+        for source, names in self.taken.items():
+            if not names:
+                continue
+            size = len(self.slots[source])
+            # The parts of the pattern, and those that fill the source at its end.
+            end = self.period * len(names) + size
+            for q in range(min(end, self.products * len(names))):
+                part, product = names[q % len(names)], q // len(names) + 1
+                name = self._name(part, product)
+                parts.append(self._part(part, product, self.slots[source][q % size]))
+                if self.section.products is not None:
+                    numbers[name] = part, product
+                sourced.append(name)
+                if q >= size:
+                    later.add(name)
+                if q >= size and q % size == 0:
+                    refills[self._taken_in(names, q - 1)] = self._refill(source, q)
+        for name in self.section.placed:
+            if self.parts[name].source is None:
+                parts.append(self._part(name, 1, None))
+        steps = tuple(
+            self._step(step, product)
+            for product in range(1, self.period + 1)
+            for step in self.section.steps
+        )
+        section = self.section.model_copy(
+            update={
+                "parts": tuple(parts),
+                "steps": steps,
+                "joined": tuple(self._joined()),
+                "fits": tuple(fit for fit, _ in self._of_products(self.section.fits)),
+            }
+        )
+        jobs = machine_jobs(section, self.period)
+        if section.products is not None:
+            for job in jobs.values():
+                if job.door is not None and job.part is not None:
+                    numbers[job.door] = job.part, job.product
+        return Line(
+            section,
+            Supply(
+                refills,
+                dict(self._leaves()),
+                _elsewhere(steps),
+                frozenset(sourced),
+            ),
+            frozenset(later),
+            self.products,
+            self.period,
+            numbers,
+            jobs,
+        )
+
+    def _period(self) -> int:
+        """Return after how many products sources are full and places empty, all at once."""
+        period = 1
+        for source, names in self.taken.items():
+            size = len(self.slots[source])
+            if names:
+                period = math.lcm(period, size // math.gcd(size, len(names)))
+        period = math.lcm(period, len(self.places))
+        return min(period, self.products)
+
+    def _name(self, part: str, product: int) -> str:
+        own = self.section.products is not None and part in self.section.placed
+        return numbered(part, product) if own else part
+
+    def _taken(self, names: list[str], q: int) -> str:
+        return self._name(names[q % len(names)], q // len(names) + 1)
+
+    def _taken_in(self, names: list[str], q: int) -> int:
+        """Return the number of the step in which a part of a source is taken, counted from 0."""
+        steps = [step.place for step in self.section.steps]
+        return q // len(names) * len(steps) + steps.index(names[q % len(names)]) + 1
+
+    def _part(self, name: str, product: int, slot: Transform | None) -> PartSection:
+        part = self.parts[name]
+        update: dict[str, object] = {"name": self._name(name, product)}
+        if slot is not None:
+            update |= {"source": None, "start": pose_section(slot)}
+        if part.goal is not None:
+            goal = build_transform(part.goal)
+            place = self.places[(product - 1) % len(self.places)]
+            update["goal"] = (
+                pose_section(place @ goal) if len(self.places) > 1 else part.goal
+            )
+        return part.model_copy(update=update)
+
+    def _refill(self, source: str, first: int) -> Refill:
+        """Return what comes up at a source with a part counted from 0."""
+        names, places = self.taken[source], self.slots[source]
+        last = min(first + len(places), self.products * len(names))
+        parts: tuple[Lying, ...] = tuple(
+            (self._taken(names, q), places[q % len(places)]) for q in range(first, last)
+        )
+        section = self.section.sources[source]
+        machine = presenter(source, section)
+        if isinstance(section, ConveyorSection):
+            return Refill(machine, parts, source, section.buffer)
+        return Refill(machine, parts)
+
+    def _leaves(self) -> Iterator[tuple[int, Leaving]]:
+        """Yield what leaves after which step."""
+        together, steps = len(self.places), len(self.section.steps)
+        if self.section.products is None or together > self.products:
+            return
+        for last in range(together, self.period + 1, together):
+            parts = tuple(
+                (self._name(name, product), self._goal(name, product))
+                for product in range(last - together + 1, last + 1)
+                for name in self.section.placed
+            )
+            yield last * steps, Leaving(OUTFEED, parts)
+
+    def _goal(self, name: str, product: int) -> Transform:
+        goal = self._part(name, product, None).goal
+        assert goal is not None
+        return readonly(build_transform(goal))
+
+    def _joined(self) -> Iterator[JoinedSection]:
+        """Yield the joints of all products, with their names."""
+        for joint, product in self._of_products(self.section.joined):
+            by = joint.by
+            if by is not None and self.section.products is not None:
+                by = numbered(by, product)
+            yield joint.model_copy(update={"by": by})
+
+    def _of_products(self, pairs: Sequence[Pair]) -> Iterator[tuple[Pair, int]]:
+        """Yield what is said of pairs with the names of each product, and its number; what is of none once."""
+        for product, item in product_of(range(1, self.period + 1), pairs):
+            parts = tuple(self._name(name, product) for name in item.parts)
+            if parts != item.parts or product == 1:
+                yield item.model_copy(update={"parts": parts}), product
+
+    def _step(self, step: StepSection, product: int) -> StepSection:
+        """Return a step for a product, with names of that."""
+        if self.section.products is None:
+            return step
+        update: dict[str, object] = {
+            "after": tuple(
+                x.model_copy(update={"step": numbered(x.step, product)})
+                for x in step.follows
+            )
+        }
+        for key in ("place", "hold", "name", "until"):
+            if (name := getattr(step, key)) is not None:
+                own = key in ("name", "until")
+                update[key] = (
+                    numbered(name, product) if own else self._name(name, product)
+                )
+        if step.at is not None and step.at.part is not None:
+            part = self._name(step.at.part, product)
+            update["at"] = step.at.model_copy(update={"part": part})
+        return step.model_copy(update=update)
+
+
+def _elsewhere(steps: Sequence[StepSection]) -> frozenset[int]:
+    """Return the numbers of the steps in which parts are put down on their way, or worked at there."""
+    on_the_way: set[str] = set()
+    found = set()
+    for number, step in enumerate(steps, start=1):
+        if step.place is not None and step.at is None:
+            on_the_way.discard(step.place)
+        elif step.place is not None:
+            on_the_way.add(step.place)
+        if (step.place or (step.at and step.at.part)) in on_the_way:
+            found.add(number)
+    return frozenset(found)

@@ -1,0 +1,94 @@
+"""An assembly of parts in its order, listed or found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+from planning.cell.workcell import PlacedRobot, Workcell
+from planning.errors import ConstructionError, InfeasibleStepError
+from planning.parts.assembly import PartAssembly, Work
+from planning.parts.part_steps import KnownStep, part_steps
+from twin.document.yaml_text import KeyPath
+from twin.kinds.parts.alike import listed_steps
+from twin.kinds.parts.section import PartsSection
+
+
+@dataclass(frozen=True)
+class OrderedParts:
+    """An assembly of parts, as listed and in order.
+
+    Attributes:
+        cell: its objects are the parts.
+        section: what the file says.
+    """
+
+    cell: Workcell
+    section: PartsSection
+
+    @property
+    def count(self) -> int:
+        """Number of its steps; of those of a product where several are made."""
+        return len(listed_steps(self.section))
+
+    @cached_property
+    def listed(self) -> PartAssembly:
+        """The assembly with its steps as the file lists them."""
+        from twin.kinds.parts.built import build_assembly
+
+        return build_assembly(self.section)
+
+    @cached_property
+    def there(self) -> Workcell:
+        """The cell as steps find it: parts that are alike are nowhere, as each may come from anywhere."""
+        from planning.parts.alike import from_nowhere
+
+        return from_nowhere(self.cell, self.listed)
+
+    @cached_property
+    def found(self) -> PartAssembly | str:
+        """The assembly in its order, the one that is found if the file asks for that; or why not."""
+        from planning.parts.order import in_found_order
+
+        if self.section.order != "find":
+            return self.listed
+        try:
+            return in_found_order(self.there, self.listed)
+        except (ConstructionError, InfeasibleStepError) as error:
+            return error.message
+
+    @cached_property
+    def steps(self) -> tuple[KnownStep, ...] | None:
+        """Its steps in that order; None where one cannot be, or there is no order."""
+        if isinstance(self.found, str):
+            return None
+        try:
+            return part_steps(self.there, self.found)
+        except InfeasibleStepError:
+            return None
+
+    def step_at(self, number: int, *keys: str) -> KeyPath:
+        """Return where a step is in the file, by its number from 1; all products share theirs."""
+        listed = listed_steps(self.section)
+        return ("assembly", "steps", listed[(number - 1) % len(listed)], *keys)
+
+    def works(self) -> Iterator[tuple[int, KnownStep, Work, list[PlacedRobot]]]:
+        """Yield processes of robots in that order: number as listed, from 1, and who may do each.
+
+        There are none where a step cannot be, which is said elsewhere.
+        """
+        listed = {id(step): k for k, step in enumerate(self.listed.steps, start=1)}
+        for known in self.steps or ():
+            step = known.step
+            if not isinstance(step, Work):
+                continue
+            process = step.process
+            robots = [
+                robot
+                for robot in self.cell.robots
+                if step.done_by(robot.name)
+                and process.tool in (None, robot.tool)
+                and process.frame in {"flange", *robot.model.frames}
+            ]
+            yield listed[id(step)], known, step, robots

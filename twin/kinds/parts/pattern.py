@@ -1,0 +1,68 @@
+"""The pattern by which the plan of a line repeats, from the tasks of the products that were planned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from planning.tasks.task import ARRIVE, LEAVE, PRESENT, Task, is_done_to_a_product
+from scheduling.repeat import Pattern, numbered
+from twin.kinds.parts.line import Line
+
+
+def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
+    """Return how the plan of a line, whose tasks are given in order, goes on."""
+    steps = len(line.section.steps) // line.period
+    product = np.array(
+        [
+            line.numbers[str(task.object)][1]
+            if task.kind in (ARRIVE, PRESENT)
+            else (task.step - 1) // steps + 1
+            for task in tasks
+        ],
+        dtype=np.int64,
+    )
+    lags = sorted(set(_lags(line, tasks)))
+    return Pattern(
+        line.products,
+        line.period,
+        product,
+        np.array(lags, dtype=np.int64).reshape(-1, 3),
+        line.numbers,
+    )
+
+
+def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
+    """Yield what waits for what in an earlier copy."""
+    # A part that is put down on its way is picked again: it has left the source by then.
+    picks = {t.object: t.index for t in reversed(tasks) if t.kind == "pick"}
+    come: dict[str, list[int]] = {}
+    arrive: dict[str, list[int]] = {}
+    leave: list[int] = []
+    first: list[int] = []
+    for task in tasks:
+        if task.kind == PRESENT:
+            come.setdefault(task.robot, []).append(task.index)
+            for handling in task.handlings:
+                part, number = line.numbers[handling.object]
+                if number > line.period:
+                    own = numbered(part, number - line.period)
+                    yield task.index, picks[own], 1
+        elif task.kind == ARRIVE:
+            arrive.setdefault(task.robot, []).append(task.index)
+        elif task.kind == LEAVE:
+            leave.append(task.index)
+        elif leave or task.step in line.supply.elsewhere:
+            continue
+        elif is_done_to_a_product(task):
+            first.append(task.index)
+    if leave:
+        yield from ((leave[-1], task, 1) for task in first)
+    for conveyor, (machine, buffer) in line.supply.buffers.items():
+        before = come.get(machine, [])
+        for k, task_index in enumerate(arrive.get(conveyor, [])):
+            earlier = k - 1 - buffer
+            if earlier < 0:
+                lag = -(earlier // len(before))
+                yield before[earlier % len(before)], task_index, lag

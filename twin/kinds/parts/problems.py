@@ -1,0 +1,287 @@
+"""Checks of assemblies of parts: steps, sources and products name what there is and go together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import networkx as nx
+
+from twin.document.validation import Found, unknown_name, unless_known
+from twin.document.yaml_text import KeyPath
+from twin.kinds.parts.alike import find_alike_problems
+from twin.kinds.parts.line import OUTFEED, Line, presenter
+from twin.kinds.parts.section import PartsSection, StepSection
+from twin.scenario.sections.cell import CellSection
+from twin.scenario.sections.standing import unlike_ends
+
+
+def find_part_problems(section: PartsSection, cell: CellSection) -> Found:
+    """Yield everything in an assembly of parts that cannot be as it is written.
+
+    Args:
+        section: passed the checks of its single values.
+        cell: around it.
+    """
+    yield from find_alike_problems(section)
+    yield from _check_steps(section)
+    yield from _check_line(section)
+    yield from _check_work(section, cell)
+
+
+def _check_steps(section: PartsSection) -> Found:
+    names: dict[str, int] = {}
+    for k, step in enumerate(section.steps):
+        at: KeyPath = ("assembly", "steps", k)
+        yield from _check_step(section, step, at)
+        known = step.known_as
+        if known is None:
+            continue
+        if known in names:
+            twice = step.place is not None and step.at is None and step.name is None
+            earlier = names[known] + 1
+            yield (
+                at,
+                f"{known} is already placed in step {earlier}"
+                if twice
+                else f"the name {known!r} is already that of step {earlier}",
+            )
+        names.setdefault(known, k)
+    yield from _check_machines(section)
+    yield from _check_placed_once(section)
+    yield from _check_order(section, names)
+    yield from _check_until(section, names)
+    # Two different things are joined, by a step that there is.
+    for k, item in enumerate(section.joined):
+        at = ("assembly", "joined", k)
+        yield from unlike_ends(
+            at, item.parts, section.placed, "joined to", " by a step"
+        )
+        yield from unless_known((*at, "by"), "step", item.by, names)
+    # Two different things fit each other, and how is said once.
+    listed: dict[frozenset[str], int] = {}
+    for k, fit in enumerate(section.fits):
+        at = ("assembly", "fits", k)
+        first, second = fit.parts
+        earlier = listed.setdefault(frozenset(fit.parts), k)
+        own = [
+            *unlike_ends(at, fit.parts, section.placed, "pressed into", " by a step")
+        ]
+        yield from own
+        if not own and earlier != k:
+            yield at, f"how {first} and {second} fit is already said by fits.{earlier}"
+
+
+def _check_until(section: PartsSection, names: dict[str, int]) -> Found:
+    """What is kept hold of is let go of after a step that comes later."""
+    for k, step in enumerate(section.steps):
+        at: KeyPath = ("assembly", "steps", k, "until")
+        yield from unless_known(at, "step", step.until, names)
+        later = names.get(step.until or "", k + 1)
+        if later == k:
+            words = "until names a later one, which joins it"
+            yield at, f"{step.until} is this step: {words}"
+        elif section.order == "listed" and later < k:
+            words = "change the order, or write order: find"
+            yield at, f"{step.until} is listed before, as step {later + 1}: {words}"
+
+
+def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Found:
+    parts = {part.name: part for part in section.parts}
+    process = section.processes.get(step.process or "")
+    yield from unless_known((*at, "place"), "part", step.place, parts)
+    own = parts.get(step.place or "")
+    if own is not None and own.goal is None and own.goals is None:
+        yield (*at, "place"), f"{step.place} has no goal"
+    none = f"there is no process {step.process!r}: give processes one"
+    yield from unless_known(
+        (*at, "process"), "process", step.process, section.processes, none
+    )
+    yield from unless_known((*at, "hold"), "part", step.hold, parts)
+    if step.hold is not None and step.hold == step.place and step.hold in parts:
+        words = f"{step.hold} is in the hand of who places it: hold another part"
+        yield (*at, "hold"), words
+    place = step.at
+    if process is not None and process.without_robot:
+        yield from _check_machine_step(step, at)
+    elif place is not None and place.frame is None and place.pose is None:
+        yield (*at, "at"), "give a frame, a pose or both"
+    if place is None or place.part is None:
+        return
+    if step.place is not None:
+        words = "a part is put down at a fixture or in the world"
+        yield (*at, "at", "part"), words
+        return
+    yield from unless_known((*at, "at", "part"), "part", place.part, parts)
+    if place.part in parts:
+        frames = tuple(parts[place.part].frames)
+        yield from _unless_framed(at, place.part, place.frame, frames)
+
+
+def _check_machine_step(step: StepSection, at: KeyPath) -> Found:
+    """What no robot does is done at a part, where that lies."""
+    for key in ("robots", "hold", "path", "turn_deg"):
+        if getattr(step, key) is not None:
+            yield (*at, key), f"no robot does {step.process}: leave {key} out"
+    own = step.at
+    if own is None or own.part is None:
+        words = f"{step.process} is done at a part: at: {{part: NAME}}"
+        yield (*at, "at"), words
+    elif own.frame is not None or own.pose is not None:
+        words = f"{step.process} is done at {own.part} where that lies: leave this out"
+        yield (*at, "at", "pose" if own.frame is None else "frame"), words
+
+
+def _check_machines(section: PartsSection) -> Found:
+    """Processes are done by machines that there are, and every machine does one."""
+    machines = section.machines
+    for name, process in section.processes.items():
+        at: KeyPath = ("assembly", "processes", name, "machine")
+        none = f"there is no machine {process.machine!r}: give machines one"
+        yield from unless_known(at, "machine", process.machine, machines, none)
+    used = {process.machine for process in section.processes.values()}
+    for name in machines:
+        if name not in used:
+            yield ("assembly", "machines", name), f"no process is done by {name}"
+
+
+def _unless_framed(
+    at: KeyPath, owner: str, frame: str | None, frames: tuple[str, ...]
+) -> Found:
+    """Yield that a part or fixture at which a step works has no such frame."""
+    if frame is None or frame in frames:
+        return
+    words = f"{owner}: {unknown_name('frame', frame, frames)}"
+    if not frames:
+        words = f"{owner} has no frames, so none is called {frame!r}: give it frames, or a pose here"
+    yield (*at, "at", "frame"), words
+
+
+def _check_placed_once(section: PartsSection) -> Found:
+    seen: dict[str, int] = {}
+    for k, step in enumerate(section.steps):
+        at: KeyPath = ("assembly", "steps", k, "place")
+        if step.place is None:
+            continue
+        if step.place in seen and (step.name is not None or step.at is not None):
+            words = f"{step.place} is already placed in step {seen[step.place] + 1}"
+            yield at, words
+        if step.at is None:
+            seen.setdefault(step.place, k)
+        elif step.place not in section.placed:
+            words = "is put down on its way, and no step puts it in its place"
+            yield at, f"{step.place} {words}"
+        elif section.order == "find":
+            words = "what is put down on its way needs steps in their order: leave order out"
+            yield (*at[:-1], "at"), words
+
+
+def _check_order(section: PartsSection, names: dict[str, int]) -> Found:
+    """Steps come after steps that there are, and not after themselves."""
+    at: KeyPath
+    after: nx.DiGraph[int] = nx.DiGraph()
+    for k, step in enumerate(section.steps):
+        for i, own in enumerate(step.follows):
+            name, at = own.step, ("assembly", "steps", k, "after", i)
+            yield from unless_known(at, "step", name, names)
+            if name not in names:
+                continue
+            after.add_edge(k, names[name])
+            if section.order == "listed" and names[name] > k:
+                words = "change the order, or write order: find"
+                yield at, f"{name} is listed later, as step {names[name] + 1}: {words}"
+    if not nx.is_directed_acyclic_graph(after):
+        cycle = [edge[0] for edge in nx.find_cycle(after)]
+        known = [section.steps[k].known_as or f"step {k + 1}" for k in cycle]
+        words = " after ".join([*known, known[0]])
+        yield ("assembly", "steps", cycle[0], "after"), f"no order can be: {words}"
+
+
+def _check_line(section: PartsSection) -> Found:
+    """Parts come from sources that there are, and every source gives some."""
+    placed, sources = set(section.placed), tuple(section.sources)
+    used = {part.source for part in section.parts}
+    for i, part in enumerate(section.parts):
+        at: KeyPath = ("assembly", "parts", i)
+        none = f"there is no source {part.source!r}: give sources one"
+        own = (*at, "source")
+        yield from unless_known(own, "source", part.source, sources, none)
+        if part.source in sources and part.name not in placed:
+            words = f"so nothing comes from {part.source}"
+            yield own, f"no step places {part.name}, {words}"
+        elif part.source is None and section.products and part.name in placed:
+            words = "and is needed for every product: let it come from a source"
+            yield (*at, "start"), f"{part.name} lies there once, {words}"
+    for name in sources:
+        if name not in used:
+            words = f"no part comes from the source {name!r}"
+            yield ("assembly", "sources", name), words
+    if section.order == "find" and (sources or section.products):
+        words = "are taken in the order of the steps: list them in that order"
+        yield ("assembly", "order"), f"parts of sources {words}"
+
+
+def machine_names(section: PartsSection) -> Found:
+    """Yield the names of machines, each with its key."""
+    for name, source in section.sources.items():
+        at: KeyPath = ("assembly", "sources", name)
+        for machine in dict.fromkeys((name, presenter(name, source))):
+            yield at, machine
+    for name in section.machines:
+        yield ("assembly", "machines", name), name
+    for name, process in section.processes.items():
+        if process.unattended:
+            yield ("assembly", "processes", name), name
+    for number, own in Line(section).lags.items():
+        for lag in own:
+            if lag.machine is not None:
+                yield ("assembly", "steps", number - 1, "after"), lag.machine
+    if section.products is not None:
+        yield ("assembly", "products"), OUTFEED
+
+
+def disturbed_machines(section: PartsSection) -> Iterator[str]:
+    """Yield the names of the machines that may be disturbed; what nobody does is none."""
+    for at, machine in machine_names(section):
+        if at[1] not in ("processes", "steps"):
+            yield machine
+
+
+def _check_work(section: PartsSection, cell: CellSection) -> Found:
+    """Robots of the cell can do the processes, and it has the places."""
+    robots = cell.robots
+    worn = (own.tool for robot in robots for own in robot.outfits)
+    tools = tuple(dict.fromkeys(tool for tool in worn if tool))
+    for name, process in section.processes.items():
+        if process.tool is not None and process.tool not in tools:
+            at: KeyPath = ("assembly", "processes", name, "tool")
+            words = f"no robot has the tool {process.tool!r}"
+            yield at, words + (f" (valid: {', '.join(tools)})" if tools else "")
+    fixtures = {item.name: item for item in cell.fixtures}
+    for name, machine in section.machines.items():
+        for i, own in enumerate(machine.fixtures):
+            at = ("assembly", "machines", name, "fixtures", i)
+            yield from unless_known(at, "fixture", own, fixtures)
+    things = (*(part.name for part in section.parts), *fixtures)
+    pairs = {
+        "joined": [item.parts for item in section.joined],
+        "fits": [item.parts for item in section.fits],
+    }
+    for key, listed in pairs.items():
+        for k, both in enumerate(listed):
+            for i, name in enumerate(both):
+                at = ("assembly", key, k, "parts", i)
+                yield from unless_known(at, "part or fixture", name, things)
+    names = [robot.name for robot in robots]
+    for k, step in enumerate(section.steps):
+        at = ("assembly", "steps", k)
+        for i, name in enumerate(step.robots or ()):
+            yield from unless_known((*at, "robots", i), "robot", name, names)
+        if step.hold is not None and len(robots) == 1:
+            yield (*at, "hold"), "another robot has to hold it, and there is only one"
+        if step.at is None or step.at.fixture is None:
+            continue
+        known = (*at, "at", "fixture")
+        yield from unless_known(known, "fixture", step.at.fixture, fixtures)
+        if (fixture := fixtures.get(step.at.fixture)) is not None:
+            frames = tuple(fixture.frames)
+            yield from _unless_framed(at, fixture.name, step.at.frame, frames)

@@ -1,0 +1,22 @@
+"""How likely robots that repeat so well miss the places of what they put down."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from twin.planning.build_workcell import build_workcell
+from twin.scenario.sections.scenario import Scenario
+
+
+def place_misses(scenario: Scenario, folder: Path) -> Mapping[str, float]:
+    """Return how likely robots whose repeatability is stated miss places, by ROBOT/OBJECT.
+
+    Args:
+        scenario: passed the checks of its file.
+        folder: where relative paths in it start.
+    """
+    robots = scenario.cell.robots
+    if not any(robot.repeatability_m for robot in robots):
+        return {}
+    return scenario.kind.place_misses(build_workcell(scenario, folder), robots)

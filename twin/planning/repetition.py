@@ -1,0 +1,42 @@
+"""Plans for all products of a line, from those of the products that were planned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from planning.errors import PlanInvariantError
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.repeat import Pattern, repeat_graph
+from twin.host.progress import StageWatch
+from twin.run.policies import IN_TURNS, SHORTENED
+
+PRODUCTS = "all products"
+"""Name of the stage for progress displays."""
+
+
+def repeated_plans(
+    plans: Mapping[str, TemporalPlanGraph], pattern: Pattern | None, watch: StageWatch
+) -> dict[str, TemporalPlanGraph]:
+    """Return plans for all products, the given ones where these are that already.
+
+    Args:
+        plans: by their names in twin.run.policies, that in turns before the shortened one.
+        pattern: how they go on, None where they do not.
+        watch: measures the stage, which is products.
+
+    Raises:
+        PlanInvariantError: what one product is made by is in the way of the next.
+    """
+    if pattern is None:
+        return dict(plans)
+    found: dict[str, TemporalPlanGraph] = {}
+    with watch.stage("products", PRODUCTS):
+        for name, tpg in plans.items():
+            try:
+                found[name] = repeat_graph(tpg, pattern)
+            except PlanInvariantError:
+                # A shorter way of one product is in the way of the next; HOME never is.
+                if name != SHORTENED or IN_TURNS not in found:
+                    raise
+                found[name] = found[IN_TURNS]
+    return found

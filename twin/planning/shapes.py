@@ -1,0 +1,63 @@
+"""Shapes of the cell, built from the sections of a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from planning.cell.shape import (
+    Box,
+    Capsule,
+    Cylinder,
+    Element,
+    Form,
+    Shape,
+    box_shape,
+    shape_of,
+)
+from planning.errors import ShapeError
+from planning.files import file_named
+from planning.transforms import Transform, identity, readonly
+from twin.scenario.sections.shapes import ShapeSection, build_transform
+
+
+def build_shape(name: str, section: ShapeSection, folder: Path = Path()) -> Shape:
+    """Return the shape that a section describes.
+
+    Args:
+        name: of what has the shape, for messages.
+        section: what the file says.
+        folder: where relative paths of meshes start.
+
+    Raises:
+        ShapeError: a mesh cannot be used; says which, and what to do.
+    """
+    if section.box is not None:
+        return box_shape(name, section.box)
+    return shape_of(name, tuple(_elements(section, readonly(identity()), folder)))
+
+
+def _elements(
+    section: ShapeSection, pose: Transform, folder: Path
+) -> Iterator[Element]:
+    """Yield the forms of a shape whose frame is at a pose."""
+    if section.compound is not None:
+        for item in section.compound:
+            place = readonly(pose @ build_transform(item.pose))
+            yield from _elements(item, place, folder)
+        return
+    yield Element(_form(section, folder), pose)
+
+
+def _form(section: ShapeSection, folder: Path) -> Form:
+    if section.box is not None:
+        return Box(section.box)
+    if section.cylinder is not None:
+        return Cylinder(section.cylinder.radius_m, section.cylinder.length_m)
+    if section.capsule is not None:
+        return Capsule(section.capsule.radius_m, section.capsule.length_m)
+    from planning.meshes.mesh_form import mesh_form
+
+    assert section.mesh is not None
+    file = file_named(section.mesh, folder, ShapeError)
+    return mesh_form(file, section.scale, section.within_m)

@@ -1,0 +1,28 @@
+"""Time parameterization of a plan: node times within the limits of its robots, with corners rounded where wanted."""
+
+from __future__ import annotations
+
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import within_limits
+from scheduling.shortcuts.corners import round_corners
+from twin.host.progress import StageWatch
+from twin.scenario.sections.scenario import Scenario
+
+CORNERS = "corners"
+"""Name of the stage for progress displays."""
+
+
+def timed(
+    tpg: TemporalPlanGraph, scenario: Scenario, watch: StageWatch
+) -> TemporalPlanGraph:
+    """Return a graph with the times that robots need within their limits; the stage is tpg.
+
+    Corners are rounded first, where the scenario says so; what has no edges yet, or is executed slot
+    by slot, stays as it was planned.
+    """
+    limited = scenario.speed_model == "limits" and scenario.planning.corners == "smooth"
+    ordered = len(tpg.edges) > 0 or len(tpg.chains) < 2
+    if limited and ordered and not len(tpg.slots):
+        with watch.stage("tpg", CORNERS):
+            tpg = round_corners(tpg, progress=watch.reporter(CORNERS))
+    return within_limits(tpg)
