@@ -20,16 +20,13 @@ from planning.cell.workcell import NO_ERROR, PlacedRobot, PoseError
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.verification.graph_structure import Precedence
-from scheduling.verification.motion import Motion
 from scheduling.verification.object_places import Carried, Resting
 from scheduling.verification.problems import Moment
-from scheduling.verification.reference import (
-    ReferenceBody,
-    ReferenceRobot,
-    inverses,
-    resting_parts,
-)
-from scheduling.verification.sweeps import SweepBounds, farthest_from
+from scheduling.witness.motion import Motion
+from scheduling.witness.parts import ConvexPart, resting_parts
+from scheduling.witness.robot import WitnessRobot, inverses
+from scheduling.witness.shapes import farthest_from
+from scheduling.witness.sweeps import SweepBounds
 
 _BEYOND = 1.1
 """What links do is taken to be up to this times the first order: the second one is that small, and so is
@@ -60,14 +57,14 @@ class DeviatingLinks:
         off: way and angle of each piece, shape (s, 2) [m, rad].
     """
 
-    def __init__(self, robot: ReferenceRobot, frames: Array, off: Array) -> None:
+    def __init__(self, robot: WitnessRobot, frames: Array, off: Array) -> None:
         self._robot, self._off = robot, off
         self._pieces: Indices = np.flatnonzero(off.any(axis=1))
         both = np.concatenate([self._pieces, self._pieces + 1])
         self._frames = frames[both]
         joints = self._frames[:, 1:]
-        slide = np.array([slide for slide, _ in robot.subspaces])
-        turn = np.array([turn for _, turn in robot.subspaces])
+        slide = np.where(robot.turns[:, None], 0.0, robot.axes)
+        turn = robot.axes - slide
         self._slides, self._turns = (
             (joints[..., :3, :3] @ part[..., None])[..., 0] for part in (slide, turn)
         )
@@ -77,7 +74,7 @@ class DeviatingLinks:
             jacobian = np.concatenate([self._moves(flange), self._turns], axis=-1)
             self._follow = np.linalg.pinv(np.swapaxes(jacobian, 1, 2), rcond=_LOST)
 
-    def deviates(self, part: ReferenceBody) -> Array | None:
+    def deviates(self, part: ConvexPart) -> Array | None:
         """Return how far any point of a part may be off in each piece, shape (s,) [m]; None for nowhere."""
         if not len(self._pieces) or part.joint < 0:
             return None
@@ -108,7 +105,7 @@ class DeviatingLinks:
         arms = points[:, None] - self._frames[:, 1:, :3, 3]
         return np.asarray(self._slides + np.cross(self._turns, arms))
 
-    def _radius(self, part: ReferenceBody, place: Array) -> float:
+    def _radius(self, part: ConvexPart, place: Array) -> float:
         """Return how far a part reaches from a place in its joint's frame [m]."""
         seen = inverses(part.local) @ np.append(place, 1.0)
         return float(farthest_from(part.shape, seen[None, :3])[0])
@@ -208,7 +205,7 @@ class VerifiedRobot:
         self,
         tpg: TemporalPlanGraph,
         placed: PlacedRobot,
-        robot: ReferenceRobot,
+        robot: WitnessRobot,
         carried: list[Carried],
         error: PoseError | None = None,
         deviations: Mapping[str, PoseError] | None = None,
@@ -240,7 +237,7 @@ class VerifiedRobot:
         links = DeviatingLinks(robot, frames, off)
         everywhere = np.zeros(len(self.pieces), dtype=np.int64)
 
-        def moves(part: ReferenceBody) -> Motion:
+        def moves(part: ConvexPart) -> Motion:
             of_joint = frames[:, part.joint + 1]
             far = links.deviates(part)
             return Motion(robot, part, knots, of_joint, self.error, self.origin, far)

@@ -26,17 +26,13 @@ from scheduling.verification.bodies import (
     while_there,
 )
 from scheduling.verification.graph_structure import Precedence
-from scheduling.verification.motion import Measuring, Motion
 from scheduling.verification.object_places import Carried
 from scheduling.verification.problems import Moment, Problem, node_problem
-from scheduling.verification.reference import (
-    TOLERANCE,
-    ReferenceBody,
-    ReferenceRobot,
-    SeenFrom,
-    measure,
-)
-from scheduling.verification.sweeps import Close, close_pairs
+from scheduling.witness.measuring import Measuring
+from scheduling.witness.motion import Motion
+from scheduling.witness.parts import TOLERANCE, ConvexPart, measure
+from scheduling.witness.robot import SeenFrom, WitnessRobot
+from scheduling.witness.sweeps import Close, close_pairs
 
 SLACK = 1e-4
 """Overlaps up to this are none, where nothing says more: hulls are larger than what they contain [m]."""
@@ -74,7 +70,7 @@ def allowed_depths(tpg: TemporalPlanGraph) -> Depths:
 
 def too_deep_in_hand(
     tpg: TemporalPlanGraph,
-    geometry: Mapping[str, ReferenceRobot],
+    geometry: Mapping[str, WitnessRobot],
     carried: list[Carried],
     allowed: Depths,
 ) -> Iterator[Problem]:
@@ -119,8 +115,8 @@ def too_deep_in_hand(
 
 
 def _load(
-    tpg: TemporalPlanGraph, robot: ReferenceRobot, held: Carried
-) -> list[ReferenceBody]:
+    tpg: TemporalPlanGraph, robot: WitnessRobot, held: Carried
+) -> list[ConvexPart]:
     return robot.loads(held.object, tpg.cell.object(held.object).shape, held.pose)
 
 
@@ -129,9 +125,7 @@ def _meet(one: Carried, other: Carried) -> bool:
     return one.start < other.end and other.start < one.end
 
 
-def touching_itself(
-    robot: VerifiedRobot, reference: ReferenceRobot
-) -> Iterator[Problem]:
+def touching_itself(robot: VerifiedRobot, reference: WitnessRobot) -> Iterator[Problem]:
     """Yield nodes in which parts of a robot touch each other, or what it carries.
 
     Parts of neighbouring joints touch by design, and those that overlap at HOME only do so because
@@ -177,7 +171,7 @@ class _Eyes:
     """
 
     def __init__(
-        self, robot: VerifiedRobot, reference: ReferenceRobot, joint: int
+        self, robot: VerifiedRobot, reference: WitnessRobot, joint: int
     ) -> None:
         self.view = SeenFrom(reference, joint)
         self.knots = robot.pieces.knots
@@ -187,7 +181,7 @@ class _Eyes:
         """Poses of base and joints at the knots, shape (s + 1, n + 1, 4, 4)."""
         return self.view.joint_frames_along(self.knots)
 
-    def motion(self, part: ReferenceBody) -> Motion:
+    def motion(self, part: ConvexPart) -> Motion:
         """Return a part in all pieces."""
         frames = self.frames[:, part.joint + 1]
         return Motion(self.view, self.view.seen(part), self.knots, frames)
@@ -196,7 +190,7 @@ class _Eyes:
 def _in_pieces(
     robot: VerifiedRobot,
     eyes: _Eyes,
-    parts: tuple[ReferenceBody, ReferenceBody],
+    parts: tuple[ConvexPart, ConvexPart],
     pieces: Indices,
 ) -> Iterator[Problem]:
     """Yield the nodes among some pieces in which two parts touch, the inner one given first."""
@@ -219,7 +213,7 @@ def _in_pieces(
 
 
 def _balls_meet(
-    inner: ReferenceBody, moves: Motion, pieces: Indices
+    inner: ConvexPart, moves: Motion, pieces: Indices
 ) -> npt.NDArray[np.bool_]:
     """Tell in which pieces the balls around two parts may meet."""
     outer = moves.part

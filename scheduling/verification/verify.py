@@ -33,7 +33,6 @@ from scheduling.verification.graph_structure import (
     check_structure,
     not_as_said,
 )
-from scheduling.verification.motion import Measuring
 from scheduling.verification.object_places import (
     Carried,
     Resting,
@@ -41,7 +40,6 @@ from scheduling.verification.object_places import (
     object_histories,
 )
 from scheduling.verification.problems import Moment, Problem
-from scheduling.verification.reference import TOLERANCE, ReferenceRobot
 from scheduling.verification.touching import (
     Encounter,
     Encounters,
@@ -49,6 +47,9 @@ from scheduling.verification.touching import (
     too_deep_in_hand,
     touching_itself,
 )
+from scheduling.witness.measuring import Measuring
+from scheduling.witness.parts import TOLERANCE
+from scheduling.witness.robot import WitnessRobot
 
 _SHARES = (2.0, 8.0)
 """Shares of the error asked for that are looked at, one after the other."""
@@ -132,7 +133,7 @@ def survived_errors(
     tpg: TemporalPlanGraph,
     error: PoseError,
     precedence: Precedence,
-    geometry: Mapping[str, ReferenceRobot],
+    geometry: Mapping[str, WitnessRobot],
     histories: tuple[list[Carried], list[Resting]],
     *,
     of_skills: bool = False,
@@ -282,7 +283,7 @@ def verify_plan(
         progress: told how far it has come.
     """
     precedence, problems = check_structure(tpg)
-    geometry = {robot.name: ReferenceRobot(robot) for robot in tpg.cell.robots}
+    geometry = {robot.name: WitnessRobot(robot) for robot in tpg.cell.robots}
     speeds = {name: robot.speeds for name, robot in geometry.items()}
     problems += not_as_said(tpg, speeds)
 
@@ -340,7 +341,7 @@ class _ClearanceCheck:
     def run(
         self,
         precedence: Precedence,
-        geometry: Mapping[str, ReferenceRobot],
+        geometry: Mapping[str, WitnessRobot],
         histories: tuple[list[Carried], list[Resting]],
     ) -> None:
         """Check all pairs of robots, then every robot against what rests in the world.

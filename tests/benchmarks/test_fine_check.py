@@ -17,7 +17,8 @@ from planning.construction.problem.models import tower
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.robots.registry import robot_model
 from planning.transforms import Array, readonly, rotation, translation
-from scheduling.verification.reference import ReferenceRobot, measure
+from scheduling.witness.parts import measure
+from scheduling.witness.robot import WitnessRobot
 from tests.planning.construction.toy_sites import toy_problem
 from tests.planning.construction.toy_teams import placed, rover
 
@@ -246,7 +247,7 @@ def test_walks_find_what_measuring_every_sample_finds(seed: int) -> None:
         path[:, :2] = rng.uniform(-0.9, 0.9, (4, 2))
         path[:, 2:] = rng.uniform(-1.0, 1.0, (4, 3))
         time = np.cumsum(rng.uniform(0.5, 2.0, 4))
-        motions.append(Motion(ReferenceRobot(robot), RobotTimeline(name, time, path)))
+        motions.append(Motion(WitnessRobot(robot), RobotTimeline(name, time, path)))
     groups = [Group(motion, tuple(motion.robot.parts)) for motion in motions]
     times = np.union1d(
         *(m.samples(g.parts, 0.0, 9.0) for m, g in zip(motions, groups, strict=True))
@@ -278,7 +279,7 @@ def test_walks_find_what_measuring_every_sample_finds(seed: int) -> None:
 
 def test_samples_leave_nothing_out() -> None:
     motion = Motion(
-        ReferenceRobot(PROBLEM.cell.robots[0]),
+        WitnessRobot(PROBLEM.cell.robots[0]),
         good().building.world.robots["robot1"],
     )
     parts = tuple(motion.robot.parts)

@@ -22,7 +22,7 @@ from planning.construction.world.fixed_world import PlannedTask
 from planning.construction.world.timeline import ObjectChange, RobotTimeline
 from planning.kinematics.kinematics import frame_in_flange
 from planning.transforms import Array, Transform, inverse
-from scheduling.verification.reference import ReferenceRobot
+from scheduling.witness.robot import WitnessRobot
 
 SLACK_S = 1e-6
 """Times may be off by this much [s]."""
@@ -121,7 +121,7 @@ def timeline_faults(
 
 
 def _motions(plan: ConstructionPlan) -> dict[str, Motion]:
-    robots = {robot.name: ReferenceRobot(robot) for robot in plan.problem.cell.robots}
+    robots = {robot.name: WitnessRobot(robot) for robot in plan.problem.cell.robots}
     world = plan.building.world
     return {name: Motion(robots[name], world.robots[name]) for name in sorted(robots)}
 

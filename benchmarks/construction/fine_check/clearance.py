@@ -18,7 +18,7 @@ from planning.construction.planner import ConstructionPlan
 from planning.construction.world.timeline import ObjectChange
 from planning.progress import Progress
 from planning.transforms import Array
-from scheduling.verification.reference import ReferenceBody, measure, resting_parts
+from scheduling.witness.parts import ConvexPart, measure, resting_parts
 
 _PRESSED = 0.002
 """A pad may be this deep in a part, and a part in the hand in what it touches [m]."""
@@ -60,7 +60,7 @@ def measure_clearances(
     return measurer
 
 
-def _half(part: ReferenceBody) -> Array:
+def _half(part: ConvexPart) -> Array:
     """Return half the edges of a box about the origin of a part's frame that holds it [m]."""
     box = part.shape.aabb_local
     return np.maximum(np.abs(np.array(box.min_)), np.abs(np.array(box.max_)))
@@ -143,7 +143,7 @@ def _among_still(robot: str, touch: frozenset[str], clearances: Clearances) -> L
     A pad may touch the part that it picks or places; that part, in the hand, what it lies on.
     """
 
-    def limit(moving: ReferenceBody, still: ReferenceBody) -> float:
+    def limit(moving: ConvexPart, still: ConvexPart) -> float:
         if moving.joint < 0:
             return -math.inf  # what is bolted down may stand in the floor
         pad = moving.entity == f"{robot}/tool" and still.entity in touch
@@ -163,7 +163,7 @@ def _between(
     """
     pads = {f"{robot}/tool" for robot in robots}
 
-    def limit(one: ReferenceBody, other: ReferenceBody) -> float:
+    def limit(one: ConvexPart, other: ConvexPart) -> float:
         names = {one.entity, other.entity}
         return -_PRESSED if names & touch and names & pads else clearances.robot_robot
 
@@ -174,7 +174,7 @@ def _alone(group: Group) -> Limit:
     """Return the least distances of one robot's bodies: neighbours in the chain are left out."""
     frames = dict(zip(map(id, group.parts), group.frames(np.zeros(1))[0], strict=True))
 
-    def limit(one: ReferenceBody, other: ReferenceBody) -> float:
+    def limit(one: ConvexPart, other: ConvexPart) -> float:
         if "/" not in other.entity:
             return -math.inf if one.entity.endswith("/tool") else 0.0
         if abs(one.joint - other.joint) <= 1:

@@ -17,12 +17,8 @@ import numpy as np
 
 from planning.construction.world.timeline import RobotTimeline
 from planning.transforms import Array, Transform
-from scheduling.verification.reference import (
-    TOLERANCE,
-    ReferenceBody,
-    ReferenceRobot,
-    measure,
-)
+from scheduling.witness.parts import TOLERANCE, ConvexPart, measure
+from scheduling.witness.robot import WitnessRobot
 
 SAMPLE = 0.005
 """No point of a robot, or of what it carries, moves further between two samples [m]."""
@@ -40,7 +36,7 @@ class Motion:
         end: from then on it stands [s].
     """
 
-    def __init__(self, robot: ReferenceRobot, line: RobotTimeline) -> None:
+    def __init__(self, robot: WitnessRobot, line: RobotTimeline) -> None:
         self.robot = robot
         self._time, self._path = np.array(line.time), np.array(line.path)
         self.end = float(self._time[-1])
@@ -58,9 +54,7 @@ class Motion:
         """Return the world pose of the flange at a time."""
         return self.robot.flange_pose(self.at(np.array([t]))[0])
 
-    def samples(
-        self, parts: Sequence[ReferenceBody], start: float, end: float
-    ) -> Array:
+    def samples(self, parts: Sequence[ConvexPart], start: float, end: float) -> Array:
         """Return times from ``start`` to ``end`` between which no part gets far, shape (s,).
 
         Args:
@@ -78,7 +72,7 @@ class Motion:
         return np.unique(np.concatenate([*pieces, [end]]))
 
     def travelled(
-        self, parts: Sequence[ReferenceBody], times: Array, above: int = -1
+        self, parts: Sequence[ConvexPart], times: Array, above: int = -1
     ) -> Array:
         """Return bounds of the way of any point of parts up to some times, shape (p, s) [m].
 
@@ -109,7 +103,7 @@ _NEAR = 0.05
 _BLOCK = 64
 """Samples that are looked at together."""
 
-Limit = Callable[[ReferenceBody, ReferenceBody], float]
+Limit = Callable[[ConvexPart, ConvexPart], float]
 """Least distance of two bodies [m]; minus infinity for a pair that is not looked at."""
 
 
@@ -124,7 +118,7 @@ class Group:
     """
 
     motion: Motion | None
-    parts: tuple[ReferenceBody, ...]
+    parts: tuple[ConvexPart, ...]
     halves: Array | None = None
 
     def frames(self, times: Array) -> Array:
@@ -189,7 +183,7 @@ class Measurer:
     def _too_close(
         self,
         t: float,
-        pair: tuple[ReferenceBody, ReferenceBody],
+        pair: tuple[ConvexPart, ConvexPart],
         gap: float,
         least: float,
     ) -> bool:

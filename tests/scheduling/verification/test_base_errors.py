@@ -17,10 +17,10 @@ from planning.tasks.task import AllowedContact
 from planning.transforms import Array, Transform, rotation, translation
 from scheduling.build_tpg import build_nodes, build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.motion import Motion
-from scheduling.verification.reference import ReferenceRobot
-from scheduling.verification.sweeps import farthest_from
 from scheduling.verification.verify import SurvivedErrors, verify_plan
+from scheduling.witness.motion import Motion
+from scheduling.witness.robot import WitnessRobot
+from scheduling.witness.shapes import farthest_from
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
 from twin.audit.worlds.engines import open_world
 from twin.audit.worlds.world import AuditWorld
@@ -143,7 +143,7 @@ def planted(gap: float, *, meant: bool = False) -> TemporalPlanGraph:
     """Left turns a little and back; a block stands beside its tool at HOME."""
     cell = two_arms()
     model = robot_model("gp4")
-    robot = ReferenceRobot(cell.robots[0])
+    robot = WitnessRobot(cell.robots[0])
     frame = robot.joint_frame(model.home, robot.dof - 1)
     knots, frames = np.zeros((2, 0)), np.tile(frame, (2, 1, 1))
     still = [
@@ -203,7 +203,7 @@ def test_no_point_strays_further_than_its_bound(seed: int) -> None:
     """And no bound is twice what is reached: each link has its own, by where it is."""
     rng = np.random.default_rng(seed)
     placed = two_arms().robots[seed % 2]
-    robot, error = ReferenceRobot(placed), PoseError(2e-3, 0.02)
+    robot, error = WitnessRobot(placed), PoseError(2e-3, 0.02)
     knots = placed.home + np.cumsum(rng.uniform(-0.15, 0.15, (4, robot.dof)), axis=0)
     frames = robot.joint_frames_along(knots)
     bases = [

@@ -25,7 +25,8 @@ from planning.contacts.touching import near_to
 from planning.errors import RequestError
 from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, rotation, translation
-from scheduling.verification.reference import ReferenceRobot, measure, resting_parts
+from scheduling.witness.parts import measure, resting_parts
+from scheduling.witness.robot import WitnessRobot
 from tests.planning.cell.round_forms import stands_out
 from tests.shipped_runs import ShippedRuns
 from tests.twin.audit.audit_cell import HandWrittenRun, brick, reach, two_arm_cell
@@ -120,7 +121,7 @@ def test_both_engines_measure_the_same(names: tuple[str, str]) -> None:
     for a, b in pairs:
         assert (a.entity, a.detail, a.joint) == (b.entity, b.detail, b.joint)
     # The other witness knows the same parts.
-    parts = [part for robot in cell.robots for part in ReferenceRobot(robot).parts]
+    parts = [part for robot in cell.robots for part in WitnessRobot(robot).parts]
     told = [shape.entity for shape in worlds[0].robot_shapes]
     assert told == [part.entity for part in parts]
     apart, deep = [0.0], [0.0]
