@@ -65,14 +65,17 @@ def separation(
     a: ConvexPart, frame_a: Transform, b: ConvexPart, frame_b: Transform
 ) -> tuple[float, Array]:
     """Return the signed distance of two parts [m] and the direction from a to b, shape (3,)."""
+    poses = coal_pose(frame_a @ a.local), coal_pose(frame_b @ b.local)
+    distance = shape_distance(a.shape, poses[0], b.shape, poses[1])
+    return distance, np.array(_RESULT.normal)
+
+
+def coal_pose(pose: Transform) -> Any:
+    """Return a pose, shape (4, 4), as coal has it."""
+    return coal.Transform3s(pose[:3, :3], pose[:3, 3])
+
+
+def shape_distance(a: Any, pose_a: Any, b: Any, pose_b: Any) -> float:
+    """Return the signed distance of two of coal's shapes at two of its poses [m]."""
     _RESULT.clear()
-    pose_a, pose_b = frame_a @ a.local, frame_b @ b.local
-    distance = coal.distance(
-        a.shape,
-        coal.Transform3s(pose_a[:3, :3], pose_a[:3, 3]),
-        b.shape,
-        coal.Transform3s(pose_b[:3, :3], pose_b[:3, 3]),
-        _REQUEST,
-        _RESULT,
-    )
-    return float(distance), np.array(_RESULT.normal)
+    return float(coal.distance(a, pose_a, b, pose_b, _REQUEST, _RESULT))

@@ -29,15 +29,20 @@ def coal_forms(shape: Shape) -> list[tuple[Any, Transform]]:
 
 
 def _forms(form: Form) -> list[Any]:
-    if isinstance(form, Box):
-        return [coal.Box(*form.size)]
-    if isinstance(form, Cylinder):
-        return [coal.Cylinder(form.radius, form.length)]
-    if isinstance(form, Capsule):
-        # Also without length: coal's own answer for a sphere deep in a cylinder is the way out
-        # through the side, even where that through an end is shorter.
-        return [coal.Capsule(form.radius, form.length)]
+    if isinstance(form, Box | Cylinder | Capsule):
+        return [primitive_of(form)]
     return [hull_of(points) for points in form.hulls]
+
+
+def primitive_of(form: Box | Cylinder | Capsule) -> Any:
+    """Return coal's shape of a form that is no mesh."""
+    if isinstance(form, Box):
+        return coal.Box(*form.size)
+    if isinstance(form, Cylinder):
+        return coal.Cylinder(form.radius, form.length)
+    # Also without length: coal's own answer for a sphere deep in a cylinder is the way out
+    # through the side, even where that through an end is shorter.
+    return coal.Capsule(form.radius, form.length)
 
 
 def hull_of(points: Array) -> Any:

@@ -22,7 +22,6 @@ from scheduling.witness.motion import Motion
 from scheduling.witness.robot import WitnessRobot
 from scheduling.witness.shapes import farthest_from
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
-from twin.audit.worlds.engines import open_world
 from twin.audit.worlds.world import AuditWorld
 
 UNIT = PoseError(1e-3, np.radians(0.1))
@@ -102,17 +101,15 @@ def test_bases_that_are_off_by_what_is_survived_touch_nothing(seed: int) -> None
     error = survived.largest(survived.robots)
     pairs = at_once(tpg)
     rng = np.random.default_rng(seed)
-    nominal = open_world(tpg.cell)
+    nominal = AuditWorld(tpg.cell)
     ends = [chain.waypoints[chain.first[1:] - 1] for chain in tpg.chains]
     some = [pairs[k] for k in rng.choice(len(pairs), 200, replace=False)]
     some.sort(key=lambda p: nearest(nominal, (ends[0][p[0]], ends[1][p[1]])))
-    nominal.close()
     least = np.inf
     for _ in range(4):
-        world = open_world(off(tpg.cell, error, rng))
+        world = AuditWorld(off(tpg.cell, error, rng))
         for u, v in some[:30]:
             least = min(least, nearest(world, (ends[0][u], ends[1][v])))
-        world.close()
     assert 0.0 < least < 0.03
 
 
@@ -133,9 +130,8 @@ def test_of_ways_alone_the_proof_is_exact(seed: int) -> None:
         after = before if side.standing else chain.waypoints[end]
         steps = 1 if side.standing else 12
         ways.append(before + np.linspace(0.0, 1.0, steps)[:, None] * (after - before))
-    world = open_world(tpg.cell)
+    world = AuditWorld(tpg.cell)
     least = min(nearest(world, q) for q in product(*ways))
-    world.close()
     assert least == pytest.approx(2.0 * most, abs=1e-4)
 
 

@@ -16,9 +16,9 @@ import numpy as np
 
 from planning.errors import OutputError
 from planning.transforms import Array, Indices, Transform
+from scheduling.witness.robot import WitnessRobot
 from twin.audit.motion.executed import ReplayedRun, Stay
 from twin.audit.motion.reach import RobotSamples, motion_bounds
-from twin.audit.worlds.link_chain import JointAxes
 from twin.audit.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
 
 
@@ -258,14 +258,14 @@ class MovedShapes:
         self._half = np.array([shape.half for shape, _ in at]).reshape(-1, 3)
         self._radius = np.array([shape.radius for shape, _ in at])
 
-    def sampled(self, axes: JointAxes, samples: RobotSamples) -> Movers:
+    def sampled(self, robot: WitnessRobot, samples: RobotSamples) -> Movers:
         """Return them at some samples of the robot."""
         rotation = samples.rotation[:, self._links]
         centre = np.einsum("msij,sj->msi", rotation, self._centre)
         centre += samples.position[:, self._links]
         turn = rotation @ self._turn
         reach = np.einsum("msij,sj->msi", np.abs(turn), self._half)
-        bounds = motion_bounds(axes, samples, self._links, centre, self._radius)
+        bounds = motion_bounds(robot, samples, self._links, centre, self._radius)
         around = reach, self._half, self._radius
         return Movers(self.tracks, centre, turn, *around, bounds)
 
@@ -381,8 +381,10 @@ class _Sampler:
         for _ in range(6):
             samples = tuple(self._frames(k, t) for k in range(len(self._robots)))
             parts = [
-                own.sampled(axes, at)
-                for own, axes, at in zip(bodies, self._world.axes, samples, strict=True)
+                own.sampled(robot, at)
+                for own, robot, at in zip(
+                    bodies, self._world.robots, samples, strict=True
+                )
             ]
             steps = [part.steps.max(axis=1, initial=0.0) for part in parts]
             moved = np.max([np.zeros(len(t) - 1), *steps], axis=0)
@@ -398,7 +400,7 @@ class _Sampler:
     def _carried(self, robot: int, placements: Mapping[str, Stay]) -> MovedShapes:
         """Return all that a robot moves now."""
         placed = self._robots[robot]
-        flange, hand = placed.model.flange, len(self._world.axes[robot].prismatic)
+        flange, hand = placed.model.flange, self._world.robots[robot].dof
         held = [
             (shape, shape.at(flange @ stay.pose))
             for name, stay in placements.items()
