@@ -36,7 +36,7 @@ from twin.audit.motion.efforts import (
     tool_speeds_of_run,
 )
 from twin.audit.motion.executed import Recording, ReplayedRun, read_recording
-from twin.audit.motion.movers import stretches
+from twin.audit.motion.stretches import stretches
 from twin.audit.motion_limits import (
     effort_violations,
     limit_violations,

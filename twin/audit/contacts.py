@@ -13,9 +13,9 @@ import numpy as np
 from planning.tasks.task import AllowedContact
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.case import AuditCase, Violation, tasks_at
-from twin.audit.motion.movers import RunStretch
 from twin.audit.motion.pairs import SLACK, Asked, Gap, gaps, watched_pairs
 from twin.audit.motion.second_look import sampled_overlaps
+from twin.audit.motion.stretches import RunStretch
 from twin.audit.worlds.world import WatchedShape
 
 if TYPE_CHECKING:  # PyBullet is loaded where it is asked for

@@ -31,8 +31,8 @@ from tests.twin.audit.audit_cell import (
 from twin.audit.audit import Auditor, AuditReport, audit_run
 from twin.audit.contacts import CONTACT_DEPTH
 from twin.audit.motion.executed import ReplayedRun, read_recording
-from twin.audit.motion.movers import STEP, stretches
 from twin.audit.motion.pairs import FINEST, SLACK
+from twin.audit.motion.stretches import STEP, stretches
 from twin.audit.worlds.world import AuditWorld, overlapping_at_home
 
 X, Y = 0.42, -0.05

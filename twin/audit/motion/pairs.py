@@ -20,8 +20,9 @@ from math import ceil
 import numpy as np
 
 from planning.transforms import Array, Indices, Transform
-from twin.audit.motion.movers import RunStretch, Track
+from twin.audit.motion.movers import Track
 from twin.audit.motion.reach import RobotSamples
+from twin.audit.motion.stretches import RunStretch
 from twin.audit.worlds.world import AuditWorld, WatchedShape
 
 REACH = 0.5

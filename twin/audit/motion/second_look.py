@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.audit.motion.movers import RunStretch
 from twin.audit.motion.pairs import Gap, WatchedPair
+from twin.audit.motion.stretches import RunStretch
 
 if TYPE_CHECKING:  # where PyBullet is not installed, nobody calls this
     from twin.audit.worlds.bullet_world import BulletWorld
