@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -30,8 +29,9 @@ from scheduling.verification.object_places import Carried
 from scheduling.verification.problems import Moment, Problem, node_problem
 from scheduling.witness.measuring import Measuring
 from scheduling.witness.motion import Motion
+from scheduling.witness.own_motions import OwnMotions
 from scheduling.witness.parts import TOLERANCE, ConvexPart, measure
-from scheduling.witness.robot import SeenFrom, WitnessRobot
+from scheduling.witness.robot import WitnessRobot
 from scheduling.witness.sweeps import Close, close_pairs
 
 SLACK = 1e-4
@@ -135,7 +135,7 @@ def touching_itself(robot: VerifiedRobot, reference: WitnessRobot) -> Iterator[P
         robot: its pieces, parts and loads.
         reference: its geometry.
     """
-    eyes = [_Eyes(robot, reference, joint) for joint in range(-1, reference.dof)]
+    own = OwnMotions(reference, robot.pieces.knots)
     parts = [body for body in robot.bodies if not body.load]
     loads = [body for body in robot.bodies if body.load]
     home = reference.joint_frames_along(robot.home[None])[0]
@@ -146,83 +146,28 @@ def touching_itself(robot: VerifiedRobot, reference: WitnessRobot) -> Iterator[P
             continue
         if measure(x, home[x.joint + 1], y, home[y.joint + 1]) <= 0.0:
             continue
-        yield from _in_pieces(robot, eyes[x.joint + 1], (x, y), everything)
+        yield from _in_pieces(robot, own, (x, y), everything)
     for body in loads:
         for k, motion in enumerate(body.motions):
             held = np.flatnonzero(body.which == k)
             for arm in parts:
                 x = arm.motions[0].part
                 if x.joint < motion.part.joint:
-                    both = x, motion.part
-                    yield from _in_pieces(robot, eyes[x.joint + 1], both, held)
-
-
-class _Eyes:
-    """All knots of a robot as one of its joints sees them, worked out when it is first asked for.
-
-    Args:
-        robot: its pieces.
-        reference: its geometry.
-        joint: index of the joint, -1 for the base.
-
-    Attributes:
-        view: the robot in its eyes.
-        knots: of the pieces.
-    """
-
-    def __init__(
-        self, robot: VerifiedRobot, reference: WitnessRobot, joint: int
-    ) -> None:
-        self.view = SeenFrom(reference, joint)
-        self.knots = robot.pieces.knots
-
-    @cached_property
-    def frames(self) -> Array:
-        """Poses of base and joints at the knots, shape (s + 1, n + 1, 4, 4)."""
-        return self.view.joint_frames_along(self.knots)
-
-    def motion(self, part: ConvexPart) -> Motion:
-        """Return a part in all pieces."""
-        frames = self.frames[:, part.joint + 1]
-        return Motion(self.view, self.view.seen(part), self.knots, frames)
+                    yield from _in_pieces(robot, own, (x, motion.part), held)
 
 
 def _in_pieces(
     robot: VerifiedRobot,
-    eyes: _Eyes,
+    own: OwnMotions,
     parts: tuple[ConvexPart, ConvexPart],
     pieces: Indices,
 ) -> Iterator[Problem]:
     """Yield the nodes among some pieces in which two parts touch, the inner one given first."""
-    inner, outer = parts
-    still = Motion(None, inner, np.zeros((2, 0)), np.tile(np.eye(4), (2, 1, 1)))
-    moves = eyes.motion(outer)
-    pieces = pieces[_balls_meet(inner, moves, pieces)]
-    if not len(pieces):
-        return
-    low, high = moves.extents(pieces)
-    least, most = still.extents(np.zeros(1, dtype=np.int64))
-    near = np.all(np.maximum(low - most, least - high) < -SLACK, axis=0)
-    left = pieces[near]
-    pairs, alike = (np.zeros_like(left), left), robot.pieces.keys[left]
-    found = Measuring().too_close(still, moves, pairs, -SLACK, alike)
-    for k, distance, _ in found:
-        first, second = (robot.moment(int(left[k]), part.entity) for part in parts)
+    found = own.too_close(Measuring(), parts, pieces, -SLACK, robot.pieces.keys)
+    for piece, distance in found:
+        first, second = (robot.moment(piece, part.entity) for part in parts)
         text = f"{first} overlaps {second.body} by {-distance * 1e3:.2f} mm"
         yield Problem("itself", text, first, second, distance)
-
-
-def _balls_meet(
-    inner: ConvexPart, moves: Motion, pieces: Indices
-) -> npt.NDArray[np.bool_]:
-    """Tell in which pieces the balls around two parts may meet."""
-    outer = moves.part
-    frames = moves.frames[np.stack([pieces, pieces + 1])]
-    centres = frames[..., :3, :3] @ outer.centre + frames[..., :3, 3]
-    away = np.linalg.norm(centres - inner.centre, axis=2).min(axis=0)
-    way = np.abs(moves.knots[pieces + 1] - moves.knots[pieces])
-    room = inner.radius + outer.radius + 0.5 * way @ outer.weight
-    return np.asarray(away < room)
 
 
 @dataclass(frozen=True)
