@@ -19,7 +19,8 @@ from twin.host.guard import COMPLETED, FAILED, print_json
 
 if TYPE_CHECKING:
     from planning.cell.workcell import PoseError
-    from scheduling.verification.verify import SurvivedErrors, VerificationReport
+    from scheduling.verification.survived_errors import SurvivedErrors
+    from scheduling.verification.verify import VerificationReport
     from twin.audit.case import Violation
     from twin.host.progress import Report
     from twin.judge.judge import Judgement

@@ -11,7 +11,7 @@ from planning.geometry.robot_bodies import how_far, robot_bodies, while_deviatin
 from planning.kinematics.kinematics import inverse_kinematics, joint_poses_of
 from planning.robots.registry import robot_model
 from planning.transforms import Array, rotation, translation
-from scheduling.verification.bodies import DeviatingLinks
+from scheduling.verification.deviating_links import DeviatingLinks
 from scheduling.witness.robot import WitnessRobot
 
 ERROR = PoseError(0.001, 0.002)

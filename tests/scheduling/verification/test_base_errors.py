@@ -17,7 +17,8 @@ from planning.tasks.task import AllowedContact
 from planning.transforms import Array, Transform, rotation, translation
 from scheduling.build_tpg import build_nodes, build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.verify import SurvivedErrors, verify_plan
+from scheduling.verification.survived_errors import SurvivedErrors
+from scheduling.verification.verify import verify_plan
 from scheduling.witness.motion import Motion
 from scheduling.witness.robot import WitnessRobot
 from scheduling.witness.shapes import farthest_from

@@ -13,7 +13,8 @@ from planning.transforms import Array, inverse, rotation, translation
 from scheduling.build_tpg import build_nodes, build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.graph_structure import find_precedence
-from scheduling.verification.verify import Problem, verify_plan
+from scheduling.verification.problems import Problem
+from scheduling.verification.verify import verify_plan
 from scheduling.witness.parts import measure
 from scheduling.witness.robot import WitnessRobot
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
