@@ -60,6 +60,7 @@ class WitnessRobot:
     def __init__(self, placed: PlacedRobot) -> None:
         model, geometry = _load(placed)
         self.base, self.flange = placed.base, placed.model.flange
+        self._base = pinocchio.SE3(placed.base)
         self.speeds = placed.model.velocity
         self.model, self._data = model, model.createData()
         self._joints = list(model.joints)[1:]
@@ -111,10 +112,14 @@ class WitnessRobot:
         pinocchio.forwardKinematics(self.model, self._data, self.state(q))
         return np.asarray(self.base @ self._data.oMi[joint + 1].homogeneous)
 
+    def joint_placements(self, q: Array) -> list[Any]:
+        """Return the world poses of base and joints at ``q`` as pinocchio and coal have them."""
+        pinocchio.forwardKinematics(self.model, self._data, self.state(q))
+        return [self._base * pose for pose in self._data.oMi]
+
     def joint_frames(self, q: Array) -> Array:
         """Return the world poses of base and joints at ``q``, shape (n + 1, 4, 4)."""
-        pinocchio.forwardKinematics(self.model, self._data, self.state(q))
-        return np.asarray(self.base @ [pose.homogeneous for pose in self._data.oMi])
+        return np.array([pose.homogeneous for pose in self.joint_placements(q)])
 
     def joint_frames_along(self, path: Array) -> Array:
         """Return world poses at many configurations at once, shape (s, n + 1, 4, 4).

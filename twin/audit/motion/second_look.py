@@ -46,8 +46,5 @@ def sampled_overlaps(
             assert track.holder is not None
             assert track.pose is not None
             world.place(track.shape, world.hand(track.holder) @ track.pose)
-        for pair in due[sample]:
-            if not world.exempt(*pair.shapes):
-                distance = world.distance(*pair.shapes)
-                if distance < 0.0:
-                    yield Gap(pair, sample, sample + 1, distance, distance)
+        for k, distance in world.overlaps([pair.shapes for pair in due[sample]]):
+            yield Gap(due[sample][k], sample, sample + 1, distance, distance)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import tempfile
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -88,9 +89,23 @@ class BulletWorld:
         """Disconnect from Bullet."""
         self._bullet.disconnect()
 
-    def exempt(self, a: WatchedShape, b: WatchedShape) -> bool:
-        """Tell whether two shapes are on links of one robot that overlap at HOME."""
-        return (self._known[a.number], self._known[b.number]) in self._exempt
+    def overlaps(
+        self, pairs: Sequence[tuple[WatchedShape, WatchedShape]]
+    ) -> Iterator[tuple[int, float]]:
+        """Yield which pairs of shapes have links that overlap, with their distance [m].
+
+        Links of one robot that overlap at HOME are left out.
+        """
+        apart: dict[tuple[int, int], bool] = {}
+        for k, (a, b) in enumerate(pairs):
+            links = self._known[a.number], self._known[b.number]
+            bodies = links[0][0], links[1][0]
+            if bodies[0] != bodies[1] and bodies not in apart:
+                apart[bodies] = not self._bullet.getClosestPoints(*bodies, 0.0)
+            if not apart.get(bodies, False) and links not in self._exempt:
+                distance = self.distance(a, b)
+                if distance < 0.0:
+                    yield k, distance
 
     def distance(self, a: WatchedShape, b: WatchedShape, reach: float = 0.0) -> float:
         """Return the signed distance of two shapes' links as they are placed now, at most reach [m]."""

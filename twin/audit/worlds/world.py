@@ -9,6 +9,7 @@ from typing import Any
 
 import coal
 import numpy as np
+import pinocchio
 
 from planning.cell.shape import Box, Capsule, Cylinder, Mesh, Shape
 from planning.cell.workcell import Workcell
@@ -100,13 +101,14 @@ class AuditWorld:
         self.robot_shapes = [
             shape for k in range(len(self.robots)) for shape in self._arm(k)
         ]
-        self._locals = [part.local for robot in self.robots for part in robot.parts]
+        parts = [part for robot in self.robots for part in robot.parts]
+        self._locals = [pinocchio.SE3(part.local) for part in parts]
         self._own: list[list[int]] = [[] for _ in self.robots]
         for shape in self.robot_shapes:
             assert shape.robot is not None
             self._own[shape.robot].append(shape.number)
         self._q = [robot.home for robot in cell.robots]
-        self._frames: list[Array | None] = [None] * len(self.robots)
+        self._frames: list[list[Any] | None] = [None] * len(self.robots)
         self.fixtures = [
             item for f in cell.fixtures for item in self._thing(f.name, f.shape, f.pose)
         ]
@@ -206,9 +208,9 @@ class AuditWorld:
             assert item.robot is not None
             frames = self._frames[item.robot]
             if frames is None:
-                frames = self.robots[item.robot].joint_frames(self._q[item.robot])
+                frames = self.robots[item.robot].joint_placements(self._q[item.robot])
                 self._frames[item.robot] = frames
-            pose = coal_pose(frames[item.joint + 1] @ self._locals[item.number])
+            pose = frames[item.joint + 1] * self._locals[item.number]
             self._poses[item.number] = pose
         return pose
 
