@@ -142,10 +142,10 @@ def checks(rows: Sequence[Row]) -> Lines:
         "## Checks and execution",
         "",
         "Every plan, and every plan of the baseline, goes through the fine check: motions, modes, poses and",
-        "order worked out anew, distances at least once for every 5 mm that anything moves, by pinocchio",
+        "order worked out anew, distances at every moment, by pinocchio",
         "and coal. The plan of the first seed is executed under its temporal plan graph with random",
         "durations of skills, once as it is and then with five stalls of 1 to 20 s for every robot, and",
-        "audited by PyBullet every 2 mm. Makespans here include the last way HOME.",
+        "audited. Makespans here include the last way HOME.",
         "",
         "| model | *m* | fine check passed | least distance: robots [mm] | others [mm] | planned [s] "
         "| under its graph [s] | nodes | edges | graph [s] | runs clean | stalled runs clean |",

@@ -7,8 +7,12 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.transforms import Array, Transform
-from twin.audit.worlds.engines import open_world
-from twin.audit.worlds.world import WatchedShape, overlapping_at_home, shapes_by_entity
+from twin.audit.worlds.world import (
+    AuditWorld,
+    WatchedShape,
+    overlapping_at_home,
+    shapes_by_entity,
+)
 
 Held = tuple[str | None, Transform]
 """Who holds an object, None for the world, and its pose in that flange or in the world."""
@@ -38,7 +42,7 @@ class FreeSpace:
 
     def __init__(self, cell: Workcell) -> None:
         self.cell = cell
-        self._world = open_world(cell)
+        self._world = AuditWorld(cell)
         self._exempt = overlapping_at_home(self._world)
         self._things = shapes_by_entity((*self._world.fixtures, *self._world.objects))
         self._robot = 0
@@ -164,7 +168,8 @@ class FreeSpace:
         number = self._robot
         turn, at = (part[0] for part in self._world.link_frames(number, q[None]))
         flange = self._world.flange_poses(number, q[None])[0]
-        out = np.where(self._world.axes[number].prismatic, 1.0, 0.0)
+        turns = self._world.robots[number].turns
+        out = np.where(turns, 0.0, 1.0)
         for shape, held in self._moved:
             if held is None:
                 centre = turn[shape.joint + 1] @ shape.centre + at[shape.joint + 1]
@@ -173,7 +178,7 @@ class FreeSpace:
             last = len(q) if held is not None else shape.joint + 1
             far = np.linalg.norm(at[1 : last + 1] - centre, axis=1) + shape.radius
             out[:last] = np.maximum(out[:last], far)
-        return np.where(self._world.axes[number].prismatic, 1.0, out)
+        return np.where(turns, out, 1.0)
 
     def _own_pairs(self) -> list[tuple[int, int]]:
         """Return which of what the robot moves must not touch: two of its links, a link and what it holds.

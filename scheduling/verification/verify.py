@@ -7,18 +7,12 @@ Checked are the structure; that what is done is what tasks say, and that no robo
 and the invariant: (a) nodes of two robots that come too close are ordered, (b) so are a node and a robot
 that stands, (c) and a node and an object at rest. What may touch is held to a depth.
 
-What a plan survives of calibration and force control is found in the same pass: bases, or tools in skills, that are
-not where the plan has them. Every robot may stand off by an error of its own, whatever it does and carries with it.
-What lies in the world lies where the plan has it, and what a robot takes sits in its hand as planned: the contacts that
-a plan means to make, of a tool that takes hold or of a part that is put down, take the error up. So these contacts are
-left out; everything else must not touch. Where skills deviate from their reference paths it is the same, but that only
-what moves in them is off.
+What a plan survives of errors is found in the same pass.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,12 +22,12 @@ from planning.progress import Progress, no_progress
 from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.bodies import StillBodies, VerifiedRobot
+from scheduling.verification.encounters import Encounter, Encounters
 from scheduling.verification.graph_structure import (
     Precedence,
     check_structure,
     not_as_said,
 )
-from scheduling.verification.motion import Measuring
 from scheduling.verification.object_places import (
     Carried,
     Resting,
@@ -41,194 +35,15 @@ from scheduling.verification.object_places import (
     object_histories,
 )
 from scheduling.verification.problems import Moment, Problem
-from scheduling.verification.reference import TOLERANCE, ReferenceRobot
+from scheduling.verification.survived_errors import SurvivedErrors, survived_errors
 from scheduling.verification.touching import (
-    Encounter,
-    Encounters,
     allowed_depths,
     too_deep_in_hand,
     touching_itself,
 )
-
-_SHARES = (2.0, 8.0)
-"""Shares of the error asked for that are looked at, one after the other."""
-
-_LEFT = 1e-5
-"""What must be left between two parts: motions that get no further are not looked into [m]."""
-
-
-@dataclass(frozen=True)
-class Limiting:
-    """Two parts that come nearest to each other for the errors that they have.
-
-    Attributes:
-        first, second: the parts, and when.
-        distance_m: as planned [m].
-        taken_m: what the errors asked for may take of it [m].
-    """
-
-    first: Moment
-    second: Moment
-    distance_m: float
-    taken_m: float
-
-    @property
-    def margin_m(self) -> float:
-        """What is left of their distance, negative where they may overlap [m]."""
-        return self.distance_m - self.taken_m
-
-    def __str__(self) -> str:
-        """Describe it in one phrase."""
-        return (
-            f"{self.first} and {self.second}, planned {self.distance_m * 1e3:.2f} mm apart:"
-            f" the errors may take {self.taken_m * 1e3:.2f} mm,"
-            f" a margin of {self.margin_m * 1e3:+.2f} mm"
-        )
-
-
-@dataclass(frozen=True)
-class SurvivedShare:
-    """How much of an error is survived, and by what it is limited.
-
-    Attributes:
-        share: of the error asked for, proved: the largest there is, to 0.04 mm of distance.
-        limiting: None where nothing comes near enough: then more may be survived.
-    """
-
-    share: float
-    limiting: Limiting | None = None
-
-
-@dataclass(frozen=True)
-class SurvivedErrors:
-    """What a plan survives of errors of one kind.
-
-    Attributes:
-        error: what was asked for, of every robot.
-        robots: between robots, and what they carry.
-        rest: between robots, or what they carry, and what lies in the world.
-    """
-
-    error: PoseError
-    robots: SurvivedShare
-    rest: SurvivedShare
-
-    @property
-    def ok(self) -> bool:
-        """True when the error asked for is survived."""
-        return self.least.share >= 1.0
-
-    @property
-    def least(self) -> SurvivedShare:
-        """Of the two, the one that limits the plan."""
-        return min(self.robots, self.rest, key=lambda side: side.share)
-
-    def largest(self, side: SurvivedShare) -> PoseError:
-        """Return the largest error that one of the two survives, for the ratio asked for."""
-        return PoseError(side.share * self.error.m, side.share * self.error.rad)
-
-
-def survived_errors(
-    tpg: TemporalPlanGraph,
-    error: PoseError,
-    precedence: Precedence,
-    geometry: Mapping[str, ReferenceRobot],
-    histories: tuple[list[Carried], list[Resting]],
-    *,
-    of_skills: bool = False,
-) -> SurvivedErrors:
-    """Find the largest share of an error with which nothing touches that may not.
-
-    Args:
-        tpg: the plan.
-        error: of the base of every robot, or of its flange in skills.
-        precedence: what precedes what.
-        geometry: of all robots.
-        histories: of all objects.
-        of_skills: whether tools deviate in all skills, and bases are where they should be; else no
-            skill deviates.
-    """
-    carried, resting = histories
-    search = _ShareSearch(tpg), _ShareSearch(tpg)
-    for share in _SHARES:
-        off = PoseError(share * error.m, share * error.rad)
-        skills = {t.kind: off for t in tpg.tasks} if of_skills else {}
-        base = NO_ERROR if of_skills else off
-        robots = [
-            VerifiedRobot(tpg, placed, geometry[placed.name], carried, base, skills)
-            for placed in tpg.cell.robots
-        ]
-        still = StillBodies(resting, robots)
-        met = Encounters(tpg.cell, robots, still, precedence)
-        pairs = met.count - len(robots)
-        open_sides = [side.limiting is None for side in search]
-        for number, encounters in enumerate(met.all_within(_LEFT, _LEFT)):
-            if open_sides[number >= pairs]:
-                search[number >= pairs].go_on(encounters, share)
-        if all(side.limiting is not None for side in search):
-            break
-    between, from_rest = (SurvivedShare(s.share, s.limiting) for s in search)
-    return SurvivedErrors(error, between, from_rest)
-
-
-class _ShareSearch:
-    """Search for the largest share of an error that is survived.
-
-    Args:
-        tpg: the plan.
-
-    Attributes:
-        share: survived by all that was looked at.
-        limiting: what limits it.
-    """
-
-    def __init__(self, tpg: TemporalPlanGraph) -> None:
-        self._allowed = allowed_depths(tpg)
-        self._measuring = Measuring()
-        self.share = math.inf
-        self.limiting: Limiting | None = None
-
-    def go_on(self, encounters: Iterator[Encounter], share: float) -> None:
-        """Look at encounters of parts that have a share of the error.
-
-        Those with less come near each other in fewer pieces, so that one look at each is enough.
-        """
-        if self.limiting is None:
-            self.share = share
-        for met in encounters:
-            self._narrow(met, share)
-
-    def _narrow(self, met: Encounter, whole: float) -> None:
-        first, second = met.first, met.second
-        if first.entity == second.entity:
-            return
-        # Where neither has an error, what they do is not for this search.
-        strayed = first.motion.strays(met.rows) + second.motion.strays(met.columns)
-        free = strayed > 0.0
-        for meant, _ in met.allowed_by(self._allowed):
-            free &= ~meant
-        rows, columns = met.rows[free], met.columns[free]
-        one = np.zeros(len(rows), dtype=np.int64)
-        while self.share > 0.0:
-            a, b = (s.off_by(self.share / whole).motion for s in (first, second))
-            found = next(
-                self._measuring.too_close(a, b, (rows, columns), _LEFT, one), None
-            )
-            if found is None:
-                return
-            distance, unit = found.gap + found.strayed, found.strayed / self.share
-            spare = distance - _LEFT - TOLERANCE
-            self.share = min(self.share, max(0.0, spare / unit))
-            self.limiting = Limiting(
-                first.moment(int(rows[found.pair])),
-                second.moment(int(columns[found.pair])),
-                distance,
-                unit,
-            )
-
-
-__all__ = ["Moment", "Problem", "VerificationReport", "verify_plan"]
-
+from scheduling.witness.measuring import Measuring
+from scheduling.witness.parts import TOLERANCE
+from scheduling.witness.robot import WitnessRobot
 
 _Key = tuple[int, int]
 """Of both sides: 2 * node, and one more where the robot stands before it."""
@@ -282,7 +97,7 @@ def verify_plan(
         progress: told how far it has come.
     """
     precedence, problems = check_structure(tpg)
-    geometry = {robot.name: ReferenceRobot(robot) for robot in tpg.cell.robots}
+    geometry = {robot.name: WitnessRobot(robot) for robot in tpg.cell.robots}
     speeds = {name: robot.speeds for name, robot in geometry.items()}
     problems += not_as_said(tpg, speeds)
 
@@ -340,7 +155,7 @@ class _ClearanceCheck:
     def run(
         self,
         precedence: Precedence,
-        geometry: Mapping[str, ReferenceRobot],
+        geometry: Mapping[str, WitnessRobot],
         histories: tuple[list[Carried], list[Resting]],
     ) -> None:
         """Check all pairs of robots, then every robot against what rests in the world.

@@ -21,14 +21,10 @@ from scheduling.conflicts.derived_tpg import DerivedTpg, nodes_stretch
 from scheduling.conflicts.occupancy import rest_occupancy
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.invariant import check_invariant
-from scheduling.verification.motion import Motion
-from scheduling.verification.reference import (
-    ReferenceBody,
-    ReferenceRobot,
-    measure,
-    resting_parts,
-)
 from scheduling.verification.verify import verify_plan
+from scheduling.witness.motion import Motion
+from scheduling.witness.parts import ConvexPart, measure, resting_parts
+from scheduling.witness.robot import WitnessRobot
 from tests.scheduling import two_arms as world
 from tests.scheduling.two_arms import Writer, block
 from tests.scheduling.verification.test_verification import at, go, graph, passing_on
@@ -47,9 +43,9 @@ class Oracle:
 
     def __init__(self, cell: Workcell) -> None:
         self.cell = cell
-        self.robots = {r.name: ReferenceRobot(r) for r in cell.robots}
+        self.robots = {r.name: WitnessRobot(r) for r in cell.robots}
 
-    def parts(self, name: str, q: Array) -> list[tuple[ReferenceBody, Array, float]]:
+    def parts(self, name: str, q: Array) -> list[tuple[ConvexPart, Array, float]]:
         robot, placed = self.robots[name], self.cell.robot(name)
         frames = robot.joint_frames_along(q[None])[0]
         out = []
@@ -266,7 +262,7 @@ def meeting() -> tuple[MotionPlan, float]:
     """Right leans in and stands; left comes down beside it in a skill, less than 2 mm away."""
     cell = world.two_arms(gap=0.7)
     home = cell.robots[0].home
-    robots = {r.name: ReferenceRobot(r) for r in cell.robots}
+    robots = {r.name: WitnessRobot(r) for r in cell.robots}
     lean = np.array([0, 1, 0.4, 0, 0, 0])
 
     def gap(share: float) -> float:

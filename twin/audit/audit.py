@@ -1,4 +1,4 @@
-"""Audit of a run: an engine of its own replays what was executed and measures every distance.
+"""Audit of a run: what was executed is replayed, and every distance measured.
 
 It shares nothing with the planner but the plan's list of allowed contacts: robots come from
 their URDF files, boxes from their sizes, motion from the tables that the run wrote. Of the cell
@@ -29,12 +29,7 @@ from twin.audit.case import (
 )
 from twin.audit.contacts import Contacts, allowed_contacts
 from twin.audit.grips import grip_violations
-from twin.audit.limit_checks import (
-    effort_violations,
-    joint_violations,
-    limit_violations,
-    tool_speed_violations,
-)
+from twin.audit.joint_limits import joint_violations
 from twin.audit.motion.efforts import (
     GreatestEffort,
     efforts_of_run,
@@ -42,7 +37,12 @@ from twin.audit.motion.efforts import (
     tool_speeds_of_run,
 )
 from twin.audit.motion.executed import Recording, ReplayedRun, read_recording
-from twin.audit.motion.movers import stretches
+from twin.audit.motion.stretches import stretches
+from twin.audit.motion_limits import (
+    effort_violations,
+    limit_violations,
+    tool_speed_violations,
+)
 from twin.audit.places import (
     helpers_left,
     jump_violations,
@@ -58,9 +58,9 @@ from twin.audit.worlds.engines import (
     Engine,
     engine_and_version,
     engine_named,
-    open_world,
+    second_world,
 )
-from twin.audit.worlds.world import overlapping_at_home
+from twin.audit.worlds.world import AuditWorld, overlapping_at_home
 from twin.host.guard import finite
 from twin.host.progress import Report, report_nothing
 
@@ -132,7 +132,7 @@ def audit_run(
         progress: told how far the audit has come.
         ordered: whether the run had to keep the plan's type-2 edges, as all policies but
             open-loop do.
-        engine: to measure with; by default PyBullet where it is installed, else coal.
+        engine: whether PyBullet looks at samples besides coal; by default where it is installed.
         wanted: what the scenario says of places and of what holds them; None where there is no
             scenario: what hangs, grips, supports and places are not looked at then.
         finished: whether the run came to its end, so that all must be in place.
@@ -212,7 +212,7 @@ class Auditor(AbstractContextManager["Auditor"]):
 
     Args:
         tpg: says what stands in the cell, and who may touch whom.
-        engine: to measure with; by default PyBullet where it is installed, else coal.
+        engine: whether PyBullet looks at samples besides coal; by default where it is installed.
         wanted: what the scenario says of places and of what holds them; None where there is no
             scenario: what hangs, grips and supports are not looked at then.
 
@@ -229,12 +229,14 @@ class Auditor(AbstractContextManager["Auditor"]):
         self._tpg, self._wanted = tpg, wanted
         self._allowed = allowed_contacts(tpg)
         self._engine = engine_named(engine)
-        self._world = open_world(tpg.cell, self._engine)
+        self._world = AuditWorld(tpg.cell)
+        self._second = second_world(self._world, self._engine)
         self._exempt = overlapping_at_home(self._world)
 
     def __exit__(self, *error: object) -> None:
-        """Let go of the engine's world."""
-        self._world.close()
+        """Let go of what PyBullet holds."""
+        if self._second is not None:
+            self._second.close()
 
     def audit(
         self,
@@ -263,7 +265,9 @@ class Auditor(AbstractContextManager["Auditor"]):
         """
         case = AuditCase(self._world, self._tpg, recording, self._wanted, spans)
         case.wanted = named_places(case, case.wanted)
-        contacts = Contacts(case, self._allowed, self._exempt, within)
+        contacts = Contacts(
+            case, self._allowed, self._exempt, within, second=self._second
+        )
         self._look(case, contacts, progress)
         rules: list[Callable[[AuditCase], Iterable[Violation]]] = [jump_violations]
         if self._wanted is not None:
@@ -290,7 +294,14 @@ class Auditor(AbstractContextManager["Auditor"]):
             recording: what was executed.
         """
         case = AuditCase(self._world, self._tpg, recording)
-        contacts = Contacts(case, self._allowed, self._exempt, math.inf, taken_up=True)
+        contacts = Contacts(
+            case,
+            self._allowed,
+            self._exempt,
+            math.inf,
+            taken_up=True,
+            second=self._second,
+        )
         self._look(case, contacts)
         return self._report(contacts)
 

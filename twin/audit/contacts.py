@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from operator import itemgetter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from planning.tasks.task import AllowedContact
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.case import AuditCase, Violation, tasks_at
-from twin.audit.motion.movers import RunStretch
-from twin.audit.motion.pairs import SLACK, Asked, gaps
+from twin.audit.motion.pairs import SLACK, Asked, Gap, gaps, watched_pairs
+from twin.audit.motion.second_look import sampled_overlaps
+from twin.audit.motion.stretches import RunStretch
 from twin.audit.worlds.world import WatchedShape
+
+if TYPE_CHECKING:  # PyBullet is loaded where it is asked for
+    from twin.audit.worlds.bullet_world import BulletWorld
 
 CONTACT_DEPTH = 0.003
 """Allowed contacts may be this deep, unless the plan says of them that they are less deep [m]."""
@@ -57,6 +62,7 @@ class Contacts:
         exempt: pairs of one robot's shapes that are not checked.
         within: robots further apart than this are not measured [m].
         taken_up: whether contacts that are allowed may be of any depth.
+        second: the same cell in PyBullet, which looks for overlaps at samples.
 
     Attributes:
         least: distance of two robots, with what they carry, where they are not meant to touch [m].
@@ -74,15 +80,16 @@ class Contacts:
         within: float,
         *,
         taken_up: bool = False,
+        second: BulletWorld | None = None,
     ) -> None:
         self._case, self._allowed, self._exempt = case, allowed, exempt
-        self._taken_up = taken_up
+        self._taken_up, self._second = taken_up, second
         self._tools = {f"{robot}/tool": robot for robot in case.robots}
         self._tasks_at = cache(partial(tasks_at, case.tpg, case.robots))
         self.least = self.bound = within
         self.tolerance = case.cell.clearances.contact_tolerance
         self.configurations, self.deepest_graze = 0, 0.0
-        self._samples = 0
+        self._arms, self._samples = len(case.world.robot_shapes), 0
         # Deepest overlap of each pair by number of the sample: time [s], depth [m], links.
         self._overlaps: dict[tuple[str, str], dict[int, tuple[float, float, str]]] = {}
 
@@ -103,25 +110,45 @@ class Contacts:
             return depth_at(a.entity, b.entity, sample)
 
         asked = Asked(lambda: self.least, depth)
-        for gap in gaps(self._case.world, stretch, self._exempt, asked):
-            a, b = gap.pair.shapes
-            robots = a.robot is not None and b.robot is not None and a.robot != b.robot
+        watched = list(watched_pairs(stretch, self._arms, self._exempt, asked))
+        for gap in gaps(self._case.world, stretch, watched, asked):
             if gap.pair.between_robots:
                 self.least = min(self.least, gap.distance)
                 self.bound = min(self.bound, gap.bound)
-            if gap.distance > 0.0:
-                continue
-            for sample in range(gap.sample, min(gap.until, len(stretch.t))):
-                t, number = float(stretch.t[sample]), self._samples + sample
-                limit = depth(a, b, sample)
-                if not robots and limit == self.tolerance + SLACK:
-                    self.deepest_graze = max(self.deepest_graze, -gap.distance)
-                if robots or -gap.distance > limit:
-                    seen = self._overlaps.setdefault((a.entity, b.entity), {})
-                    if number not in seen or seen[number][1] < -gap.distance:
-                        links = f"{a.detail} - {b.detail}"
-                        seen[number] = (t, -gap.distance, links)
+            if gap.distance <= 0.0:
+                self._note(stretch, gap, depth, least_m=0.0)
+        if self._second is not None:
+            for gap in sampled_overlaps(self._second, stretch, watched):
+                self._note(stretch, gap, depth, least_m=SLACK)
         self._samples += len(stretch.t)
+
+    def _note(
+        self,
+        stretch: RunStretch,
+        gap: Gap,
+        depth: Callable[[WatchedShape, WatchedShape, int], float],
+        least_m: float,
+    ) -> None:
+        """Note an overlap where nothing allows it.
+
+        Args:
+            stretch: in which it is.
+            gap: the shapes, when, and how deep.
+            depth: returns the overlap that is allowed for two shapes at a sample [m].
+            least_m: overlaps of two robots up to this are none [m].
+        """
+        a, b = gap.pair.shapes
+        robots = a.robot is not None and b.robot is not None and a.robot != b.robot
+        for sample in range(gap.sample, min(gap.until, len(stretch.t))):
+            t, number = float(stretch.t[sample]), self._samples + sample
+            limit = depth(a, b, sample)
+            if not robots and limit == self.tolerance + SLACK:
+                self.deepest_graze = max(self.deepest_graze, -gap.distance)
+            if -gap.distance > limit or (robots and -gap.distance >= least_m):
+                seen = self._overlaps.setdefault((a.entity, b.entity), {})
+                if number not in seen or seen[number][1] < -gap.distance:
+                    links = f"{a.detail} - {b.detail}"
+                    seen[number] = (t, -gap.distance, links)
 
     def violations(self) -> Iterator[Violation]:
         """Yield overlaps that nothing allows, from when to when."""

@@ -19,8 +19,8 @@ from twin.audit.worlds.engines import (
     Engine,
     engine_and_version,
     engine_named,
-    open_world,
 )
+from twin.audit.worlds.world import AuditWorld
 from twin.durations.model import DurationModel
 from twin.host.guard import finite
 from twin.host.progress import Report, report_nothing
@@ -237,7 +237,7 @@ class JudgedPlan:
         cell = cell_for(plan, path, cell, sections.assembly)
         self.rules = WorkRules(sections, scenario.folder, cell)
         bare = graph_of(plan, cell)
-        self.world = open_world(cell, self.engine)
+        self.world = AuditWorld(cell)
         tools = self._wanted.tools
         planned = execution(plan, self.world, tools, planned_spans(plan))
         allowed = meant_contacts(plan, bare, self.world, planned, self._wanted)

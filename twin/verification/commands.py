@@ -16,7 +16,8 @@ from twin.host.guard import COMPLETED, FAILED, guarded, print_json
 
 if TYPE_CHECKING:
     from planning.cell.workcell import PoseError
-    from scheduling.verification.verify import SurvivedErrors, VerificationReport
+    from scheduling.verification.survived_errors import SurvivedErrors
+    from scheduling.verification.verify import VerificationReport
     from twin.verification.standing_states import AdversaryReport
 
 

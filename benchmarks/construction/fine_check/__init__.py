@@ -1,4 +1,4 @@
 """An independent check of a finished construction, from its timelines alone.
 
-Imports planning and the reference geometry of scheduling.verification; shares no checks with the planner.
+Imports planning and the geometry of scheduling.witness; shares no checks with the planner.
 """

@@ -3,8 +3,7 @@
 Nothing is shared with the planner's own checks: robots are read anew by pinocchio, shapes are
 measured by coal, times and poses are worked out here. Checked are motions (limits, speeds, no
 jumps), modes (each part is picked where it lies, held by one of its grips, and put down where
-it belongs, after what it rests on), and clearances, at least once for every 5 mm that any point
-of a robot or of what it carries moves.
+it belongs, after what it rests on), and clearances, at every moment of every motion.
 """
 
 from __future__ import annotations
@@ -15,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.construction.fine_check.clearance import Progress, measure_clearances
-from benchmarks.construction.fine_check.walk import Motion, moved_corners
+from benchmarks.construction.fine_check.timed_motion import TimedMotion
 from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.world.fixed_world import PlannedTask
 from planning.construction.world.timeline import ObjectChange, RobotTimeline
 from planning.kinematics.kinematics import frame_in_flange
 from planning.transforms import Array, Transform, inverse
-from scheduling.verification.reference import ReferenceRobot
+from scheduling.witness.robot import WitnessRobot
 
 SLACK_S = 1e-6
 """Times may be off by this much [s]."""
@@ -58,10 +57,10 @@ class FineCheck:
     """Outcome of a fine check.
 
     Attributes:
-        measured: distances that were measured; pairs too far apart to touch are not counted.
-        least_robots_m: least distance of two robots measured, infinite if none was [m].
-        least_others_m: likewise of a robot or its load and anything else that it must not
-            touch [m].
+        measured: distances that were measured; each settles many moments.
+        least_robots_m: least distance of two robots that may not touch, at any moment, to 0.05 mm;
+            infinite if it is no less than 50 mm [m].
+        least_others_m: likewise of a robot or its load and anything else [m].
         faults: what is wrong, by time; empty for a good plan.
     """
 
@@ -91,14 +90,14 @@ def check_construction(
     faults += [Fault(t, "clearance", words) for t, words in measured.found]
     return FineCheck(
         measured.measured,
-        measured.least[True],
-        measured.least[False],
+        measured.least(robots=True),
+        measured.least(robots=False),
         tuple(sorted(faults, key=lambda f: (f.t, f.kind, f.words))),
     )
 
 
 def timeline_faults(
-    plan: ConstructionPlan, motions: Mapping[str, Motion] | None = None
+    plan: ConstructionPlan, motions: Mapping[str, TimedMotion] | None = None
 ) -> list[Fault]:
     """Return all faults but those of clearances: of motions, modes, poses and order.
 
@@ -120,10 +119,12 @@ def timeline_faults(
     return [*faults, *_hand_faults(plan), *_order_faults(plan)]
 
 
-def _motions(plan: ConstructionPlan) -> dict[str, Motion]:
-    robots = {robot.name: ReferenceRobot(robot) for robot in plan.problem.cell.robots}
+def _motions(plan: ConstructionPlan) -> dict[str, TimedMotion]:
+    robots = {robot.name: WitnessRobot(robot) for robot in plan.problem.cell.robots}
     world = plan.building.world
-    return {name: Motion(robots[name], world.robots[name]) for name in sorted(robots)}
+    return {
+        name: TimedMotion(robots[name], world.robots[name]) for name in sorted(robots)
+    }
 
 
 def _motion_faults(
@@ -150,7 +151,7 @@ def _motion_faults(
 
 
 def _part_faults(
-    plan: ConstructionPlan, part: Part, motions: Mapping[str, Motion]
+    plan: ConstructionPlan, part: Part, motions: Mapping[str, TimedMotion]
 ) -> Iterator[Fault]:
     """Yield what is wrong with the way of one part from the supply to its place."""
     problem, world = plan.problem, plan.building.world
@@ -175,12 +176,12 @@ def _part_faults(
             yield from _grip_faults(problem, part, change)
         before = _in_world(motions, last, pose, change.time)
         after = _in_world(motions, change.holder, np.asarray(change.pose), change.time)
-        jump = moved_corners(before, after, item.size)
+        jump = _moved_corners(before, after, item.size)
         if jump > JUMP:
             words = f"{part.name} jumps by {jump * 1e3:.1f} mm as it changes hands"
             yield Fault(change.time, "pose", words)
         last, pose = change.holder, np.asarray(change.pose)
-    away = moved_corners(pose, np.asarray(part.goal), item.size)
+    away = _moved_corners(pose, np.asarray(part.goal), item.size)
     if last is not None or away > JUMP:
         words = f"{part.name} ends {away * 1e3:.1f} mm from where it belongs"
         yield Fault(changes[-1].time, "pose", words)
@@ -271,7 +272,15 @@ def _order_faults(plan: ConstructionPlan) -> Iterator[Fault]:
                 yield Fault(picking[name].start, "order", words)
 
 
+def _moved_corners(before: Transform, after: Transform, size: Array) -> float:
+    """Return how far the corner of a box that moves most is away [m]."""
+    signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]))
+    corners = signs.reshape(3, -1).T * np.asarray(size)
+    gap = corners @ (before - after)[:3, :3].T + (before - after)[:3, 3]
+    return float(np.max(np.linalg.norm(gap, axis=1)))
+
+
 def _in_world(
-    motions: Mapping[str, Motion], holder: str | None, pose: Transform, t: float
+    motions: Mapping[str, TimedMotion], holder: str | None, pose: Transform, t: float
 ) -> Transform:
     return pose if holder is None else motions[holder].flange(t) @ pose

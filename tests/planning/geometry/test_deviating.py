@@ -11,8 +11,8 @@ from planning.geometry.robot_bodies import how_far, robot_bodies, while_deviatin
 from planning.kinematics.kinematics import inverse_kinematics, joint_poses_of
 from planning.robots.registry import robot_model
 from planning.transforms import Array, rotation, translation
-from scheduling.verification.bodies import DeviatingLinks
-from scheduling.verification.reference import ReferenceRobot
+from scheduling.verification.deviating_links import DeviatingLinks
+from scheduling.witness.robot import WitnessRobot
 
 ERROR = PoseError(0.001, 0.002)
 
@@ -68,7 +68,7 @@ def test_no_body_is_further_off_than_its_bound(model: str, seed: int) -> None:
     solids = list(robot_bodies(robot).solids)
     bounds = how_far(robot, path, ERROR, solids)
     # The same by the proof's code, which may ask for less, and not for more.
-    reference = ReferenceRobot(robot)
+    reference = WitnessRobot(robot)
     frames, tried = reference.joint_frames_along(path), 0
     off = np.tile([ERROR.m, ERROR.rad], (len(path) - 1, 1))
     links, proved = DeviatingLinks(reference, frames, off), {}

@@ -17,12 +17,12 @@ from planning.tasks.task import AllowedContact
 from planning.transforms import Array, Transform, rotation, translation
 from scheduling.build_tpg import build_nodes, build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.motion import Motion
-from scheduling.verification.reference import ReferenceRobot
-from scheduling.verification.sweeps import farthest_from
-from scheduling.verification.verify import SurvivedErrors, verify_plan
+from scheduling.verification.survived_errors import SurvivedErrors
+from scheduling.verification.verify import verify_plan
+from scheduling.witness.motion import Motion
+from scheduling.witness.robot import WitnessRobot
+from scheduling.witness.shapes import farthest_from
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
-from twin.audit.worlds.engines import open_world
 from twin.audit.worlds.world import AuditWorld
 
 UNIT = PoseError(1e-3, np.radians(0.1))
@@ -102,17 +102,15 @@ def test_bases_that_are_off_by_what_is_survived_touch_nothing(seed: int) -> None
     error = survived.largest(survived.robots)
     pairs = at_once(tpg)
     rng = np.random.default_rng(seed)
-    nominal = open_world(tpg.cell)
+    nominal = AuditWorld(tpg.cell)
     ends = [chain.waypoints[chain.first[1:] - 1] for chain in tpg.chains]
     some = [pairs[k] for k in rng.choice(len(pairs), 200, replace=False)]
     some.sort(key=lambda p: nearest(nominal, (ends[0][p[0]], ends[1][p[1]])))
-    nominal.close()
     least = np.inf
     for _ in range(4):
-        world = open_world(off(tpg.cell, error, rng))
+        world = AuditWorld(off(tpg.cell, error, rng))
         for u, v in some[:30]:
             least = min(least, nearest(world, (ends[0][u], ends[1][v])))
-        world.close()
     assert 0.0 < least < 0.03
 
 
@@ -133,9 +131,8 @@ def test_of_ways_alone_the_proof_is_exact(seed: int) -> None:
         after = before if side.standing else chain.waypoints[end]
         steps = 1 if side.standing else 12
         ways.append(before + np.linspace(0.0, 1.0, steps)[:, None] * (after - before))
-    world = open_world(tpg.cell)
+    world = AuditWorld(tpg.cell)
     least = min(nearest(world, q) for q in product(*ways))
-    world.close()
     assert least == pytest.approx(2.0 * most, abs=1e-4)
 
 
@@ -143,7 +140,7 @@ def planted(gap: float, *, meant: bool = False) -> TemporalPlanGraph:
     """Left turns a little and back; a block stands beside its tool at HOME."""
     cell = two_arms()
     model = robot_model("gp4")
-    robot = ReferenceRobot(cell.robots[0])
+    robot = WitnessRobot(cell.robots[0])
     frame = robot.joint_frame(model.home, robot.dof - 1)
     knots, frames = np.zeros((2, 0)), np.tile(frame, (2, 1, 1))
     still = [
@@ -203,7 +200,7 @@ def test_no_point_strays_further_than_its_bound(seed: int) -> None:
     """And no bound is twice what is reached: each link has its own, by where it is."""
     rng = np.random.default_rng(seed)
     placed = two_arms().robots[seed % 2]
-    robot, error = ReferenceRobot(placed), PoseError(2e-3, 0.02)
+    robot, error = WitnessRobot(placed), PoseError(2e-3, 0.02)
     knots = placed.home + np.cumsum(rng.uniform(-0.15, 0.15, (4, robot.dof)), axis=0)
     frames = robot.joint_frames_along(knots)
     bases = [

@@ -10,15 +10,13 @@ import pytest
 from planning.transforms import Array, rotation
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.motion import Measuring, Motion
-from scheduling.verification.reference import ReferenceRobot, _hull, measure
-from scheduling.verification.sweeps import (
-    DIRECTIONS,
-    SweepBounds,
-    close_pairs,
-    farthest,
-)
 from scheduling.verification.verify import verify_plan
+from scheduling.witness.measuring import Measuring
+from scheduling.witness.motion import Motion
+from scheduling.witness.parts import measure
+from scheduling.witness.robot import WitnessRobot
+from scheduling.witness.shapes import farthest, hull_of
+from scheduling.witness.sweeps import DIRECTIONS, SweepBounds, close_pairs
 from tests.scheduling.two_arms import random_turns, two_arms
 
 CLEARANCE = 0.001
@@ -42,7 +40,7 @@ def motions(seed: int) -> list[Motion]:
     """Every part of an arm in some random motions."""
     rng = np.random.default_rng(seed)
     placed = two_arms().robots[seed % 2]
-    robot = ReferenceRobot(placed)
+    robot = WitnessRobot(placed)
     knots = placed.home + np.cumsum(rng.uniform(-0.15, 0.15, (7, robot.dof)), axis=0)
     frames = robot.joint_frames_along(knots)
     return [Motion(robot, p, knots, frames[:, p.joint + 1]) for p in robot.parts]
@@ -111,7 +109,7 @@ def test_a_hull_reaches_as_far_as_its_farthest_corner() -> None:
     rng = np.random.default_rng(1)
     corners = rng.normal(size=(40, 3))
     directions = rng.normal(size=(1500, 3))
-    found = farthest(_hull(corners), directions)
+    found = farthest(hull_of(corners), directions)
     assert found == pytest.approx((directions @ corners.T).max(axis=1), abs=1e-12)
 
 
@@ -155,7 +153,7 @@ def test_close_pairs_are_those_of_a_double_loop(seed: int) -> None:
 def test_pairs_that_are_settled_keep_their_distance(seed: int) -> None:
     """Measured densely, no pair that one direction settled is nearer than the limit."""
     rng = np.random.default_rng(seed)
-    robots = [ReferenceRobot(placed) for placed in two_arms(gap=0.62).robots]
+    robots = [WitnessRobot(placed) for placed in two_arms(gap=0.62).robots]
     both = []
     for k, robot in enumerate(robots):
         home = two_arms().robots[k].home + np.array([0.0, 0.75, 0.1, 0.0, 0.1, 0.0])
@@ -195,7 +193,7 @@ def too_close_in_samples(tpg: TemporalPlanGraph) -> set[tuple[int, int]]:
         free[u, [v for a, v in nx.ancestors(order, (0, u)) if a == 1]] = False
     robots, frames = [], []
     for chain in tpg.chains:
-        robots.append(ReferenceRobot(tpg.cell.robot(chain.robot)))
+        robots.append(WitnessRobot(tpg.cell.robot(chain.robot)))
         before = np.vstack([chain.start[None], chain.waypoints[:-1]])
         middle = 0.5 * (before + chain.waypoints)
         frames.append(robots[-1].joint_frames_along(middle))

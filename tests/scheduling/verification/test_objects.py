@@ -16,13 +16,9 @@ from planning.tasks.task import GONE, AllowedContact, Handling
 from planning.transforms import Array, Transform, inverse, translation
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.reference import (
-    ReferenceBody,
-    ReferenceRobot,
-    SeenFrom,
-    measure,
-)
 from scheduling.verification.verify import verify_plan
+from scheduling.witness.parts import ConvexPart, measure
+from scheduling.witness.robot import SeenFrom, WitnessRobot
 from tests.scheduling.two_arms import Writer, block, two_arms
 from tests.scheduling.verification.test_verification import (
     at,
@@ -229,7 +225,7 @@ def beside_a_beam(gap: float, *, leaves: bool) -> Writer:
 
 def distance(writer: Writer, hold: Array, local: Array, goal: Array) -> float:
     """How far the beam is from the right robot."""
-    left, right = (ReferenceRobot(robot) for robot in writer.cell.robots)
+    left, right = (WitnessRobot(robot) for robot in writer.cell.robots)
     (beam,) = left.loads("beam", writer.cell.object("beam").shape, local)
     hand = left.joint_frame(hold, beam.joint)
     return min(
@@ -295,11 +291,11 @@ def wild_moves(seed: int) -> Writer:
     return writer
 
 
-def least_gap(robot: ReferenceRobot, home: Array, q: Array) -> float:
+def least_gap(robot: WitnessRobot, home: Array, q: Array) -> float:
     """Least distance of parts that do not touch by design."""
     frames = [robot.joint_frames_along(at[None])[0] for at in (home, q)]
 
-    def gap(a: ReferenceBody, b: ReferenceBody, k: int) -> float:
+    def gap(a: ConvexPart, b: ConvexPart, k: int) -> float:
         return measure(a, frames[k][a.joint + 1], b, frames[k][b.joint + 1])
 
     pairs = [
@@ -317,7 +313,7 @@ def test_a_robot_that_touches_itself_is_found(seed: int) -> None:
     problems = verify_plan(tpg).problems
     found = {p.first.node for p in problems if p.kind == "itself" and p.first}
     placed = writer.cell.robot("left")
-    robot = ReferenceRobot(placed)
+    robot = WitnessRobot(placed)
     before = placed.home
     touching = set()
     for node, goal in enumerate(tpg.chains[0].waypoints):
@@ -353,7 +349,7 @@ def test_an_arm_that_touches_what_it_carries_is_found() -> None:
 
 def test_what_a_joint_sees_is_what_moves_after_it() -> None:
     placed = two_arms().robots[0]
-    robot = ReferenceRobot(placed)
+    robot = WitnessRobot(placed)
     path = placed.home + np.linspace(0.0, 0.5, 4)[:, None]
     frames = robot.joint_frames_along(path)
     for joint in range(-1, robot.dof):

@@ -13,8 +13,10 @@ from planning.transforms import Array, inverse, rotation, translation
 from scheduling.build_tpg import build_nodes, build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.graph_structure import find_precedence
-from scheduling.verification.reference import ReferenceRobot, measure
-from scheduling.verification.verify import Problem, verify_plan
+from scheduling.verification.problems import Problem
+from scheduling.verification.verify import verify_plan
+from scheduling.witness.parts import measure
+from scheduling.witness.robot import WitnessRobot
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
 from twin.verification.standing_states import (
     audit_standing_states,
@@ -368,7 +370,7 @@ def test_precedence_is_that_of_networkx(seed: int) -> None:
 
 
 def test_a_part_never_moves_further_than_its_weights_say() -> None:
-    robot = ReferenceRobot(two_arms().robot("left"))
+    robot = WitnessRobot(two_arms().robot("left"))
     rng = np.random.default_rng(5)
     corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
     for _ in range(60):

@@ -31,10 +31,9 @@ from tests.twin.audit.audit_cell import (
 from twin.audit.audit import Auditor, AuditReport, audit_run
 from twin.audit.contacts import CONTACT_DEPTH
 from twin.audit.motion.executed import ReplayedRun, read_recording
-from twin.audit.motion.movers import STEP, stretches
 from twin.audit.motion.pairs import FINEST, SLACK
-from twin.audit.worlds.engines import open_world
-from twin.audit.worlds.world import overlapping_at_home
+from twin.audit.motion.stretches import STEP, stretches
+from twin.audit.worlds.world import AuditWorld, overlapping_at_home
 
 X, Y = 0.42, -0.05
 EDGE = X + BRICK[0] / 2
@@ -123,7 +122,7 @@ def test_what_a_robot_carries_counts_where_no_contact_is_meant(
     for robot in q:
         run.stand(robot, 1.0, q[robot])
     run.put(0.0, "rod", "left", in_hand(cell, "left", q["left"], at))
-    world = open_world(cell)
+    world = AuditWorld(cell)
     for k, robot in enumerate(("left", "right")):
         world.configure(k, q[robot])
     (carried,) = world.objects
@@ -134,7 +133,6 @@ def test_what_a_robot_carries_counts_where_no_contact_is_meant(
     for shape in right:
         found = world.distance(carried, shape, 1.0)
         to_rod[shape.entity] = min(to_rod[shape.entity], found)
-    world.close()
     assert to_rod["right/tool"] < min(arms, to_rod["right/arm"]) - 0.005
     least = min(arms, to_rod["right/arm"]) if meant else to_rod["right/tool"]
     report = audit_run(run.write(tmp_path))
@@ -308,7 +306,7 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
     recording = read_recording(folder, tpg.cell)
     with Auditor(tpg) as auditor:
         report = auditor.audit(recording)
-    world = open_world(tpg.cell)
+    world = AuditWorld(tpg.cell)
     exempt = overlapping_at_home(world)
     least, deepest, samples, largest = np.inf, {}, 0, 0.0
     for stretch in stretches(world, ReplayedRun(tpg.cell, recording)):
@@ -335,7 +333,6 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
                         least = min(least, gap)
                     pair = (a.shape.entity, b.shape.entity)
                     deepest[pair] = max(deepest.get(pair, -1.0), -gap)
-    world.close()
     assert samples > 100
     # No point moves further than that between two samples.
     assert STEP / 2 < largest <= STEP
@@ -368,7 +365,8 @@ def test_recordings_that_do_not_fit_the_plan_are_refused(tmp_path: Path) -> None
 
 
 def test_bullet_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    open_world(two_arm_cell()).close()
+    with Auditor(HandWrittenRun(two_arm_cell()).tpg()):
+        pass
     assert capfd.readouterr() == ("", "")
 
 
@@ -388,7 +386,7 @@ def sweep(turn: float) -> HandWrittenRun:
 
 def finely(run: HandWrittenRun, steps: int = 1500) -> float:
     """Oracle: least distance of the two robots in very many configurations."""
-    world = open_world(run.cell)
+    world = AuditWorld(run.cell)
     shapes = [[s for s in world.robot_shapes if s.robot == k] for k in (0, 1)]
     times, path = run.motions["left"]
     world.configure(1, run.motions["right"][1][0])
@@ -398,7 +396,6 @@ def finely(run: HandWrittenRun, steps: int = 1500) -> float:
         for a in shapes[0]:
             for b in shapes[1]:
                 least = min(least, world.distance(a, b, 0.05))
-    world.close()
     return least
 
 
@@ -437,11 +434,10 @@ def post(x: float) -> Fixture:
 
 
 def _overlaps(q: np.ndarray, x: float) -> bool:
-    world = open_world(with_fixture(two_arm_cell(), post(x)))
+    world = AuditWorld(with_fixture(two_arm_cell(), post(x)))
     world.configure(0, q)
     arm = [s for s in world.robot_shapes if s.robot == 0]
     gap = min(world.distance(s, world.fixtures[-1], 0.1) for s in arm)
-    world.close()
     return gap <= 0.0
 
 

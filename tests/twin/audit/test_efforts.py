@@ -15,11 +15,6 @@ from planning.transforms import from_rpy, translation
 from tests.twin.audit.audit_cell import brick
 from tests.twin.audit.swings import states_of, swing
 from twin.audit.case import Violation
-from twin.audit.limit_checks import (
-    effort_violations,
-    limit_violations,
-    tool_speed_violations,
-)
 from twin.audit.motion.efforts import (
     ToolSpeeds,
     efforts_of_run,
@@ -27,6 +22,11 @@ from twin.audit.motion.efforts import (
     tool_speeds_of_run,
 )
 from twin.audit.motion.executed import ObjectRow, Recording, ReplayedRun
+from twin.audit.motion_limits import (
+    effort_violations,
+    limit_violations,
+    tool_speed_violations,
+)
 
 G = 9.80665
 PENDULUM = """<robot name="pendulum">

@@ -1,6 +1,6 @@
 """What hangs beside fingers, below them, off their middle, or under a cup is seen, by direction."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from twin.audit.case import AuditCase
 from twin.audit.grips import _Grasp
 from twin.audit.motion.executed import read_recording
 from twin.audit.supports import nearest_hand
-from twin.audit.worlds.engines import ENGINES, Engine, open_world
+from twin.audit.worlds.world import AuditWorld
 
 
 def hand(
@@ -55,7 +55,6 @@ def found(
     model: RobotModel,
     at: Transform,
     shape: Shape = BLOCK,
-    engine: Engine | None = None,
     by_suction: frozenset[str] = frozenset(),
     beside: tuple[Shape, Transform] | None = None,
 ) -> list[str]:
@@ -73,7 +72,7 @@ def found(
     flange = frame_pose(robot, model.home, "flange")
     run.put(1.0, "part", "arm", inverse(flange) @ part.start)
     wanted = Expectations(opening_m=0.5, gripped_at="tool", by_suction=by_suction)
-    report = audit_run(run.write(folder), wanted=wanted, finished=False, engine=engine)
+    report = audit_run(run.write(folder), wanted=wanted, finished=False)
     return [v.detail for v in report.violations if v.kind == "grip"]
 
 
@@ -82,7 +81,6 @@ def agree(found: list[str], words: str | None) -> None:
     assert words is None or words in found[0], found
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("turn", [0.0, 0.6])
 @pytest.mark.parametrize(
     ("x", "y", "z", "words"),
@@ -102,14 +100,12 @@ def agree(found: list[str], words: str | None) -> None:
     ],
 )  # fmt: skip
 def test_what_pads_do_not_touch_is_seen_by_direction(
-    engine: Engine, turn: float, x: float, y: float, z: float, words: str | None,
+    turn: float, x: float, y: float, z: float, words: str | None,
     tmp_path: Path,
 ) -> None:  # fmt: skip
     """Oracle: arithmetic of boxes. The tool is also turned against the axes of its links."""
-    if engine == "pybullet":
-        pytest.importorskip("pybullet")
     at = translation(x, y, z)
-    agree(found(tmp_path, hand(turn), at, engine=engine), words)
+    agree(found(tmp_path, hand(turn), at), words)
 
 
 @pytest.mark.parametrize(
@@ -132,7 +128,6 @@ def test_round_thin_and_wide_parts_are_measured_alike(
 LID = box_shape("part", (0.2, 0.2, 0.02))
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(
     ("ring", "shape", "x", "gap", "words"),
     [
@@ -146,13 +141,11 @@ LID = box_shape("part", (0.2, 0.2, 0.02))
     ],
 )  # fmt: skip
 def test_a_cup_is_on_what_it_holds(
-    engine: Engine, ring: bool, shape: Shape, x: float, gap: float, words: str | None,
+    ring: bool, shape: Shape, x: float, gap: float, words: str | None,
     tmp_path: Path,
 ) -> None:  # fmt: skip
-    if engine == "pybullet":
-        pytest.importorskip("pybullet")
     at = translation(x, 0.0, 0.01 + gap)
-    agree(found(tmp_path, cup(ring), at, shape, engine), words)
+    agree(found(tmp_path, cup(ring), at, shape), words)
 
 
 def test_a_frame_beside_the_cup_is_seen(tmp_path: Path) -> None:
@@ -184,20 +177,17 @@ near = st.floats(-0.02, 0.02)
 angle = st.floats(-np.pi, np.pi)
 
 
-@pytest.fixture(scope="module", params=ENGINES)
-def grasp(request: pytest.FixtureRequest) -> Iterator[Callable[[Transform], _Grasp]]:
+@pytest.fixture(scope="module")
+def grasp() -> Callable[[Transform], _Grasp]:
     """A hand and a round peg, as the audit measures them, with the peg anywhere in the hand."""
-    if request.param == "pybullet":
-        pytest.importorskip("pybullet")
     model = hand()
     robot = PlacedRobot("arm", model, np.eye(4), model.home)
     part = CellObject("part", "part", PEG, np.eye(4))
-    world = open_world(Workcell((robot,), (), (part,)), request.param)
+    world = AuditWorld(Workcell((robot,), (), (part,)))
     world.configure(0, model.home)
     frame = frame_pose(robot, model.home, "tool")
     tool = world.tool_shapes(0)
-    yield lambda at: _Grasp(world, tool, frame, world.objects, frame @ at)
-    world.close()
+    return lambda at: _Grasp(world, tool, frame, world.objects, frame @ at)
 
 
 @settings(max_examples=40, deadline=None)
@@ -266,7 +256,7 @@ def test_who_holds_something_in_place_holds_it_by_its_pads(
     run.stand("arm", 2.0)
     run.write(tmp_path)
     recording = read_recording(tmp_path, run.cell)
-    world = open_world(run.cell)
+    world = AuditWorld(run.cell)
     for wanted in (
         Expectations(opening_m=0.5, gripped_at="tool"),
         Expectations(opening_m=0.5),
@@ -278,21 +268,19 @@ def test_who_holds_something_in_place_holds_it_by_its_pads(
         assert found.is_near == (not loose or not told)
         assert (loose if told else "") in found.loose
         assert bool(found.loose) == bool(loose and told)
-    world.close()
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize(
     ("face", "early"), [(0.0172, 2.2), (0.022, 7.0), (0.0154, None), (0.0425, None)]
 )
 def test_what_a_finger_meets_before_the_part_is_seen(
-    engine: Engine, side: float, face: float, early: float | None, tmp_path: Path
+    side: float, face: float, early: float | None, tmp_path: Path
 ) -> None:
     """A slat of 2 mm lies with its outer face so far from the middle of a block of 30 mm."""
     slat = box_shape("slat", (0.02, 0.002, 0.02))
     at = translation(0.0, side * (face - 0.001), 0.0)
     block = box_shape("part", (0.03, 0.03, 0.02))
-    told = found(tmp_path, hand(), identity(), block, engine, beside=(slat, at))
+    told = found(tmp_path, hand(), identity(), block, beside=(slat, at))
     words = f"is met by a finger {early or 0.0:.2f} mm before that touches part"
     assert told == ([] if early is None else [words])

@@ -15,6 +15,7 @@ from planning.cell.robot_model import MotionLimits
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError
 from planning.transforms import Array
+from scheduling.witness.robot import JointLimits
 from tests.twin.audit.audit_cell import HandWrittenRun, two_arm_cell
 from tests.twin.audit.swings import jerked, swing
 from tests.twin.driven_toys import driven_tpg
@@ -22,9 +23,9 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import toy_cell
 from twin.audit.audit import audit_run
 from twin.audit.case import Violation
-from twin.audit.limit_checks import joint_violations, limit_violations
+from twin.audit.joint_limits import joint_violations
 from twin.audit.motion.executed import Recording, ReplayedRun, RobotRows
-from twin.audit.worlds.world import JointLimits
+from twin.audit.motion_limits import limit_violations
 from twin.durations.measured import packaged_timings
 from twin.durations.model import NANOSECONDS
 from twin.run.trajectory import robot_trajectories

@@ -4,7 +4,6 @@ The audit sees processes that were done where they belong, however short they we
 """
 
 import shutil
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,7 +27,8 @@ from twin.audit.audit import audit_run
 from twin.audit.case import AuditCase
 from twin.audit.motion.executed import Recording, RobotRows
 from twin.audit.processes import process_violations
-from twin.audit.worlds.engines import ENGINES, open_world
+from twin.audit.worlds.engines import second_world
+from twin.audit.worlds.world import AuditWorld
 
 PART = (0.05, 0.03, 0.04)
 
@@ -91,14 +91,11 @@ def test_what_hangs_beside_the_fingers_is_seen(
     assert "closes by 25.00 mm" in words
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_the_tool_is_in_the_audits_own_world(model: RobotModel, engine: str) -> None:
+def test_the_tool_is_in_the_audits_own_world(model: RobotModel) -> None:
     """Oracle: the fingers are 60 mm apart, and a box between them has 15 mm on either side."""
-    if engine == "pybullet":
-        pytest.importorskip("pybullet")
     robot = PlacedRobot("arm", model, np.eye(4), model.home)
     part = CellObject("part", "part", box_shape("part", PART), np.eye(4))
-    world = open_world(Workcell((robot,), (), (part,)), engine)
+    world = AuditWorld(Workcell((robot,), (), (part,)))
     world.configure(0, model.home)
     world.place(world.objects[0], frame_pose(robot, model.home, "tool"))
     gaps = {
@@ -106,7 +103,6 @@ def test_the_tool_is_in_the_audits_own_world(model: RobotModel, engine: str) -> 
         for shape in world.robot_shapes
         if shape.entity == "arm/tool"
     }
-    world.close()
     assert set(gaps) == {"arm/hand.palm", "arm/hand.left", "arm/hand.right"}
     assert gaps["arm/hand.left"] == pytest.approx(0.015, abs=2e-4)
     assert gaps["arm/hand.right"] == pytest.approx(0.015, abs=2e-4)
@@ -134,11 +130,8 @@ def test_a_plan_takes_the_tool_along(model: RobotModel, tmp_path: Path) -> None:
         assert np.allclose(ours.body.vertices, theirs.body.vertices, atol=1e-12)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_a_tool_of_shapes_is_what_it_is(engine: str) -> None:
-    """A box, a cylinder and a capsule, by both engines, against arithmetic."""
-    if engine == "pybullet":
-        pytest.importorskip("pybullet")
+def test_a_tool_of_shapes_is_what_it_is() -> None:
+    """A box, a cylinder and a capsule, against arithmetic."""
     shapes = (
         Element(Box((0.04, 0.06, 0.1)), translation(0.0, 0.0, 0.05)),
         Element(Cylinder(0.01, 0.2), translation(0.0, 0.0, 0.2)),
@@ -148,7 +141,7 @@ def test_a_tool_of_shapes_is_what_it_is(engine: str) -> None:
     model = robot_model("ur5e", None, Fitting(tool=tool))
     robot = PlacedRobot("arm", model, np.eye(4), model.home)
     part = CellObject("part", "part", box_shape("part", (0.02, 0.02, 0.02)), np.eye(4))
-    world = open_world(Workcell((robot,), (), (part,)), engine)
+    world = AuditWorld(Workcell((robot,), (), (part,)))
     world.configure(0, model.home)
     flange = frame_pose(robot, model.home, "flange")
 
@@ -166,7 +159,6 @@ def test_a_tool_of_shapes_is_what_it_is(engine: str) -> None:
     assert nearest(0.0, 0.1, 0.05) == pytest.approx(0.06, abs=2e-4)  # the box
     assert nearest(0.1, 0.0, 0.12) == pytest.approx(0.03, abs=2e-4)  # the capsule's top
     assert nearest(0.16, 0.0, 0.05) == pytest.approx(0.035, abs=2e-4)  # its side
-    world.close()
 
 
 def test_a_description_on_one_long_line_is_read(tmp_path: Path) -> None:
@@ -185,10 +177,12 @@ def test_a_description_on_one_long_line_is_read(tmp_path: Path) -> None:
     flat.write_text(" ".join(long.urdf.read_text().split("\n")))
     arm = robot_model(str(flat))
     robot = PlacedRobot("arm", arm, np.eye(4), arm.home)
-    for engine in ENGINES:
-        world = open_world(Workcell((robot,), (), ()), engine)
-        assert len(world.robot_shapes) >= 25
-        world.close()
+    pytest.importorskip("pybullet")
+    world = AuditWorld(Workcell((robot,), (), ()))
+    assert len(world.robot_shapes) >= 25
+    second = second_world(world, "pybullet")
+    assert second is not None
+    second.close()
 
 
 HIGH = TOP + 0.1
@@ -222,9 +216,8 @@ def said(place: Transform, *, passed: bool = True) -> list[str]:
     rows["right"] = RobotRows(np.zeros(1), still, np.full(1, -1))
     snap = WantedProcess("snap in", "snap", None, place, (np.eye(4),))
     recording, wanted = Recording(rows, (), 4.0), Expectations(processes=(snap,))
-    with closing(open_world(cell)) as world:
-        found = process_violations(AuditCase(world, plan, recording, wanted))
-        return [violation.detail for violation in found]
+    case = AuditCase(AuditWorld(cell), plan, recording, wanted)
+    return [violation.detail for violation in process_violations(case)]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.reference import ReferenceBody, ReferenceRobot, measure
+from scheduling.witness.parts import ConvexPart, measure
+from scheduling.witness.robot import WitnessRobot
 from tests.shipped_runs import ShippedRuns
 from twin.audit.case import tasks_at
 from twin.audit.motion.executed import Recording, read_recording
@@ -16,8 +17,8 @@ TICK = 0.02
 
 
 def held_parts(
-    tpg: TemporalPlanGraph, recording: Recording, robots: dict[str, ReferenceRobot]
-) -> list[tuple[str, ReferenceBody, float, float]]:
+    tpg: TemporalPlanGraph, recording: Recording, robots: dict[str, WitnessRobot]
+) -> list[tuple[str, ConvexPart, float, float]]:
     """Who holds what from when until when."""
     out = []
     for name in {row.object for row in recording.objects}:
@@ -35,7 +36,7 @@ def least_distances(
     tpg: TemporalPlanGraph, recording: Recording
 ) -> dict[tuple[str, str], tuple[float, float]]:
     """Least distance of a held part from a robot and its load [m], and when [s]."""
-    robots = {robot.name: ReferenceRobot(robot) for robot in tpg.cell.robots}
+    robots = {robot.name: WitnessRobot(robot) for robot in tpg.cell.robots}
     doing = partial(tasks_at, tpg, recording.robots)
     allowed: dict[frozenset[str], list[frozenset[int]]] = {}
     for contact in tpg.allowed:

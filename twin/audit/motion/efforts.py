@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,8 +15,8 @@ from scipy import constants
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.transforms import Array
+from scheduling.witness.robot import WitnessRobot
 from twin.audit.motion.executed import ReplayedRun, Stay
-from twin.audit.worlds.link_chain import DescribedArm
 
 _SPARE = 0.01
 """Share of its effort that gravity has to leave a joint which can be held to it."""
@@ -134,15 +133,13 @@ class _Dynamics:
     """
 
     def __init__(self, robot: PlacedRobot) -> None:
-        self._arm = DescribedArm(robot.model)
-        model = self._arm.body
+        self._arm = WitnessRobot(robot)
+        model = self._arm.model
         model.gravity.linear = robot.base[:3, :3].T @ (0.0, 0.0, -constants.g)
         self._flange = pinocchio.SE3(robot.model.flange)
         self._bare, self._model = model, model
         self._data = model.createData()
-        last = self._arm.last
-        beyond = [k for k in range(last, model.njoints) if last in model.supports[k]]
-        self.has_masses = sum(model.inertias[k].mass for k in beyond) > 0.0
+        self.has_masses = model.inertias[self._arm.dof].mass > 0.0
 
     def hold(self, held: Sequence[tuple[CellObject, Stay]]) -> None:
         """Take into the hand what is held from now on, and nothing else."""
@@ -154,7 +151,7 @@ class _Dynamics:
                     item.mass, np.array(item.shape.centre_of_mass), box.inertia
                 )
                 pose = self._flange * pinocchio.SE3(stay.pose)
-                self._model.appendBodyToJoint(self._arm.last, body, pose)
+                self._model.appendBodyToJoint(self._arm.dof, body, pose)
         self._data = self._model.createData()
 
     def gravity(self, q: Array) -> Array:
@@ -166,9 +163,7 @@ class _Dynamics:
         out = np.empty_like(q)
         for k in range(len(q)):
             at = self._arm.state(q[k])
-            rates = self._arm.rates(v[k]), self._arm.rates(a[k])
-            found: Any = pinocchio.rnea(self._model, self._data, at, *rates)
-            out[k] = found[self._arm.columns]
+            out[k] = pinocchio.rnea(self._model, self._data, at, v[k], a[k])
         return out
 
 
@@ -199,7 +194,7 @@ def tool_speeds_of_run(replay: ReplayedRun) -> Iterator[ToolSpeeds]:
             continue
         if np.isinf(min(limits.tool_speed, limits.loaded_tool_speed)):
             continue
-        arm, tools = DescribedArm(robot.model), {tool.name for tool in robot.tools}
+        arm, tools = WitnessRobot(robot), {tool.name for tool in robot.tools}
         for begin, end, held in replay.held(robot.name):
             names = {stay.object for stay in held}
             loaded = bool(names - tools)

@@ -2,8 +2,6 @@
 
 Bounds of distances from below, many pairs at a time: between spheres, between upright boxes, and
 from the box that is turned with a shape to the sphere around the other.
-
-Stretches of a run in which nobody takes or leaves an object, sampled finely enough.
 """
 
 from __future__ import annotations
@@ -14,12 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
-from planning.errors import OutputError
 from planning.transforms import Array, Indices, Transform
-from twin.audit.motion.executed import ReplayedRun, Stay
+from scheduling.witness.robot import WitnessRobot
+from twin.audit.motion.executed import Stay
 from twin.audit.motion.reach import RobotSamples, motion_bounds
-from twin.audit.worlds.link_chain import JointAxes
-from twin.audit.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
+from twin.audit.worlds.world import AuditWorld, WatchedShape
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,14 +255,14 @@ class MovedShapes:
         self._half = np.array([shape.half for shape, _ in at]).reshape(-1, 3)
         self._radius = np.array([shape.radius for shape, _ in at])
 
-    def sampled(self, axes: JointAxes, samples: RobotSamples) -> Movers:
+    def sampled(self, robot: WitnessRobot, samples: RobotSamples) -> Movers:
         """Return them at some samples of the robot."""
         rotation = samples.rotation[:, self._links]
         centre = np.einsum("msij,sj->msi", rotation, self._centre)
         centre += samples.position[:, self._links]
         turn = rotation @ self._turn
         reach = np.einsum("msij,sj->msi", np.abs(turn), self._half)
-        bounds = motion_bounds(axes, samples, self._links, centre, self._radius)
+        bounds = motion_bounds(robot, samples, self._links, centre, self._radius)
         around = reach, self._half, self._radius
         return Movers(self.tracks, centre, turn, *around, bounds)
 
@@ -297,143 +294,3 @@ def _outside(apart: Array) -> Array:
     """Return the length of what is apart along axes, 0 where nothing is, shape (..., 3) [m]."""
     gap = np.maximum(apart, 0.0)
     return np.asarray(np.sqrt(np.sum(gap * gap, axis=-1)))
-
-
-STEP = 0.01
-"""No point of a robot or of what it carries moves further than this between samples [m].
-
-That bounds the whole motion in between, see ``twin.audit.motion.reach``, not only where it begins and ends.
-"""
-
-_JOINT_STEP = 0.1
-"""Most that a joint moves between two samples [rad or m]."""
-
-_ROWS = 1500
-"""Rows that are sampled at once: it bounds the memory."""
-
-
-@dataclass(frozen=True)
-class RunStretch:
-    """A piece of a run.
-
-    Attributes:
-        t: times of the samples, shape (m,), the ends included [s].
-        robots: in the order of the cell.
-        placements: where every object is that is there: held, or at rest.
-        movers: the shapes of all robots, then of the objects that they hold.
-        boxes: the fixtures, then the objects at rest.
-    """
-
-    t: Array
-    robots: tuple[RobotSamples, ...]
-    placements: Mapping[str, Stay]
-    movers: Movers
-    boxes: Movers
-
-
-def stretches(world: AuditWorld, replay: ReplayedRun) -> Iterator[RunStretch]:
-    """Yield the whole run in order; each stretch starts when the one before it ends."""
-    sampler = _Sampler(world, replay)
-    moved = [rows.t for rows in replay.robots.values()]
-    states = list(replay.states())
-    knots = np.unique(np.concatenate([[t for t, _ in states], *moved]))
-    knots = knots[(knots >= 0.0) & (knots <= replay.end)]
-    ends = [*(t for t, _ in states[1:]), replay.end]
-    for (start, placements), end in zip(states, ends, strict=True):
-        sampler.standing.change(placements)
-        low, high = np.searchsorted(knots, start), np.searchsorted(knots, end, "right")
-        inside = knots[low:high]
-        for k in range(0, max(len(inside) - 1, 1), _ROWS):
-            yield sampler.sample(inside[k : k + _ROWS + 1], placements)
-
-
-class _Sampler:
-    """Samples an execution finely enough, with what is known of a cell's shapes.
-
-    Args:
-        world: the cell.
-        replay: what was executed.
-
-    Attributes:
-        standing: table of what is at rest now.
-    """
-
-    def __init__(self, world: AuditWorld, replay: ReplayedRun) -> None:
-        self._world = world
-        self._robots = world.cell.robots
-        self._rows = [replay.robots[robot.name] for robot in self._robots]
-        self._own = [
-            [shape for shape in world.robot_shapes if shape.robot == k]
-            for k in range(len(self._robots))
-        ]
-        self._objects = shapes_by_entity(world.objects)
-        self._order = {shape.number: k for k, shape in enumerate(world.objects)}
-        self.standing = StandingTable(world)
-
-    def sample(self, knots: Array, placements: Mapping[str, Stay]) -> RunStretch:
-        """Return a stretch between knots, in which objects are where they are now."""
-        bodies = [self._carried(k, placements) for k in range(len(self._robots))]
-        wide = np.zeros(len(knots) - 1)
-        for rows in self._rows:
-            step = np.abs(np.diff(rows.at(knots), axis=0))
-            wide = np.maximum(wide, step.max(axis=1, initial=0.0) / _JOINT_STEP)
-        t = _split(knots, np.ceil(wide))
-        for _ in range(6):
-            samples = tuple(self._frames(k, t) for k in range(len(self._robots)))
-            parts = [
-                own.sampled(axes, at)
-                for own, axes, at in zip(bodies, self._world.axes, samples, strict=True)
-            ]
-            steps = [part.steps.max(axis=1, initial=0.0) for part in parts]
-            moved = np.max([np.zeros(len(t) - 1), *steps], axis=0)
-            if np.all(moved <= STEP):
-                boxes = self.standing.boxes()
-                return RunStretch(t, samples, placements, self._joined(parts), boxes)
-            finer = _split(t, np.ceil(moved * 1.02 / STEP))
-            if len(finer) == len(t):
-                break
-            t = finer
-        raise OutputError(f"robots move too fast to be sampled near {t[0]:.6f} s")
-
-    def _carried(self, robot: int, placements: Mapping[str, Stay]) -> MovedShapes:
-        """Return all that a robot moves now."""
-        placed = self._robots[robot]
-        flange, hand = placed.model.flange, len(self._world.axes[robot].prismatic)
-        held = [
-            (shape, shape.at(flange @ stay.pose))
-            for name, stay in placements.items()
-            if stay.holder == placed.name
-            for shape in self._objects[name]
-        ]
-        return MovedShapes(robot, self._own[robot], held, hand)
-
-    def _frames(self, robot: int, t: Array) -> RobotSamples:
-        q = self._rows[robot].at(t)
-        changed = np.any(np.diff(q, axis=0) != 0.0, axis=1)
-        distinct = np.concatenate([[0], np.cumsum(changed)]).astype(np.int64)
-        first = np.concatenate([[True], changed])
-        rotation, position = self._world.link_frames(robot, q[first])
-        return RobotSamples(q, distinct, rotation[distinct], position[distinct])
-
-    def _joined(self, parts: Sequence[Movers]) -> Movers:
-        """Return all robots' shapes, then those of the objects they hold, in order."""
-        shapes = [track.shape for part in parts for track in part.tracks]
-        order = sorted(
-            range(len(shapes)),
-            key=lambda k: (
-                -1 if shapes[k].robot is not None else self._order[shapes[k].number]
-            ),
-        )
-        return joined_movers(parts, order)
-
-
-def _split(t: Array, parts: Array) -> Array:
-    """Return ``t`` with interval k divided into ``parts[k]`` equal ones (at least one)."""
-    count = np.maximum(parts, 1).astype(np.int64)
-    interval = np.repeat(np.arange(len(count)), count)
-    first = np.concatenate([[0], np.cumsum(count)[:-1]])
-    share = (np.arange(len(interval)) - first[interval]) / count[interval]
-    inner = (
-        t[interval] + share * (t[interval + 1] - t[interval]) if len(t) > 1 else t[:0]
-    )
-    return np.unique(np.append(inner, t[-1]))

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import heapq
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil
@@ -20,8 +20,9 @@ from math import ceil
 import numpy as np
 
 from planning.transforms import Array, Indices, Transform
-from twin.audit.motion.movers import RunStretch, Track
+from twin.audit.motion.movers import Track
 from twin.audit.motion.reach import RobotSamples
+from twin.audit.motion.stretches import RunStretch
 from twin.audit.worlds.world import AuditWorld, WatchedShape
 
 REACH = 0.5
@@ -122,7 +123,7 @@ class _PairDistance:
 def gaps(
     world: AuditWorld,
     stretch: RunStretch,
-    exempt: frozenset[tuple[int, int]],
+    watched: Sequence[WatchedPair],
     asked: Asked,
 ) -> Iterator[Gap]:
     """Yield measured gaps that matter, those at samples first, then those in between.
@@ -133,10 +134,9 @@ def gaps(
     Args:
         world: placed anew at every sample.
         stretch: the piece of the run.
-        exempt: pairs of one robot's shapes that are not checked, see ``overlapping_at_home``.
+        watched: pairs of shapes that could meet.
         asked: what must be excluded.
     """
-    watched = list(_pairs(stretch, len(world.robot_shapes), exempt, asked))
     due = [(pair.close[0], k) for k, pair in enumerate(watched)]
     heapq.heapify(due)
     before: list[_PairDistance | None] = [None] * len(watched)
@@ -221,14 +221,20 @@ class _Between:
         return -depth if nearest >= -depth else -np.inf
 
 
-def _pairs(
+def watched_pairs(
     stretch: RunStretch, arms: int, exempt: frozenset[tuple[int, int]], asked: Asked
 ) -> Iterator[WatchedPair]:
-    """Yield the pairs that come near each other; the first ``arms`` tracks are of robots.
+    """Yield the pairs that come near each other.
 
     A pair is close at a sample where it may be nearer than it moves until the sample before or
     the one after: what is not close at two samples is apart all the time between them. In a
     stretch in which nothing moves pairs are looked at once.
+
+    Args:
+        stretch: the piece of the run.
+        arms: number of tracks that are of robots; these come first.
+        exempt: pairs of one robot's shapes that are not checked, see ``overlapping_at_home``.
+        asked: what must be excluded.
     """
     movers, boxes = stretch.movers, stretch.boxes
     moving = movers.tracks

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.transforms import Array, Indices
-from twin.audit.worlds.link_chain import JointAxes
+from scheduling.witness.robot import WitnessRobot
 
 ROUNDING = 1e-7
 """Poses of links are rounded by less than this [m]."""
@@ -32,7 +32,7 @@ class RobotSamples:
 
 
 def motion_bounds(
-    axes: JointAxes,
+    robot: WitnessRobot,
     samples: RobotSamples,
     links: Indices,
     centre: Array,
@@ -50,7 +50,7 @@ def motion_bounds(
     bound, and so on: it is one of speed.
 
     Args:
-        axes: of the robot's joints.
+        robot: whose joints carry them.
         samples: m configurations of the robot.
         links: that each of s bodies moves with, 0 for the base, shape (s,).
         centre: of a sphere around each body at the samples, shape (m, s, 3) [m].
@@ -60,20 +60,20 @@ def motion_bounds(
         As seen from the base and each moved link, shape (m - 1, s, n + 1); nought as seen from
         the link of a body, and from those further out [m].
     """
-    count, joints = len(centre), len(axes.prismatic)
+    count, joints = len(centre), robot.dof
     out = np.zeros((count - 1, len(links), joints + 1))
     if samples.distinct[0] == samples.distinct[-1] or not len(links):  # it stands
         return out
     travel = np.abs(np.diff(samples.q, axis=0))
-    turned = np.where(axes.prismatic, 0.0, travel)
+    turned = np.where(robot.turns, travel, 0.0)
     inside = np.cumsum(turned, axis=1) - turned
     change = np.zeros((count - 1, len(links)))
     for joint in range(int(links.max()) - 1, -1, -1):
         carried = np.flatnonzero(links > joint)
         moved = np.repeat(travel[:, joint, None], len(carried), axis=1)
         beyond = out[:, carried, joint + 1]
-        if not axes.prismatic[joint]:
-            axis = samples.rotation[:, joint + 1] @ axes.direction[joint]
+        if robot.turns[joint]:
+            axis = samples.rotation[:, joint + 1] @ robot.axes[joint]
             arm = centre[:, carried] - samples.position[:, None, joint + 1]
             along = np.einsum("msi,mi->ms", arm, axis)
             square = np.einsum("msi,msi->ms", arm, arm) - along * along

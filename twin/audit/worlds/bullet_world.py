@@ -1,70 +1,157 @@
-"""The audit's own copy of the cell in PyBullet: robots from their URDF files, forms for the rest.
+"""The audit's second engine, PyBullet, which shares no library with the planner.
 
 Distances of Bullet and of coal on the same shapes differ by at most 0.04 mm (measured on boxes,
 cylinders, and hulls of meshes, up to 4 mm deep), once margins are made up for: that of single
-boxes is set to zero, that of the shapes of robots is added to what Bullet reports. When hulls
-overlap, Bullet's penetration solver was wrong by more than that at 1 of 3000 random placements;
-neighbouring samples of a motion do not share such a slip.
+forms is set to zero, that of the shapes of robots is added to what Bullet reports. When hulls
+overlap, Bullet's penetration solver was wrong by more than that at 1 of 3000 random placements.
 """
 
 from __future__ import annotations
 
 import tempfile
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Sequence
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Box, Capsule, Cylinder
-from planning.cell.workcell import PlacedRobot, Workcell
+from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
+from planning.robots.descriptions.xml_files import find_mesh
 from planning.robots.registry import ROBOTS
 from planning.silence import silenced
 from planning.transforms import Array, Transform, quat_wxyz
-from twin.audit.worlds.link_chain import Frames, JointAxes, ShapeLink
-from twin.audit.worlds.world import BASE, AuditWorld, Convex, JointLimits, WatchedShape
+from twin.audit.worlds.world import (
+    BASE,
+    AuditWorld,
+    Convex,
+    WatchedShape,
+    convex_forms,
+)
 
 with silenced():  # it greets on standard error
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
 
 MARGIN = 0.001
-"""Bullet's margin of the shapes of a URDF [m]."""
+"""That Bullet gives every shape of a URDF, and that cannot be taken away [m]."""
+
+_INERTIAL = (
+    '<inertial><mass value="1"/>'
+    '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+"""At a link's origin: Bullet's frame of the link is then that of the URDF."""
 
 
-class BulletWorld(AuditWorld):
+class BulletWorld:
     """A PyBullet world without dynamics, for distances between bodies that are posed.
 
     Args:
-        cell: what to load.
+        world: whose shapes it has: robots anew from their URDF files, forms for the rest.
+
+    Raises:
+        RobotModelError: a description cannot be read, or has other joints.
     """
 
-    margin = MARGIN
-
-    def __init__(self, cell: Workcell) -> None:
+    def __init__(self, world: AuditWorld) -> None:
         with silenced():  # it tells its options
             self._bullet = BulletClient(pybullet.DIRECT)
         # A description that changed on disk must not be taken from the cache.
         self._bullet.setPhysicsEngineParameter(enableFileCaching=0)
-        # Bullet's numbers of body and link of each shape, and by how much it inflates it [m].
-        self._known: list[tuple[int, int, float]] = []
+        cell = world.cell
+        # Of each robot its body, and Bullet's numbers of the joints that move.
+        self._arms = [self._load(robot) for robot in cell.robots]
+        links = [self._links_of(body) for body, _ in self._arms]
+        # Bullet's numbers of body and link of each shape, by its number: links are looked at whole.
+        self._known: dict[int, tuple[int, int]] = {}
         self._placed: dict[int, Transform] = {}
-        # Looked up once: the client makes a function anew whenever it is asked for one.
-        self._set_joints = self._bullet.resetJointStatesMultiDof
-        self._set_pose = self._bullet.resetBasePositionAndOrientation
-        self._closest = self._bullet.getClosestPoints
-        # Of each robot its body, and Bullet's numbers of the joints that move and of all links.
-        self._bodies: list[int] = []
-        self._moved: list[list[int]] = []
-        self._links: list[dict[str, int]] = []
-        super().__init__(cell)
+        for shape in world.robot_shapes:
+            assert shape.robot is not None
+            link = links[shape.robot][shape.detail.partition("/")[2]]
+            self._known[shape.number] = self._arms[shape.robot][0], link
+        made_of = [*(f.shape for f in cell.fixtures), *(o.shape for o in cell.objects)]
+        forms = [form for shape in made_of for form, _ in convex_forms(shape)]
+        for item, form in zip((*world.fixtures, *world.objects), forms, strict=True):
+            self._known[item.number] = self._body(form), BASE
+        for k, robot in enumerate(cell.robots):
+            self.configure(k, robot.home)
+        self._exempt = {
+            (self._known[a.number], self._known[b.number])
+            for a, b in combinations(world.robot_shapes, 2)
+            if a.robot == b.robot and self.distance(a, b) <= 0.0
+        }
 
     def close(self) -> None:
         """Disconnect from Bullet."""
         self._bullet.disconnect()
 
-    def _load(self, robot: PlacedRobot, text: str) -> tuple[JointAxes, JointLimits]:
-        model, body = robot.model, self._urdf_body(text, robot.base)
+    def overlaps(
+        self, pairs: Sequence[tuple[WatchedShape, WatchedShape]]
+    ) -> Iterator[tuple[int, float]]:
+        """Yield which pairs of shapes have links that overlap, with their distance [m].
+
+        Links of one robot that overlap at HOME are left out.
+        """
+        apart: dict[tuple[int, int], bool] = {}
+        for k, (a, b) in enumerate(pairs):
+            links = self._known[a.number], self._known[b.number]
+            bodies = links[0][0], links[1][0]
+            if bodies[0] != bodies[1] and bodies not in apart:
+                apart[bodies] = not self._bullet.getClosestPoints(*bodies, 0.0)
+            if not apart.get(bodies, False) and links not in self._exempt:
+                distance = self.distance(a, b)
+                if distance < 0.0:
+                    yield k, distance
+
+    def distance(self, a: WatchedShape, b: WatchedShape, reach: float = 0.0) -> float:
+        """Return the signed distance of two shapes' links as they are placed now, at most reach [m]."""
+        (body_a, link_a), (body_b, link_b) = (self._known[s.number] for s in (a, b))
+        margin = MARGIN * ((a.robot is not None) + (b.robot is not None))
+        points = self._bullet.getClosestPoints(body_a, body_b, reach, link_a, link_b)
+        # What is nearer before margins are made up for may be beyond reach.
+        return float(min([reach, *(point[8] + margin for point in points)]))
+
+    def place(self, item: WatchedShape, pose: Transform) -> None:
+        """Pose a shape of a fixture or an object; the pose may not change afterwards."""
+        if self._placed.get(item.number) is pose:
+            return
+        self._placed[item.number] = pose
+        w, x, y, z = quat_wxyz(pose)
+        self._bullet.resetBasePositionAndOrientation(
+            self._known[item.number][0], pose[:3, 3].tolist(), [x, y, z, w]
+        )
+
+    def configure(self, robot: int, q: Array) -> None:
+        """Put a robot at a configuration, shape (n,)."""
+        body, moved = self._arms[robot]
+        values = [[value] for value in q.tolist()]
+        self._bullet.resetJointStatesMultiDof(body, moved, values)
+
+    def hand(self, robot: int) -> Transform:
+        """Return where the last link of a robot is, shape (4, 4)."""
+        out, (body, moved) = np.eye(4), self._arms[robot]
+        state = self._bullet.getLinkState(body, moved[-1], 0, 1)
+        out[:3, 3] = state[4]
+        out[:3, :3] = Rotation.from_quat(state[5]).as_matrix()
+        return out
+
+    def _load(self, robot: PlacedRobot) -> tuple[int, list[int]]:
+        """Load a robot, fixed at its base; return its body and the joints that move."""
+        model, (w, x, y, z) = robot.model, quat_wxyz(robot.base)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "robot.urdf")
+            path.write_text(_description(model))
+            body: int = self._bullet.loadURDF(
+                str(path),
+                robot.base[:3, 3].tolist(),
+                [x, y, z, w],
+                useFixedBase=1,
+                flags=pybullet.URDF_USE_IMPLICIT_CYLINDER,
+            )
         count = self._bullet.getNumJoints(body)
         infos = [self._bullet.getJointInfo(body, j) for j in range(count)]
         joints = {info[1].decode(): j for j, info in enumerate(infos)}
@@ -76,62 +163,17 @@ class BulletWorld(AuditWorld):
         entry = ROBOTS.get(model.name)
         for name, value in (entry.frozen if entry else {}).items():
             self._bullet.resetJointState(body, joints[name], value)
-        moved = [joints[name] for name in model.joint_names]
-        self._bodies.append(body)
-        self._moved.append(moved)
-        self._links.append({info[12].decode(): j for j, info in enumerate(infos)})
-        own = [infos[j] for j in moved]
-        slides = np.array([info[2] == pybullet.JOINT_PRISMATIC for info in own])
-        lower, upper, speed = np.array([(i[8], i[9], i[11]) for i in own]).T
-        # Bullet says of a continuous joint that its range is empty.
-        free = lower > upper
-        limits = JointLimits(
-            model.joint_names,
-            np.where(free, -np.inf, lower),
-            np.where(free, np.inf, upper),
-            speed,
-            tuple("m" if slide else "rad" for slide in slides),
-        )
-        return JointAxes(np.array([info[13] for info in own]), slides), limits
+        return body, [joints[name] for name in model.joint_names]
 
-    def _link(
-        self, robot: int, link: ShapeLink, entity: str, detail: str
-    ) -> WatchedShape:
-        body, moved = self._bodies[robot], self._moved[robot]
-        number = carrier = self._links[robot][link.link]
-        while carrier != BASE and carrier not in moved:
-            carrier = self._bullet.getJointInfo(body, carrier)[16]
-        joint = moved.index(carrier) if carrier != BASE else BASE
-        zero = np.zeros(len(moved))
-        rotation, position = self._measured(robot, zero[None])
-        low, high = np.array(self._bullet.getAABB(body, number))
-        turn, half = rotation[0, joint + 1].T, 0.5 * (high - low)
-        centre = turn @ (0.5 * (low + high) - position[0, joint + 1])
-        radius = float(np.linalg.norm(half))
-        known = self._know(body, number, link.margin)
-        around = centre, radius, half, turn
-        return WatchedShape(entity, detail, known, robot, joint, *around)
-
-    def _know(self, body: int, link: int, margin: float) -> int:
-        self._known.append((body, link, margin))
-        return len(self._known) - 1
-
-    def _urdf_body(self, text: str, base: Transform) -> int:
-        """Load a description, fixed at a pose; return Bullet's number for it."""
-        w, x, y, z = quat_wxyz(base)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, "robot.urdf")
-            path.write_text(text)
-            body: int = self._bullet.loadURDF(
-                str(path),
-                base[:3, 3].tolist(),
-                [x, y, z, w],
-                useFixedBase=1,
-                flags=pybullet.URDF_USE_IMPLICIT_CYLINDER,
-            )
-        return body
+    def _links_of(self, body: int) -> dict[str, int]:
+        """Return Bullet's numbers of a robot's links by name."""
+        count = self._bullet.getNumJoints(body)
+        infos = [self._bullet.getJointInfo(body, j) for j in range(count)]
+        root = self._bullet.getBodyInfo(body)[0].decode()
+        return {root: BASE, **{info[12].decode(): j for j, info in enumerate(infos)}}
 
     def _body(self, form: Convex) -> int:
+        """Load a form that is centred at the origin; return the number of its body."""
         create = self._bullet.createCollisionShape
         if isinstance(form, Box):
             half = [0.5 * edge for edge in form.size]
@@ -148,45 +190,45 @@ class BulletWorld(AuditWorld):
             )
         else:
             number = create(pybullet.GEOM_MESH, vertices=form.tolist())
-        body = self._bullet.createMultiBody(0, number)
+        body: int = self._bullet.createMultiBody(0, number)
         # What is left of the margins of round forms is made up for when they are measured.
         self._bullet.changeDynamics(body, BASE, collisionMargin=0.0)
-        return self._know(body, BASE, 0.0)
+        return body
 
-    def place(self, item: WatchedShape, pose: Transform) -> None:
-        """Pose a shape of a fixture or an object."""
-        if self._placed.get(item.number) is pose:
-            return
-        self._placed[item.number] = pose
-        w, x, y, z = quat_wxyz(pose)
-        self._set_pose(self._known[item.number][0], pose[:3, 3].tolist(), [x, y, z, w])
 
-    def configure(self, robot: int, q: Array) -> None:
-        """Put a robot at a configuration, shape (n,)."""
-        values = [[value] for value in q.tolist()]
-        self._set_joints(self._bodies[robot], self._moved[robot], values)
+def _description(model: RobotModel) -> str:
+    """Return a robot's URDF with whole file names, for Bullet.
 
-    def _measured(self, robot: int, q: Array) -> Frames:
-        body, moved = self._bodies[robot], self._moved[robot]
-        states = np.empty((len(q), len(moved), 7))
-        for k, row in enumerate(q):
-            self.configure(robot, row)
-            found = self._bullet.getLinkStates(body, moved, computeForwardKinematics=1)
-            states[k] = [s[4] + s[5] for s in found]
-        base = self.cell.robots[robot].base
-        position = np.empty((len(q), len(moved) + 1, 3))
-        rotation = np.empty((len(q), len(moved) + 1, 3, 3))
-        position[:, 0], rotation[:, 0] = base[:3, 3], base[:3, :3]
-        position[:, 1:] = states[:, :, :3]
-        turned = Rotation.from_quat(states[:, :, 3:].reshape(-1, 4)).as_matrix()
-        rotation[:, 1:] = turned.reshape(len(q), -1, 3, 3)
-        return rotation, position
-
-    def distance(self, a: WatchedShape, b: WatchedShape, reach: float) -> float:
-        """Return the signed distance of two shapes as they are placed now [m]."""
-        body_a, link_a, margin_a = self._known[a.number]
-        body_b, link_b, margin_b = self._known[b.number]
-        margin = margin_a + margin_b
-        points = self._closest(body_a, body_b, reach, link_a, link_b)
-        # What is nearer before margins are made up for may be beyond reach.
-        return float(min([reach, *(point[8] + margin for point in points)]))
+    Bullet inflates the hulls of meshes by its margin, and rounds the edges of boxes and cylinders
+    off with it. So these are made larger by it: what Bullet then measures is the distance of the
+    sharp form less the margin, for them as for hulls. The radius of a sphere is its margin, and is
+    made larger too.
+    """
+    try:
+        robot = ElementTree.parse(model.urdf).getroot()
+    except (OSError, ElementTree.ParseError) as error:
+        raise RobotModelError(f"cannot read {model.urdf}: {error}") from error
+    for link in robot.findall("link"):
+        for part in (*link.findall("visual"), *link.findall("inertial")):
+            link.remove(part)
+        link.append(ElementTree.fromstring(_INERTIAL))
+        for geometry in link.findall("collision/geometry"):
+            for form in geometry:
+                for key in ("size", "radius", "length"):
+                    if key in form.attrib:
+                        grown = MARGIN if key == "radius" else 2.0 * MARGIN
+                        sizes = map(float, form.attrib[key].split())
+                        form.set(key, " ".join(repr(s + grown) for s in sizes))
+            mesh = geometry.find("mesh")
+            if mesh is not None:
+                name = str(mesh.get("filename"))
+                found = find_mesh(name, model.package_dirs)
+                if found is None:
+                    raise RobotModelError(
+                        f"{model.urdf}: mesh {name!r} was not found",
+                        choices=tuple(map(str, model.package_dirs)),
+                    )
+                mesh.set("filename", str(found.resolve()))
+    # Bullet breaks lines of more than 8 kB, in the midst of a word.
+    ElementTree.indent(robot)
+    return ElementTree.tostring(robot, encoding="unicode")

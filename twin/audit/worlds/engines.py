@@ -1,4 +1,4 @@
-"""Which collision library the audit measures with: PyBullet where it is installed, else coal."""
+"""Which engines the audit uses: coal decides distances, PyBullet looks a second time where it is installed."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Literal
 from planning.errors import RequestError
 
 if TYPE_CHECKING:  # libraries are loaded when they are needed
-    from planning.cell.workcell import Workcell
+    from twin.audit.worlds.bullet_world import BulletWorld
     from twin.audit.worlds.world import AuditWorld
 
 Engine = Literal["pybullet", "coal"]
 
 ENGINES: tuple[Engine, ...] = ("pybullet", "coal")
-"""Libraries the audit can measure with, the stronger witness first."""
+"""What the audit can look with: ``pybullet`` is coal, and PyBullet at samples."""
 
 INSTALL = "pip install 'assembly-twin[audit]'" + (
     "" if sys.version_info < (3, 12) else " (compiles it, with a C++ compiler)"
@@ -52,28 +52,26 @@ def _loads_pybullet() -> str | None:
 
 @cache
 def engine_and_version(engine: Engine) -> str:
-    """Return an engine as reports name it: ``"coal 3.0.3"``."""
+    """Return an engine as reports name it: ``"coal 3.0.3, pybullet 3.2.7"``, or the first alone."""
+    names = ("coal",) if engine == "coal" else ("coal", engine)
+    return ", ".join(map(_with_version, names))
+
+
+def _with_version(library: str) -> str:
     try:
-        return f"{engine} {version(engine)}"
+        return f"{library} {version(library)}"
     except PackageNotFoundError:  # compiled into its place by hand
-        return engine
+        return library
 
 
-def open_world(cell: Workcell, engine: Engine | None = None) -> AuditWorld:
-    """Return a cell loaded into an engine; close it after use.
-
-    Args:
-        cell: what to load: URDF files of robots, boxes for the rest.
-        engine: by default PyBullet where it is installed, else coal.
+def second_world(world: AuditWorld, engine: Engine) -> BulletWorld | None:
+    """Return the same cell in PyBullet, None where coal is to measure alone; close it after use.
 
     Raises:
-        RequestError: the engine is not installed.
         RobotModelError: a description cannot be read.
     """
-    if engine_named(engine) == "pybullet":
-        from twin.audit.worlds.bullet_world import BulletWorld
+    if engine == "coal":
+        return None
+    from twin.audit.worlds.bullet_world import BulletWorld
 
-        return BulletWorld(cell)
-    from twin.audit.worlds.coal_world import CoalWorld
-
-    return CoalWorld(cell)
+    return BulletWorld(world)

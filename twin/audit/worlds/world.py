@@ -1,27 +1,22 @@
-"""What the audit asks of a collision library: a world of shapes that are posed and measured."""
+"""The audit's own copy of a cell, in which shapes are posed and measured."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
+import coal
 import numpy as np
+import pinocchio
 
 from planning.cell.shape import Box, Capsule, Cylinder, Mesh, Shape
-from planning.cell.workcell import PlacedRobot, Workcell
-from planning.robots.registry import ROBOTS
+from planning.cell.workcell import Workcell
 from planning.transforms import Array, Transform, translation
-from twin.audit.worlds.link_chain import (
-    Frames,
-    JointAxes,
-    LinkChain,
-    ShapeLink,
-    measured_chain,
-    one_shape_a_link,
-)
+from scheduling.witness.parts import coal_pose, shape_distance
+from scheduling.witness.robot import WitnessRobot
+from scheduling.witness.shapes import hull_of, primitive_of
 
 BASE = -1
 """In place of a joint's index: what the base of a robot carries."""
@@ -70,58 +65,50 @@ class WatchedShape:
         return pose if self.local is None else pose @ self.local
 
 
-@dataclass(frozen=True)
-class JointLimits:
-    """Limits of a robot's joints, from its URDF.
-
-    Attributes:
-        names: of the joints.
-        lower, upper: shape (n,); infinite for joints without limits [rad or m].
-        velocity: shape (n,) [rad/s or m/s].
-        units: ``"rad"`` or ``"m"`` of each joint.
-    """
-
-    names: tuple[str, ...]
-    lower: Array
-    upper: Array
-    velocity: Array
-    units: tuple[str, ...]
-
-
 Convex = Box | Cylinder | Capsule | Array
 """A form, or the corners of a hull, shape (c, 3)."""
 
 
-class AuditWorld(ABC):
-    """The audit's own copy of a cell: robots from their URDF files, what else there is from its forms.
+class AuditWorld:
+    """Shapes that are posed and measured two by two, with nothing in between.
 
-    A library loads, poses and measures bodies, which it knows by numbers.
+    Robots are those of ``scheduling.witness``; what else there is has the forms that the cell gives it.
 
     Args:
         cell: what to load.
 
     Attributes:
         cell: see there.
+        robots: of the cell, read from their URDF files.
         robot_shapes: all shapes of all robots: convex primitives, and the hulls of meshes.
         fixtures, objects: at least one shape for each, in the order of the cell.
         limits: what the joints of each robot allow.
-        axes: of the joints of each robot, in the order of the cell.
 
     Raises:
         RobotModelError: a description cannot be read, or has other joints.
     """
 
-    margin = 0.0
-    """That the library gives every shape of a URDF [m]."""
-
     def __init__(self, cell: Workcell) -> None:
         self.cell = cell
-        self.robot_shapes: list[WatchedShape] = []
-        self.limits: dict[str, JointLimits] = {}
-        self.axes: list[JointAxes] = []
-        self._chains: list[LinkChain | None] = []
-        for index, robot in enumerate(cell.robots):
-            self._add_robot(index, robot)
+        self.robots = [WitnessRobot(robot) for robot in cell.robots]
+        self.limits = {
+            placed.name: robot.limits
+            for placed, robot in zip(cell.robots, self.robots, strict=True)
+        }
+        # coal's shapes and poses by number; None for a robot's whose pose is not needed yet.
+        self._geometries: list[Any] = []
+        self._poses: list[Any] = []
+        self.robot_shapes = [
+            shape for k in range(len(self.robots)) for shape in self._arm(k)
+        ]
+        parts = [part for robot in self.robots for part in robot.parts]
+        self._locals = [pinocchio.SE3(part.local) for part in parts]
+        self._own: list[list[int]] = [[] for _ in self.robots]
+        for shape in self.robot_shapes:
+            assert shape.robot is not None
+            self._own[shape.robot].append(shape.number)
+        self._q = [robot.home for robot in cell.robots]
+        self._frames: list[list[Any] | None] = [None] * len(self.robots)
         self.fixtures = [
             item for f in cell.fixtures for item in self._thing(f.name, f.shape, f.pose)
         ]
@@ -129,22 +116,19 @@ class AuditWorld(ABC):
             item for o in cell.objects for item in self._thing(o.name, o.shape, o.start)
         ]
         around = np.zeros(3), _WALL, np.full(3, 0.5 * _WALL), np.eye(3)
-        number = self._body(Box((_WALL, _WALL, _WALL)))
+        number = self._add(coal.Box(_WALL, _WALL, _WALL))
         self._wall = WatchedShape("wall", "wall", number, None, BASE, *around)
 
-    @abstractmethod
-    def close(self) -> None:
-        """Let go of what the library holds."""
-
-    @abstractmethod
     def place(self, item: WatchedShape, pose: Transform) -> None:
-        """Pose a shape of a fixture or an object; the pose may not change afterwards."""
+        """Pose a shape of a fixture or an object."""
+        self._poses[item.number] = coal_pose(pose)
 
-    @abstractmethod
     def configure(self, robot: int, q: Array) -> None:
         """Put a robot at a configuration, shape (n,)."""
+        self._q[robot], self._frames[robot] = q, None
+        for number in self._own[robot]:
+            self._poses[number] = None
 
-    @abstractmethod
     def distance(self, a: WatchedShape, b: WatchedShape, reach: float) -> float:
         """Return the signed distance of two shapes as they are placed now [m].
 
@@ -152,27 +136,14 @@ class AuditWorld(ABC):
             a, b: the shapes.
             reach: beyond this distance ``reach`` is returned.
         """
+        i, j = a.number, b.number
+        found = shape_distance(
+            self._geometries[i], self._pose(a), self._geometries[j], self._pose(b)
+        )
+        return min(found, reach)
 
-    @abstractmethod
-    def _load(self, robot: PlacedRobot, text: str) -> tuple[JointAxes, JointLimits]:
-        """Load a robot, the next one, from a description; velocities are those of it."""
-
-    @abstractmethod
-    def _link(
-        self, robot: int, link: ShapeLink, entity: str, detail: str
-    ) -> WatchedShape:
-        """Return the shape of a link of a robot, of which entity and detail are known."""
-
-    @abstractmethod
-    def _body(self, form: Convex) -> int:
-        """Load a form that is centred at the origin; return the number of its body."""
-
-    @abstractmethod
-    def _measured(self, robot: int, q: Array) -> Frames:
-        """Return what ``link_frames`` does, by the library alone."""
-
-    def link_frames(self, robot: int, q: Array) -> Frames:
-        """Return where the base and the moved links of a robot are, as the library measured them.
+    def link_frames(self, robot: int, q: Array) -> tuple[Array, Array]:
+        """Return where the base and the moved links of a robot are.
 
         Args:
             robot: its index.
@@ -182,15 +153,13 @@ class AuditWorld(ABC):
             Rotations, shape (m, n + 1, 3, 3), and positions in the world, shape
             (m, n + 1, 3) [m]; entry 0 is the base, entry j + 1 the link that joint j moves.
         """
-        chain = self._chains[robot]
-        return self._measured(robot, q) if chain is None else chain.frames(q)
+        frames = self.robots[robot].joint_frames_along(q)
+        return frames[..., :3, :3], frames[..., :3, 3]
 
     def flange_poses(self, robot: int, q: Array) -> Array:
         """Return where a robot's flange is at configurations, shape (m, 4, 4)."""
-        rotation, position = self.link_frames(robot, q)
-        out = np.tile(np.eye(4), (len(q), 1, 1))
-        out[:, :3, :3], out[:, :3, 3] = rotation[:, -1], position[:, -1]
-        return np.asarray(out @ self.cell.robots[robot].model.flange)
+        own = self.robots[robot]
+        return np.asarray(own.joint_frames_along(q)[:, -1] @ own.flange)
 
     def reach(self, item: WatchedShape, origin: Array, way: Array) -> float:
         """Return how far a shape reaches along a direction from a point, as it is placed now [m].
@@ -217,25 +186,33 @@ class AuditWorld(ABC):
         last = max(shape.joint for shape in own)
         return tool or [shape for shape in own if shape.joint == last]
 
-    def _add_robot(self, index: int, robot: PlacedRobot) -> None:
-        """Load a robot and note its shapes: what moves each, and a sphere around it."""
-        model, base = robot.model, (robot.base[:3, :3], robot.base[:3, 3])
-        text, links = one_shape_a_link(model.urdf, model.package_dirs, self.margin)
-        axes, limits = self._load(robot, text)
-        entry = ROBOTS.get(model.name)
-        if entry and entry.velocity is not None:  # in place of what the URDF says
-            limits = replace(limits, velocity=np.asarray(entry.velocity, dtype=float))
-        self.axes.append(axes)
-        self.limits[robot.name] = limits
-        chain = measured_chain(axes, base, partial(self._measured, index))
-        self._chains.append(chain)
-        # pinocchio names shapes "<link>_<number>"; only the names are used here.
-        parts = (part for part in model.parts if part.group == "tool")
-        tool = {part.body.name.rsplit("_", 1)[0] for part in parts}
-        for link in links:
-            entity = f"{robot.name}/{'tool' if link.owner in tool else 'arm'}"
-            detail = f"{robot.name}/{link.owner}"
-            self.robot_shapes.append(self._link(index, link, entity, detail))
+    def _arm(self, index: int) -> Iterator[WatchedShape]:
+        """Yield the shapes of a robot: what moves each, and a sphere around it."""
+        robot, name = self.robots[index], self.cell.robots[index].name
+        for part, link in zip(robot.parts, robot.links, strict=True):
+            box = part.shape.aabb_local
+            half, turn = 0.5 * np.asarray(box.max_ - box.min_), part.local[:3, :3]
+            around = part.centre, part.radius, half, turn
+            number, detail = self._add(part.shape), f"{name}/{link}"
+            yield WatchedShape(part.entity, detail, number, index, part.joint, *around)
+
+    def _add(self, geometry: Any) -> int:
+        """Take up one of coal's shapes; return its number."""
+        self._geometries.append(geometry)
+        self._poses.append(None)
+        return len(self._poses) - 1
+
+    def _pose(self, item: WatchedShape) -> Any:
+        pose = self._poses[item.number]
+        if pose is None:
+            assert item.robot is not None
+            frames = self._frames[item.robot]
+            if frames is None:
+                frames = self.robots[item.robot].joint_placements(self._q[item.robot])
+                self._frames[item.robot] = frames
+            pose = frames[item.joint + 1] * self._locals[item.number]
+            self._poses[item.number] = pose
+        return pose
 
     def _thing(
         self, name: str, made_of: Shape, pose: Transform
@@ -246,16 +223,16 @@ class AuditWorld(ABC):
         them into: no library measures how deep two hollow things overlap. That their pieces
         contain them is checked where they are cut.
         """
-        for form, local in _convex_forms(made_of):
+        for form, local in convex_forms(made_of):
             half, radius = _box_and_ball(form)
             around = np.zeros(3), radius, half, np.eye(3)
-            number = self._body(form)
+            number = self._add(_geometry(form))
             item = WatchedShape(name, name, number, None, BASE, *around, local)
             self.place(item, item.at(pose))
             yield item
 
 
-def _convex_forms(made_of: Shape) -> Iterator[tuple[Convex, Transform | None]]:
+def convex_forms(made_of: Shape) -> Iterator[tuple[Convex, Transform | None]]:
     """Yield convex forms, centred, and their poses in the shape, None for the same frame."""
     for element in made_of.elements:
         form, pose = element.form, element.pose
@@ -281,6 +258,13 @@ def _box_and_ball(form: Convex) -> tuple[Array, float]:
         high += form.radius
     radius = high if isinstance(form, Capsule) else float(np.hypot(form.radius, high))
     return np.array([form.radius, form.radius, high]), radius
+
+
+def _geometry(form: Convex) -> Any:
+    """Return a form as coal knows it."""
+    if isinstance(form, np.ndarray):
+        return hull_of(form)
+    return primitive_of(form)
 
 
 def shapes_by_entity(shapes: Iterable[WatchedShape]) -> dict[str, list[WatchedShape]]:

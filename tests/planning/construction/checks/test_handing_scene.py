@@ -16,7 +16,8 @@ from planning.construction.step_scenes import HandingScene, StepScenes
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
 from planning.transforms import Array
-from scheduling.verification.reference import ReferenceBody, ReferenceRobot, measure
+from scheduling.witness.parts import ConvexPart, measure
+from scheduling.witness.robot import WitnessRobot
 from tests.planning.construction.toy_sites import toy_part, toy_problem
 
 BEAM = toy_part("beam", (0.7, 0.2, 0.1), (0.0, 0.0, 0.05))
@@ -32,11 +33,11 @@ bounds = cache(lambda: ReachBounds(PROBLEM))
 
 
 @cache
-def reference(name: str) -> ReferenceRobot:
-    return ReferenceRobot(PROBLEM.cell.robot(name))
+def reference(name: str) -> WitnessRobot:
+    return WitnessRobot(PROBLEM.cell.robot(name))
 
 
-def parts(name: str, hold: Hold | None = None) -> list[ReferenceBody]:
+def parts(name: str, hold: Hold | None = None) -> list[ConvexPart]:
     """A robot's bodies, and the beam where it has it."""
     own = list(reference(name).parts)
     if hold is not None:

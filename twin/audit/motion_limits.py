@@ -4,137 +4,20 @@ Limits of the tool's speed, and of the sum of joint speeds, are looked at where 
 
 Between two rows a joint moves on a cubic in time: its speed is a parabola, its acceleration a straight
 line, its jerk constant. So rows settle all three, at every moment, and whether they fit each other.
-
-Joint limits and joint speeds of what was executed, against those of the URDF.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.cell.robot_model import MotionLimits
-from planning.transforms import Array, Indices
+from planning.transforms import Array
 from twin.audit.case import Violation, ViolationKind
+from twin.audit.limit_readings import BEYOND, TICKS, LimitReadings
 from twin.audit.motion.efforts import RobotEfforts, ToolSpeeds
 from twin.audit.motion.executed import ReplayedRun, RobotRows
-from twin.audit.worlds.world import JointLimits
-
-
-def joint_violations(
-    robots: Mapping[str, RobotRows],
-    limits: Mapping[str, JointLimits],
-    measured: Collection[str] = (),
-) -> Iterator[Violation]:
-    """Yield where a joint leaves its range or moves faster than it may.
-
-    Between two rows a robot moves along a straight line in joint space, so rows settle both. When a robot
-    was where it was measured is known to some milliseconds only, which makes its speed over a few of them
-    anything: there it counts how far it came in a step, and in longer and longer times.
-
-    Args:
-        robots: what was executed.
-        limits: of each robot.
-        measured: robots whose rows were measured.
-    """
-    for robot, rows in robots.items():
-        own = limits[robot]
-        beyond = np.maximum(rows.q - own.upper, own.lower - rows.q) / _BEYOND
-        nearest = np.where(rows.q > own.upper, own.upper, own.lower)
-        told = _Told(robot, own.names, rows.t, rows.t, rows.node)
-        yield from told.excesses("joint-limit", own.units, beyond, rows.q, nearest)
-        units = [f"{u}/s" for u in own.units]
-        first, ticks = np.arange(len(rows.t) - 1), _TICKS
-        spans = [(first, first + 1)]
-        if robot in measured:
-            ticks = 2.0 * _HEARD_S
-            for window_s in _WINDOWS_S:
-                last = np.searchsorted(rows.t, rows.t[first] + window_s)
-                there = last < len(rows.t)
-                spans.append((first[there], last[there]))
-        for begin, end in spans:
-            seconds = (rows.t[end] - rows.t[begin])[:, None]
-            way = np.abs(rows.q[end] - rows.q[begin])
-            share = way / (own.velocity * (seconds * (1.0 + _BEYOND) + ticks))
-            speed = way / np.maximum(seconds, _TICKS)
-            steps = _Told(robot, own.names, rows.t[begin], rows.t[end], rows.node[end])
-            found = steps.excesses("joint-speed", units, share, speed, own.velocity)
-            yield from found
-
-
-@dataclass(frozen=True, eq=False)
-class _Told:
-    """Rows, or steps between rows, in which joints may be beyond limits.
-
-    Attributes:
-        robot: its name.
-        names: of the joints.
-        begin, end: of each row or step, shape (m,) [s].
-        node: of each, shape (m,); None where that is not told.
-    """
-
-    robot: str
-    names: Sequence[str]
-    begin: Array
-    end: Array
-    node: Indices | None = None
-
-    def excesses(
-        self,
-        kind: ViolationKind,
-        units: Sequence[str],
-        share: Array,
-        values: Array,
-        limits: Array | float,
-        words: str = "",
-    ) -> Iterator[Violation]:
-        """Yield a violation from where each joint begins to be beyond its limit to where it ends.
-
-        Args:
-            kind: of limit.
-            units: of values and limits, joint by joint.
-            share: of what is allowed, more than 1 where it is too much, shape (m, n).
-            values: shape (m, n).
-            limits: shape (n,) or (m, n), or one for all.
-            words: added to values and limits.
-        """
-        limits = np.broadcast_to(limits, share.shape)
-        for joint, where in runs(share > 1.0):
-            worst = where[np.argmax(share[where, joint])]
-            value, limit = values[worst, joint], limits[worst, joint]
-            # What must fit has no limit that could be named.
-            said = _against(value, limit, units[joint]) if np.isfinite(limit) else ""
-            node = "" if self.node is None else f", node {self.node[worst]}"
-            times = float(self.begin[where[0]]), float(self.end[where[-1]])
-            name, detail = self.names[joint], said + words + node
-            yield Violation(*times, self.robot, name, 0.0, detail, kind)
-
-
-def _against(value: float, limit: float, unit: str) -> str:
-    """Return what there was and the limit of it in words, in as many digits as tell them apart."""
-    digits = next((d for d in range(6, 17) if f"{value:.{d}g}" != f"{limit:.{d}g}"), 17)
-    return f"{value:.{digits}g} {unit}, its limit is {limit:.{digits}g} {unit}"
-
-
-def runs(bad: npt.NDArray[np.bool_]) -> Iterator[tuple[int, npt.NDArray[np.intp]]]:
-    """Yield each column with each run of consecutive rows that are True in it."""
-    for column in np.flatnonzero(bad.any(axis=0)).tolist():
-        rows = np.flatnonzero(bad[:, column])
-        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-            yield column, run
-
-
-_BEYOND = 1e-6
-"""Joint values and shares of limits may be this far beyond: rounding [rad, m or 1]."""
-
-_HEARD_S, _WINDOWS_S = 0.01, (0.1, 0.2, 0.4, 0.8)
-"""By how much the time of a measurement may be wrong, and times over which speeds of such are looked at [s]."""
-
-_TICKS = 2e-9
-"""Times are whole nanoseconds, so a step may seem this much shorter than it is [s]."""
 
 _TICK = 1e-9
 """A row, and what was commanded, are told at whole nanoseconds: together so much too early or late [s]."""
@@ -171,12 +54,12 @@ def limit_violations(replay: ReplayedRun) -> Iterator[Violation]:
         if np.isfinite(limit):
             t = rows.moving_samples(float(rows.t[0]), float(rows.t[-1]))
             speed = np.abs(rows.states(t)[1]).sum(axis=1)
-            told = _Told(robot.name, ("all joints",), t, t)
+            readings = LimitReadings(robot.name, ("all joints",), t, t)
             words = " for all joint speeds added up"
-            yield from _seen(told, "joint-speed", "rad/s", (speed, limit), words)
+            yield from _seen(readings, "joint-speed", "rad/s", (speed, limit), words)
         slides = robot.model.chain.prismatic
         times = rows.t[:-1], rows.t[1:], rows.node[1:]
-        steps = _Told(robot.name, robot.model.joint_names, *times)
+        steps = LimitReadings(robot.name, robot.model.joint_names, *times)
         found = _shares(rows, rows.v, rows.a, robot.limits)
         for kind, unit, share, values, limits in found:
             units = [("m" if slide else "rad") + unit for slide in slides]
@@ -192,17 +75,21 @@ def tool_speed_violations(speeds: Iterable[ToolSpeeds]) -> Iterator[Violation]:
     """
     for own in speeds:
         words = f" with {'a part' if own.loaded else 'nothing'} in hand"
-        told = _Told(own.robot, ("tool",), own.t, own.t)
-        yield from _seen(told, "tool-speed", "m/s", (own.speed, own.limit), words)
+        readings = LimitReadings(own.robot, ("tool",), own.t, own.t)
+        yield from _seen(readings, "tool-speed", "m/s", (own.speed, own.limit), words)
 
 
 def _seen(
-    told: _Told, kind: ViolationKind, unit: str, at: tuple[Array, float], words: str
+    readings: LimitReadings,
+    kind: ViolationKind,
+    unit: str,
+    at: tuple[Array, float],
+    words: str,
 ) -> Iterator[Violation]:
     """Yield where samples of one value are beyond a limit."""
     values, limit = at[0][:, None], at[1]
-    share = values / (limit * (1.0 + _BEYOND))
-    yield from told.excesses(kind, (unit,), share, values, limit, words)
+    share = values / (limit * (1.0 + BEYOND))
+    yield from readings.excesses(kind, (unit,), share, values, limit, words)
 
 
 def _shares(
@@ -218,22 +105,22 @@ def _shares(
     fastest = _fastest(v, begin, end, span, either)
     rise = np.diff(v, axis=0) - 0.5 * span * (begin + end)
     # A way that is told a nanosecond late is made up for within its step.
-    slip = fastest * _TICKS
-    room = steepest * (_TICKS + _STEP * span) + either * span + _SPEED
+    slip = fastest * TICKS
+    room = steepest * (TICKS + _STEP * span) + either * span + _SPEED
     misfit = np.abs(rise) / (room + slip / span)
     way = np.diff(rows.q, axis=0) - 0.5 * span * (v[:-1] + v[1:])
     way += span * span * (end - begin) / 12.0
     room = slip + (steepest * _STEP * span + either * span + _SPEED) * span + _WAY
     misfit = np.maximum(misfit, np.abs(way) / room)
     yield "joint-motion", "", misfit, misfit, np.inf
-    room = limits.velocity * (1.0 + _BEYOND) + steepest * _TICKS
+    room = limits.velocity * (1.0 + BEYOND) + steepest * TICKS
     yield "joint-speed", "/s", fastest / room, fastest, limits.velocity
-    room = limits.acceleration * (1.0 + _BEYOND) + np.maximum(off[:-1], off[1:])
+    room = limits.acceleration * (1.0 + BEYOND) + np.maximum(off[:-1], off[1:])
     share = steepest / room
     yield "joint-acceleration", "/s^2", share, steepest, limits.acceleration
     # Steps of nanoseconds say little of jerk but for the rounding of accelerations.
-    room = limits.jerk * (span * (1.0 + _BEYOND) + _TICKS)
-    room = room + limits.acceleration * _BEYOND + 2.0 * either
+    room = limits.jerk * (span * (1.0 + BEYOND) + TICKS)
+    room = room + limits.acceleration * BEYOND + 2.0 * either
     yield "joint-jerk", "/s^3", jerk * span / room, jerk, limits.jerk
 
 
@@ -281,5 +168,7 @@ def effort_violations(
         effort = np.abs(own.effort)
         share = np.where(own.borne, effort / (own.limit * (1.0 + _EFFORT)), 0.0)
         units = ["N" if slides else "N m" for slides in model.chain.prismatic]
-        told = _Told(robot, model.joint_names, own.t, own.t, rows.node[step + 1])
-        yield from told.excesses("joint-effort", units, share, effort, own.limit)
+        readings = LimitReadings(
+            robot, model.joint_names, own.t, own.t, rows.node[step + 1]
+        )
+        yield from readings.excesses("joint-effort", units, share, effort, own.limit)
