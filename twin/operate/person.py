@@ -27,7 +27,11 @@ AGAIN = 2**32
 """Added to the number of a step or task, by which draws are named, for each time that it is tried or asked for once more."""
 
 Says = Callable[[str], bool]
-"""Returns whether a person helps, given what is asked."""
+"""Returns whether a person helps, given what is asked; raises ``UnansweredError`` as long as nobody has answered."""
+
+
+class UnansweredError(Exception):
+    """Nobody has answered a question yet; it is no failure."""
 
 
 @dataclass(frozen=True)

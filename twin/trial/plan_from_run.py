@@ -18,7 +18,7 @@ from twin.host.progress import Report, StageWatch
 from twin.operate.committed import Failure
 from twin.operate.operation import require_rolling
 from twin.operate.remainder import plan_remainder
-from twin.operate.rolling import OUT_FOR_GOOD
+from twin.operate.replanner import OUT_FOR_GOOD
 from twin.planning.pipeline import plan_wanted, planned_shortcuts
 from twin.run.policies import IN_TURNS, SHORTENED
 from twin.trial.loaded_scenario import LoadedScenario
