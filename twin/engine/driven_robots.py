@@ -40,6 +40,7 @@ class DrivenRobots(RobotPort):
 
     def __init__(self, execution: Execution) -> None:
         self._cell = execution
+        self.upcoming = execution.next_event_ns
         self._at_rest = SimulatedRobots(execution, self._motion_time)
         self._passages: list[Passage] = []
         self._stood: list[list[Standstill]] = []
@@ -64,10 +65,6 @@ class DrivenRobots(RobotPort):
         for drive in self._drives[len(self._passages) :]:
             self._passages.append(Passage(drive))
             self._stood.append([])
-
-    def upcoming(self) -> float:
-        """Return the time of the next event [ns]; infinity at the end of the run."""
-        return self._cell.next_event_ns()
 
     def skip(self, chain: int, node: int) -> None:
         """Forget the drawn standstills of a skill that is not attempted."""

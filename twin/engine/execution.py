@@ -53,6 +53,8 @@ class Execution:
         failed: chains whose task has failed for good, without a replanner.
         finished: number of nodes with which a chain was last reported finished.
         revision: number of the graph that is executed, from 1.
+        gates: of ports; a safe node is released once all of them return True for its chain.
+        release_hooks: of ports; called with chain and node after a release.
     """
 
     def __init__(
@@ -101,6 +103,8 @@ class Execution:
         self.finished: dict[int, int] = {}
         self.ended: Ending | None = None
         self.revision = 1
+        self.gates: list[Callable[[int], bool]] = []
+        self.release_hooks: list[Callable[[int, int], None]] = []
         self._withdrawn: Counter[Node] = Counter()
         self._reports: list[Node] = []
         self._lifts: list[tuple[Node, Node]] = []
@@ -203,15 +207,15 @@ class Execution:
     def _robot(self, chain: int) -> Steps:
         end = self.end[chain]
         node = next((n for n, t in enumerate(end) if t < 0), len(end))
+        execute = self.robots.execute
         while True:
-            if node < len(self.motion[chain]):
-                if (yield from self.robots.execute(chain, node)):
+            while node < len(self.motion[chain]):
+                if (yield from execute(chain, node)):
                     if self.replanner is None:
                         self.failed.append(chain)
                         return
                     yield from self.replanner.recover(chain, node)
                 node += 1
-                continue
             planning = self.replanner is not None and self.replanner.planning
             if not planning and self.finished.get(chain) != node:
                 self.finished[chain] = node
@@ -436,22 +440,20 @@ class Execution:
             self._release(turns.popleft())
 
     def _next_is_safe(self, chain: int) -> bool:
-        """Return whether the next node can be released: it waits for no other robot, and no port objects.
+        """Return whether the next node waits for no other robot, and passes the gates of all ports.
 
         Its own robot works through its queue in order, so it need not be done with that.
         """
         node = self.released[chain]
         if node == len(self.task[chain]):
             return False
-        if self.supply is not None and chain in self.supply.coming:
-            return False
-        if self.replanner is not None and not self.replanner.may_release(chain):
-            return False
         if self.outstanding[chain] == 0:
             safe = self.dispatcher.is_safe(chain, node)
         else:
             safe = not self.dispatcher.waits_for(chain, node)
-        return safe and self.robots.accepts(chain)
+        if self.gates and safe:
+            return all(allows(chain) for allows in self.gates)
+        return safe
 
     def _release(self, chain: int) -> None:
         node = self.released[chain]
@@ -460,7 +462,5 @@ class Execution:
         if self.narrator is not None:
             self.narrator.emit("released", chain, node)
         self.after(self.messages.release_ns, self.enqueue, chain, node)
-        self.robots.released(chain, node)
-        task = self.task[chain]
-        if self.replanner is not None and (node == 0 or task[node] != task[node - 1]):
-            self.replanner.released()
+        for notify in self.release_hooks:
+            notify(chain, node)

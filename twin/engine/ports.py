@@ -27,9 +27,11 @@ class RobotPort(Protocol):
 
     Attributes:
         driven: whether robots pass borders of nodes at speed, and so need to know how far they may go.
+        upcoming: waits for the next event and returns its time [ns]; infinity at the end of the run.
     """
 
     driven: bool
+    upcoming: Callable[[], float]
 
     def begin(self) -> None:
         """Get robots ready at the beginning of a run; by default they are."""
@@ -37,20 +39,9 @@ class RobotPort(Protocol):
     def close(self) -> None:
         """Release robots at the end of a run, however it ends."""
 
-    def upcoming(self) -> float:
-        """Wait for the next event and return its time [ns]; infinity at the end of the run."""
-        ...
-
     def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Execute a node once it is released; return whether its task failed for good."""
         ...
-
-    def accepts(self, _chain: int) -> bool:
-        """Return whether the next node may be released, which is safe, to a robot."""
-        return True
-
-    def released(self, chain: int, node: int) -> None:
-        """Take note that a node has been released."""
 
     def skip(self, chain: int, node: int) -> None:
         """Forget the drawn standstills of a skill that is not attempted."""
@@ -122,14 +113,6 @@ class Replanner(Protocol):
 
     def begin(self) -> None:
         """Take note that the run begins."""
-        ...
-
-    def may_release(self, chain: int) -> bool:
-        """Return whether the next node of a chain belongs to what is committed, and is due."""
-        ...
-
-    def released(self) -> None:
-        """Plan more where it is time for it, as a robot has been released a task."""
         ...
 
     def recover(self, chain: int, node: int) -> Steps:

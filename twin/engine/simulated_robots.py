@@ -35,11 +35,8 @@ class SimulatedRobots(RobotPort):
         self, execution: Execution, motion_time: MotionTime | None = None
     ) -> None:
         self._cell = execution
+        self.upcoming = execution.next_event_ns
         self._motion_time = motion_time or self.motion_time
-
-    def upcoming(self) -> float:
-        """Return the time of the next event [ns]; infinity at the end of the run."""
-        return self._cell.next_event_ns()
 
     def node_times(self) -> NodeTimes:
         """Return how long nodes took, and where robots stood."""
@@ -47,7 +44,11 @@ class SimulatedRobots(RobotPort):
 
     def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Execute a node once it is released; return whether its task failed for good."""
-        yield from self.until_released(chain, node)
+        queue = self._cell.queue[chain]
+        if queue and self._cell.planned is None:
+            queue.popleft()
+        else:
+            yield from self.until_released(chain, node)
         return (yield from self.perform(chain, node))
 
     def until_released(self, chain: int, node: int) -> Steps:
@@ -87,14 +88,16 @@ class SimulatedRobots(RobotPort):
         if cell.supply is not None and cell.supply.miss(chain, node):
             return True
         failed = node == cell.times.failed[chain]
-        cell.start[chain][node] = cell.now_ns
-        cell.count_patience(chain, node)
+        now = cell.start[chain][node] = cell.now_ns
+        if cell.impatient:
+            cell.count_patience(chain, node)
         if cell.narrator is not None:
             yield from self._execute_watched(cell.narrator, chain, node)
         else:
-            begin = self._work_end(chain, cell.stood[chain][node])
-            end = begin if failed else self.motion_end(chain, node, begin)
-            yield cell.env.timeout(end - cell.now_ns)
+            end = self.motion_time(chain, node, now, cell.stood[chain][node])
+            if not failed:
+                end = self.motion_end(chain, node, end)
+            yield cell.env.timeout(end - now)
         if not failed:
             cell.complete(chain, node)
         return failed

@@ -23,6 +23,7 @@ class LateSupply(Supply):
         self._cell = execution
         self.coming: dict[int, str] = {}
         self.missed: set[str] = set()
+        execution.gates.append(lambda chain: chain not in self.coming)
 
     def schedule(self, chain: int, at_ns: int) -> None:
         """Schedule the arrival of what a machine brings.

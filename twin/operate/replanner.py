@@ -6,7 +6,7 @@ executed, meanwhile the rest is planned from the world at its end, and then the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator
+from collections.abc import Callable, Collection, Generator, Mapping
 from functools import partial
 from typing import Any
 
@@ -88,6 +88,8 @@ class RollingReplanner(Replanner):
         self._again = False
         self._planning = False
         self._revised = execution.env.event()
+        execution.gates.append(self._may_release)
+        execution.release_hooks.append(self._released)
 
     @property
     def planning(self) -> bool:
@@ -103,6 +105,11 @@ class RollingReplanner(Replanner):
     def out(self) -> frozenset[str]:
         """Robots that are out of service."""
         return frozenset(self._out)
+
+    @property
+    def given_up(self) -> Mapping[int, str]:
+        """Steps that are not done in the plan that is executed, by number, with the reason."""
+        return self._planner.given_up
 
     def limit(self, chain: int) -> int:
         """Return how many nodes of a chain are committed, or all where nothing is to be replaced."""
@@ -175,7 +182,7 @@ class RollingReplanner(Replanner):
         """Return the event with which the next revision takes over."""
         return self._revised
 
-    def may_release(self, chain: int) -> bool:
+    def _may_release(self, chain: int) -> bool:
         """Return whether the next node of a chain belongs to what is committed, and is due.
 
         What is released is not withdrawn, and the more is released, the less can be planned anew: so no task
@@ -189,8 +196,13 @@ class RollingReplanner(Replanner):
             return True
         return int(sum(cell.motion[chain][node - count : node])) < self._ahead_ns
 
-    def released(self) -> None:
+    def _released(self, chain: int, node: int) -> None:
         """Plan more where it is time for it, as a robot has been released a task."""
+        task = self._cell.task[chain]
+        if node == 0 or task[node] != task[node - 1]:
+            self._plan_more()
+
+    def _plan_more(self) -> None:
         if not self._planning and self._planner.due(
             self._cell.tpg, self._cell.released
         ):
@@ -247,7 +259,7 @@ class RollingReplanner(Replanner):
         revised, self._revised = self._revised, cell.env.event()
         revised.succeed()
         cell.dispatch_again()
-        self.released()
+        self._plan_more()
 
     def _version(self) -> Generator[simpy.Event, Any, Version]:
         """Plan what is left of all that has happened by now, as often as a person has to be asked for that."""

@@ -8,7 +8,7 @@ writing what it does not hold yet: the same files, kill or none.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -63,7 +63,7 @@ from twin.uncertainty.disturbances import Disturbances
 
 if TYPE_CHECKING:
     from twin.audit.audit import AuditReport
-    from twin.live.live_execution import LiveExecution
+    from twin.engine.execution import Ports
     from twin.live.session import Session
 
 SIMULATION, RECORDS = "simulation", "recording"
@@ -163,7 +163,7 @@ def _executed(
     folder: Path,
     recorders: Sequence[Recorder],
     says: Says | None = None,
-    live: Callable[..., LiveExecution] | None = None,
+    live: Ports | None = None,
 ) -> _Executed:
     """Execute a plan, and plan anew what fails where that is asked for; each version is kept in the folder."""
     scenario, base = plan.scenario.sections, plan.scenario.folder
@@ -182,7 +182,7 @@ def _executed(
         seed=scenario.seed,
         recorders=recorders,
         says=says,
-        cell_of=live,
+        ports=live,
         keep=lambda number, tpg: save_plan(tpg, folder / VERSIONS / str(number)),
     )
     return _Executed(replace(plan, tpg=done.tpg), done.record, done)
