@@ -35,9 +35,11 @@ class RobotPort(Protocol):
 
     def begin(self) -> None:
         """Get robots ready at the beginning of a run; by default they are."""
+        return
 
     def close(self) -> None:
         """Release robots at the end of a run, however it ends."""
+        return
 
     def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Execute a node once it is released; return whether its task failed for good."""
@@ -45,6 +47,7 @@ class RobotPort(Protocol):
 
     def skip(self, chain: int, node: int) -> None:
         """Forget the drawn standstills of a skill that is not attempted."""
+        return
 
     def rests_before(self, _chain: int, _node: int) -> bool:
         """Return whether a robot is at rest before a node, however far it is cleared."""
@@ -52,6 +55,7 @@ class RobotPort(Protocol):
 
     def extended(self) -> None:
         """Take note that the graph has been extended."""
+        return
 
     def compute(self, work: Callable[[], T]) -> Generator[simpy.Event, Any, T]:
         """Return the result of a computation that takes no time of the simulation."""

@@ -6,22 +6,20 @@ import time
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.tasks.assignment import TaskPlan
-from planning.tasks.task import LEFT_OUT, StepTasks, Task, TimeWindow
+from planning.tasks.task import LEFT_OUT, Task, TimeWindow
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.extension import committed_part, extended
-from scheduling.rolling.forecast import Clock, forecast_s
 from scheduling.rolling.supply import brought_in, renamed, supply_waits
 from twin.durations.model import NANOSECONDS
 from twin.operate.committed import Committed, Draw, Incident, Version, cause_of
-from twin.operate.person import AGAIN, Ask, Ledger, Person, with_help
+from twin.operate.person import AGAIN, Ledger, Person, with_help
 from twin.operate.termination import NO_PROGRESS, Measure, measure_of
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.draws import TaskName
@@ -75,181 +73,136 @@ class Luck:
 
 
 @dataclass(frozen=True)
-class Known:
-    """What is known of a plan from which it can be gone on, whatever is made.
+class RecoveryState:
+    """State of a plan from which it can be extended; nobody changes its ledger.
 
     Attributes:
-        luck: of its tasks.
+        luck: random-number keys of its tasks.
         ledger: what has become of steps and objects.
+        measure: bound on revisions still to come, see ``termination``; None before the run begins.
     """
 
     luck: Luck
     ledger: Ledger
+    measure: Measure | None = field(default=None, kw_only=True)
 
 
-@dataclass(frozen=True)
-class Going(Known):
-    """What is known of the plan of an assembly.
-
-    Attributes:
-        cell: with the objects that have come up.
-        task_plan: the choices.
-        steps, past: tasks, as of a world.
-    """
-
-    cell: Workcell
-    task_plan: TaskPlan
-    steps: tuple[StepTasks, ...]
-    past: tuple[StepTasks, ...] = ()
-
-
-@dataclass(frozen=True)
-class Found:
-    """A plan that goes on from a cut.
-
-    Attributes:
-        union, new: all of it, and what is new only.
-        at: the cut.
-        going: what is known of it.
-        more: how many steps are given up by it.
-    """
-
-    union: TemporalPlanGraph
-    new: TemporalPlanGraph
-    at: Committed
-    going: Going
-    more: int
-
-    def end_s(self, clock: Clock | None, planning_s: float) -> float:
-        """Return when all of it will be complete, by what is known now [s]."""
-        return forecast_s(self.union, self.at.counts(self.union), clock, planning_s)
-
-
-State = TypeVar("State", bound=Known)
+State = TypeVar("State", bound=RecoveryState)
 
 Extension = tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]
-"""All of a graph that goes on, what is new only, and what there was before."""
+"""All of a longer graph, what is new only, and what is committed."""
 
 
 class Planner(ABC, Generic[State]):
-    """Plans what is left while a plan is executed.
+    """Recovery of one kind of assembly: from a state and what has happened to a new state and a revision of the plan.
 
-    What it knows is that of the graph that is executed; of one that is planned and does not take its place,
-    because more happens before, nothing is kept.
+    Attributes:
+        scenario: its recovery section sets limits and times.
+        draw: times of new nodes.
+        person: who is asked before something is given up.
+        initial: state of the plan with which an operation begins.
     """
 
     scenario: Scenario
     draw: Draw
     person: Person
-    _executed: State
-    _planned: State
-    _measure: Measure | None = None
-    _measure_planned: Measure | None = None
+    initial: State
 
-    @property
-    def given_up(self) -> Mapping[int, str]:
-        """Steps that are not done any more in what is executed, by number, with the reason."""
-        return self._executed.ledger.given_up
+    @abstractmethod
+    def is_short(self, state: State) -> bool:
+        """Return whether less is made in a state than is wanted."""
 
-    @property
-    def never_begun(self) -> Mapping[int, str]:
-        """Steps that are wanted and were never planned, as nobody can do them, likewise."""
+    def never_begun(self, _state: State) -> Mapping[int, str]:
+        """Return steps that are wanted and were never planned, as nobody can do them, by number, with the reason."""
         return {}
 
-    @property
-    def dropped(self) -> Mapping[int, str]:
-        """Steps that are not wanted any more in what is executed, or rest on one, likewise."""
-        return self._executed.ledger.dropped
-
-    @property
-    def asks(self) -> tuple[Ask, ...]:
-        """What a person was asked for what is executed."""
-        return self._executed.ledger.asks
-
-    @property
     @abstractmethod
-    def short(self) -> bool:
-        """Whether less is made, by what is executed, than is wanted."""
-
-    @abstractmethod
-    def begun(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> set[int]:
+    def begun(
+        self, state: State, tpg: TemporalPlanGraph, counts: Sequence[int]
+    ) -> set[int]:
         """Return the steps that have begun once so many nodes of each chain are executed."""
 
     @abstractmethod
-    def due(self, tpg: TemporalPlanGraph, released: Sequence[int]) -> bool:
-        """Tell whether it is time to plan more of what is executed, though nothing has failed."""
+    def due(
+        self, state: State, tpg: TemporalPlanGraph, released: Sequence[int]
+    ) -> bool:
+        """Return whether it is time to plan more steps, though nothing has failed."""
 
     @abstractmethod
-    def plan(self, tpg: TemporalPlanGraph, incident: Incident) -> Version:
-        """Return what is to take the place of a graph; nothing beyond its counts is executed any more.
-
-        It may be asked again for the same graph, with more that has happened, before it takes its place.
-        """
-
-    @abstractmethod
-    def plan_alone(self, tpg: TemporalPlanGraph, incident: Incident) -> Extension:
-        """Return what goes on; what was given up is told from then on.
-
-        The tasks of the new graph are those before it and then its own; it begins in the world at the cut.
-        """
-
-    @abstractmethod
-    def _unplanned(self, state: State) -> int:
-        """Return how many steps are not planned yet, 0 where no more are to be."""
-
-    @abstractmethod
-    def _ended(self, tpg: TemporalPlanGraph, incident: Incident, why: str) -> Extension:
-        """Give up every step that is not done, and return what is committed, after which nothing comes."""
-
-    def begin(self, events: int) -> None:
-        """Measure the plan with which an operation begins; so many events from outside can occur."""
-        self._measure = self._measured(self._executed, events)
-
-    def swapped(self) -> None:
-        """Take note that what was planned last has taken its place."""
-        self._executed, self._measure = self._planned, self._measure_planned
-
-    def _measured(self, state: State, events: int) -> Measure:
-        unplanned = self._unplanned(state)
-        return measure_of(self.scenario, self.person, state.ledger, events, unplanned)
-
-    def _terminating(
-        self, tpg: TemporalPlanGraph, incident: Incident, found: Extension
-    ) -> Extension:
-        """Return a revision that reduces the measure, or the end of the operation; see ``termination``."""
-        measure, before = self._measured(self._planned, incident.events), self._measure
-        if before is not None and not measure.is_below(before):
-            found = self._ended(tpg, incident, NO_PROGRESS)
-            measure = min(before, self._measured(self._planned, incident.events))
-        self._measure_planned = measure
-        return found
-
-    def _version(
+    def extend(
         self,
+        state: State,
         tpg: TemporalPlanGraph,
         incident: Incident,
-        found: Extension,
-        begin: float,
-        new: range = range(0),
-    ) -> Version:
-        """Return what was planned last as it is handed to who executes it.
+        *,
+        more_steps: bool = True,
+    ) -> tuple[State, Extension]:
+        """Return the next state and a longer graph, in which failures are recovered from.
+
+        The tasks of the new graph are those before it and then its own; it begins in the world at the cut.
+        Without ``more_steps`` no steps come into the planning window.
+        """
+
+    def extend_initial(
+        self, tpg: TemporalPlanGraph, incident: Incident
+    ) -> tuple[State, Extension]:
+        """Return the state and the longer graph that follow from the initial state, with no further steps."""
+        return self.extend(self.initial, tpg, incident, more_steps=False)
+
+    @abstractmethod
+    def end(
+        self, state: State, tpg: TemporalPlanGraph, incident: Incident, why: str
+    ) -> tuple[State, Extension]:
+        """Return the state in which every step that is not done is given up, and the committed graph alone."""
+
+    def unplanned(self, _state: State) -> int:
+        """Return how many steps are not planned yet, 0 where no more are to be."""
+        return 0
+
+    def new_steps(self, _before: State, _after: State) -> range:
+        """Return the numbers of the steps that are planned for the first time."""
+        return range(0)
+
+    def with_measure(self, state: State, events: int) -> State:
+        """Return a state with its measure; so many events from outside can occur."""
+        return replace(state, measure=self._measured(state, events))
+
+    def _measured(self, state: State, events: int) -> Measure:
+        unplanned = self.unplanned(state)
+        return measure_of(self.scenario, self.person, state.ledger, events, unplanned)
+
+    def recover(
+        self, state: State, tpg: TemporalPlanGraph, incident: Incident
+    ) -> tuple[State, Version]:
+        """Return the state and the revision of the plan that follow from what has happened.
+
+        The state given is not changed, so recovery may be asked for again with more that has happened. A
+        revision reduces the measure, or is the end of the operation; see ``termination``.
 
         Args:
-            tpg: what has been executed so far.
-            incident: what has happened.
-            found: what goes on.
-            begin: of planning, in processor time of this process [s].
-            new: steps that come next.
+            state: of the plan that is executed.
+            tpg: its graph; nothing beyond the committed nodes is executed any more.
+            incident: what has happened since.
+
+        Raises:
+            UnansweredError: a question to a person is open.
         """
-        union, own, at = self._terminating(tpg, incident, found)
+        begin = time.process_time()
+        after, found = self.extend(state, tpg, incident)
+        new = self.new_steps(state, after)
+        measure, before = self._measured(after, incident.events), state.measure
+        if before is not None and not measure.is_below(before):
+            after, found = self.end(state, tpg, incident, NO_PROGRESS)
+            measure = min(before, self._measured(after, incident.events))
+        union, own, at = found
         executed_by = tuple(chain.robot for chain in union.chains)
         assert executed_by[: len(at.robots)] == at.robots, "chains keep their numbers"
-        luck = self._executed.luck.onward(union, len(at.committed.tasks))
-        self._planned = replace(self._planned, luck=luck)
-        answers = [ask.answer for ask in self._planned.ledger.asks[len(self.asks) :]]
-        fresh = replace(incident, more=incident.more - self._executed.ledger.more)
+        luck = state.luck.onward(union, len(at.committed.tasks))
+        after = replace(after, luck=luck, measure=measure)
+        answers = [ask.answer for ask in after.ledger.asks[len(state.ledger.asks) :]]
+        fresh = replace(incident, more=incident.more - state.ledger.more)
         planning_s = self.scenario.execution.recovery.planning_s
-        return Version(
+        version = Version(
             union,
             at.counts(union),
             tuple(chain.robot for chain in own.chains),
@@ -259,6 +212,7 @@ class Planner(ABC, Generic[State]):
             cause_of(tpg, fresh, new, answers),
             at.judged.words,
         )
+        return after, version
 
 
 def nothing_new(at: Committed, cell: Workcell) -> Extension:

@@ -206,10 +206,11 @@ def operate(
         return tuple(row for k, row in enumerate(rows) if k not in unused)
 
     executed, times = without_chains(cell.tpg, unused), robots.node_times()
-    given_up = {**planner.never_begun, **planner.given_up}
-    undone = given_up.keys() | planner.dropped.keys()
+    ledger = replanner.state.ledger
+    given_up = {**planner.never_begun(replanner.state), **ledger.given_up}
+    undone = given_up.keys() | ledger.dropped.keys()
     kind = assembly_kind(scenario.assembly).written_out()
-    scrapped = _products_of(planner.given_up, kind)
+    scrapped = _products_of(ledger.given_up, kind)
     executed = _with_products(executed, kind, undone)
     last = state_at(executed, [len(chain) for chain in executed.chains])
     in_hand = any(at.holder in replanner.out for at in last.attachments.values())
@@ -241,9 +242,9 @@ def operate(
         record,
         tuple(replanner.versions),
         given_up,
-        planner.dropped,
+        ledger.dropped,
         replanner.out,
-        planner.asks,
+        ledger.asks,
         tuple(sorted(scrapped)),
         bool(undone) or kind.wanted_steps() < kind.steps() or in_hand,
         cell.ended,

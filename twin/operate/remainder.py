@@ -114,9 +114,10 @@ def plan_remainder(
             cuts=((Recut(),), (Recut(aside=True),)),
         )
     incident = Incident(tuple(failures), frozenset(out), frozenset(), counts, ago)
-    union, new, at = planner.plan_alone(tpg, incident)
+    state, extension = planner.extend_initial(tpg, incident)
+    union, new, at = extension
     first = len(at.committed.tasks)
-    _require_whole(planner, new, at, undone)
+    _require_whole(state.ledger.given_up, new, at, undone)
     if not len(new.tasks) > first:
         raise RequestError(f"nothing is left to do at {when}")
     kinds = Counter(tpg.tasks[k].kind for k in done)
@@ -157,7 +158,7 @@ def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:
 
 
 def _require_whole(
-    planner: Planner[Any],
+    given_up: Mapping[int, str],
     new: TemporalPlanGraph,
     at: Committed,
     known: Collection[int],
@@ -172,8 +173,9 @@ def _require_whole(
             raise RequestError(
                 f"{place.holder!r} is out and has {name!r} in its hand: only a person can take it from there"
             )
-    given_up = sorted(planner.given_up.items())
-    if steps := [f"step {k}: {why}" for k, why in given_up if k not in known]:
+    if steps := [
+        f"step {k}: {why}" for k, why in sorted(given_up.items()) if k not in known
+    ]:
         raise RequestError("not all can go on from there: " + "; ".join(steps))
     for task in new.tasks[len(at.committed.tasks) :]:
         if task.kind == TAKEN_OUT and task.robot != REMOVAL:

@@ -49,6 +49,7 @@ class RollingReplanner(Replanner):
 
     Attributes:
         versions: graphs that took the place of the first one, in order.
+        planner, state: recovery, and its state of the graph that is executed.
 
     Args:
         execution: the run; its supply, if any, is a ``LateSupply``.
@@ -73,7 +74,7 @@ class RollingReplanner(Replanner):
         self._hold = hold or (lambda tpg: tpg)
         execution.dispatch_by(self._hold(execution.tpg))
         self.versions: list[Version] = []
-        self._planner = planner
+        self.planner, self.state = planner, planner.initial
         self._halting, self._keep_version = halting, keep
         messages_ns = execution.messages.report_ns + execution.messages.release_ns
         self._ahead_ns = None if far else _AHEAD_NS + messages_ns
@@ -99,7 +100,7 @@ class RollingReplanner(Replanner):
     @property
     def short(self) -> bool:
         """Whether the plan that is executed makes less than is wanted."""
-        return self._planner.short
+        return self.planner.is_short(self.state)
 
     @property
     def out(self) -> frozenset[str]:
@@ -109,7 +110,8 @@ class RollingReplanner(Replanner):
     @property
     def given_up(self) -> Mapping[int, str]:
         """Steps that are not done in the plan that is executed, by number, with the reason."""
-        return self._planner.given_up
+        given_up: Mapping[int, str] = self.state.ledger.given_up
+        return given_up
 
     def limit(self, chain: int) -> int:
         """Return how many nodes of a chain are committed, or all where nothing is to be replaced."""
@@ -117,7 +119,7 @@ class RollingReplanner(Replanner):
 
     def begin(self) -> None:
         """Take note that the run begins; replanning terminates, see ``termination``."""
-        self._planner.begin(self._events())
+        self.state = self.planner.with_measure(self.state, self._events())
 
     def outage(self, robot: str, at_ns: int) -> None:
         """Take a robot out of service at a time [ns]."""
@@ -148,7 +150,9 @@ class RollingReplanner(Replanner):
             self._more += more
             failed = {f.chain: f.node for f in self._failures}
             counts = [failed.get(k, n) for k, n in enumerate(cell.released)]
-            if more or self._unwanted - self._planner.begun(cell.tpg, counts):
+            if more or self._unwanted - self.planner.begun(
+                self.state, cell.tpg, counts
+            ):
                 self._replan()
 
         cell.env.process(change())
@@ -203,9 +207,8 @@ class RollingReplanner(Replanner):
             self._plan_more()
 
     def _plan_more(self) -> None:
-        if not self._planning and self._planner.due(
-            self._cell.tpg, self._cell.released
-        ):
+        about = self.state, self._cell.tpg, self._cell.released
+        if not self._planning and self.planner.due(*about):
             self._plan_again()
 
     # Planning
@@ -245,12 +248,12 @@ class RollingReplanner(Replanner):
         yield cell.at_the_end_of_now(_AFTER_ALL)
         while self._again:
             self._again = False
-            version = yield from self._version()
+            state, version = yield from self._version()
             self._limit = list(version.counts[: len(self._limit)])
             if version.planning_ns:
                 yield cell.env.timeout(version.planning_ns)
         self._planning = False
-        self._planner.swapped()
+        self.state = state
         if self._failures or plan_sha256(version.tpg) != plan_sha256(cell.tpg):
             self._take_over(version)
         else:
@@ -261,13 +264,14 @@ class RollingReplanner(Replanner):
         cell.dispatch_again()
         self._plan_more()
 
-    def _version(self) -> Generator[simpy.Event, Any, Version]:
+    def _version(self) -> Generator[simpy.Event, Any, tuple[Any, Version]]:
         """Plan what is left of all that has happened by now, as often as a person has to be asked for that."""
         cell, audience = self._cell, self._cell.audience
         while True:
             if audience is not None:
                 audience.show_planning()
-            plan = partial(self._planner.plan, cell.tpg, self._incident())
+            about = self.state, cell.tpg, self._incident()
+            plan = partial(self.planner.recover, *about)
             try:
                 return (yield from cell.robots.compute(plan))
             except UnansweredError as error:

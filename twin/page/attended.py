@@ -140,7 +140,7 @@ class NodesSoFar:
 
     def followed(self) -> FollowedRun:
         """Return the run as who follows it knows it."""
-        run = FollowedRun(self._cell.tpg)
+        run = FollowedRun(self.tpg)
         run.now_ns = self.now_ns
         for own, start, end in zip(run.robots, self.start_ns, self.end_ns, strict=True):
             own.start_ns[:], own.end_ns[:] = start, end

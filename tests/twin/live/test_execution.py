@@ -285,7 +285,7 @@ def test_drivers_are_heard_while_something_is_planned(
 ) -> None:
     """Planning takes longer than a driver may be silent; nothing more is cleared meanwhile."""
     lease_s = 3.0
-    planned = Recovery.plan
+    planned = Recovery.recover
     within: list[tuple[float, float]] = []
 
     def slowly(self: Recovery, *about: Any) -> Any:
@@ -295,7 +295,7 @@ def test_drivers_are_heard_while_something_is_planned(
         within.append((begin, time.monotonic()))
         return found
 
-    monkeypatch.setattr(Recovery, "plan", slowly)
+    monkeypatch.setattr(Recovery, "recover", slowly)
     failed: list[int] = []
 
     def fails(node: ClearedNode) -> bool:

@@ -74,18 +74,22 @@ TPG = toy()
 class SameAgain:
     """A planner that has no other plan."""
 
-    short = False
+    initial = None
 
-    def begin(self, _: Any) -> None: ...
+    def is_short(self, _: Any) -> bool:
+        return False
+
+    def with_measure(self, state: Any, _: int) -> Any:
+        return state
 
     def due(self, *_: Any) -> bool:
         return False
 
-    def swapped(self) -> None: ...
-
-    def plan(self, tpg: TemporalPlanGraph, _: Any) -> Version:
-        nothing = NodeTimes((), (), (), ())
-        return Version(tpg, tuple(map(len, tpg.chains)), (), nothing, 0, 0.0, "out")
+    def recover(
+        self, state: Any, tpg: TemporalPlanGraph, _: Any
+    ) -> tuple[Any, Version]:
+        nothing, counts = NodeTimes((), (), (), ()), tuple(map(len, tpg.chains))
+        return state, Version(tpg, counts, (), nothing, 0, 0.0, "out")
 
 
 def driven(falsify: Falsify | None) -> tuple[Execution, list[Event], ModelWire]:

@@ -192,7 +192,10 @@ class Cell:
         )
         robots = [r for r in self.tpg.cell.robots if r.name in self.driven]
         planner = SimpleNamespace(
-            begin=lambda _: None, due=lambda *_: False, given_up={}, short=False
+            initial=None,
+            due=lambda *_: False,
+            is_short=lambda _: False,
+            with_measure=lambda state, _: state,
         )
         remote = partial(
             RemoteRobots,
