@@ -112,18 +112,15 @@ class ConstructionRecovery(Planner[_Built]):
             for name in steps
         }
         ledger = Ledger(above, gone=set(self.gone))
-        self.initial = _Built(Luck.of(tpg), ledger, kind.parts, steps)
+        self.initial = _Built(tpg, Luck.of(tpg), ledger, kind.parts, steps)
 
-    def begun(
-        self, _state: _Built, tpg: TemporalPlanGraph, counts: Sequence[int]
-    ) -> set[int]:
+    def begun(self, state: _Built, counts: Sequence[int]) -> set[int]:
         """Return the steps that have begun once so many nodes of each chain are executed."""
-        done = (tpg.tasks[k] for k in complete_tasks(tpg, counts))
+        complete = complete_tasks(state.tpg, counts)
+        done = (state.tpg.tasks[k] for k in complete)
         return {task.step for task in done if task.kind in ("pick", "handover", _PUT)}
 
-    def due(
-        self, _state: _Built, _tpg: TemporalPlanGraph, _released: Sequence[int]
-    ) -> bool:
+    def due(self, _state: _Built, _released: Sequence[int]) -> bool:
         """Return False: all is planned."""
         return False
 
@@ -132,10 +129,10 @@ class ConstructionRecovery(Planner[_Built]):
         return bool(state.ledger.given_up)
 
     def end(
-        self, state: _Built, tpg: TemporalPlanGraph, incident: Incident, why: str
+        self, state: _Built, incident: Incident, why: str
     ) -> tuple[_Built, Extension]:
         """Return the state in which every step that is not done is given up, and the committed graph alone."""
-        ledger = state.ledger.copy()
+        tpg, ledger = state.tpg, state.ledger.copy()
         judging = Judging(self.scenario.execution, ledger, self.person)
         judged = judging.judged(tpg, incident)
         counts = as_far_as_planned(tpg, incident)
@@ -149,19 +146,18 @@ class ConstructionRecovery(Planner[_Built]):
     def extend(
         self,
         state: _Built,
-        tpg: TemporalPlanGraph,
         incident: Incident,
         *,
         more_steps: bool = True,
     ) -> tuple[_Built, Extension]:
         """Return the next state and a longer graph, see ``Planner``."""
-        ledger = state.ledger.copy()
+        tpg, ledger = state.tpg, state.ledger.copy()
         section = self.scenario.execution
         judging = Judging(section, ledger, self.person)
         judged = judging.judged(tpg, incident)
         counts = cut_at(tpg, incident, steps=self.steps)
         at = committed_at(tpg, counts, incident, judged)
-        for step in incident.unwanted - self.begun(state, tpg, counts):
+        for step in incident.unwanted - self.begun(state, counts):
             ledger.drop(step)
         there = self._there(ledger, at)
         ledger.gone |= {name for name, own in there.items() if own.holder in at.out}
@@ -170,7 +166,7 @@ class ConstructionRecovery(Planner[_Built]):
             for task in at.committed.tasks
             if task.kind == _PUT and task.index in at.complete
         )
-        kept, placed = self._kept(state, ledger, tpg, at, placed)
+        kept, placed = self._kept(state, ledger, at, placed)
         built = replace(state, ledger=ledger, kept=kept)
         for name in placed:
             goals = {part.name: part.goal for part in built.parts}
@@ -224,7 +220,6 @@ class ConstructionRecovery(Planner[_Built]):
         self,
         state: _Built,
         ledger: Ledger,
-        tpg: TemporalPlanGraph,
         at: Committed,
         placed: Sequence[str],
     ) -> tuple[dict[str, tuple[str, str]], tuple[str, ...]]:
@@ -234,7 +229,7 @@ class ConstructionRecovery(Planner[_Built]):
             if name in placed:
                 kept[name] = robot, last if last in placed else ""
         pairs = {name: last for name, (_, last) in kept.items()}
-        for part, robot, until, left in kept_hold(tpg, at.complete):
+        for part, robot, until, left in kept_hold(state.tpg, at.complete):
             name, last = ledger.lost(part), ledger.lost(until)
             pairs[name], kept[name] = last, (robot, last)
             if left:

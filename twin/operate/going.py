@@ -77,11 +77,13 @@ class RecoveryState:
     """State of a plan from which it can be extended; nobody changes its ledger.
 
     Attributes:
+        tpg: its graph.
         luck: random-number keys of its tasks.
         ledger: what has become of steps and objects.
         measure: bound on revisions still to come, see ``termination``; None before the run begins.
     """
 
+    tpg: TemporalPlanGraph
     luck: Luck
     ledger: Ledger
     measure: Measure | None = field(default=None, kw_only=True)
@@ -117,41 +119,30 @@ class Planner(ABC, Generic[State]):
         return {}
 
     @abstractmethod
-    def begun(
-        self, state: State, tpg: TemporalPlanGraph, counts: Sequence[int]
-    ) -> set[int]:
+    def begun(self, state: State, counts: Sequence[int]) -> set[int]:
         """Return the steps that have begun once so many nodes of each chain are executed."""
 
     @abstractmethod
-    def due(
-        self, state: State, tpg: TemporalPlanGraph, released: Sequence[int]
-    ) -> bool:
+    def due(self, state: State, released: Sequence[int]) -> bool:
         """Return whether it is time to plan more steps, though nothing has failed."""
 
     @abstractmethod
     def extend(
-        self,
-        state: State,
-        tpg: TemporalPlanGraph,
-        incident: Incident,
-        *,
-        more_steps: bool = True,
+        self, state: State, incident: Incident, *, more_steps: bool = True
     ) -> tuple[State, Extension]:
-        """Return the next state and a longer graph, in which failures are recovered from.
+        """Return the next state, still with its graph, and a longer graph, in which failures are recovered from.
 
         The tasks of the new graph are those before it and then its own; it begins in the world at the cut.
         Without ``more_steps`` no steps come into the planning window.
         """
 
-    def extend_initial(
-        self, tpg: TemporalPlanGraph, incident: Incident
-    ) -> tuple[State, Extension]:
+    def extend_initial(self, incident: Incident) -> tuple[State, Extension]:
         """Return the state and the longer graph that follow from the initial state, with no further steps."""
-        return self.extend(self.initial, tpg, incident, more_steps=False)
+        return self.extend(self.initial, incident, more_steps=False)
 
     @abstractmethod
     def end(
-        self, state: State, tpg: TemporalPlanGraph, incident: Incident, why: str
+        self, state: State, incident: Incident, why: str
     ) -> tuple[State, Extension]:
         """Return the state in which every step that is not done is given up, and the committed graph alone."""
 
@@ -171,34 +162,31 @@ class Planner(ABC, Generic[State]):
         unplanned = self.unplanned(state)
         return measure_of(self.scenario, self.person, state.ledger, events, unplanned)
 
-    def recover(
-        self, state: State, tpg: TemporalPlanGraph, incident: Incident
-    ) -> tuple[State, Version]:
+    def recover(self, state: State, incident: Incident) -> tuple[State, Version]:
         """Return the state and the revision of the plan that follow from what has happened.
 
         The state given is not changed, so recovery may be asked for again with more that has happened. A
         revision reduces the measure, or is the end of the operation; see ``termination``.
 
         Args:
-            state: of the plan that is executed.
-            tpg: its graph; nothing beyond the committed nodes is executed any more.
+            state: of the plan that is executed; of its graph only committed nodes are executed any more.
             incident: what has happened since.
 
         Raises:
             UnansweredError: a question to a person is open.
         """
         begin = time.process_time()
-        after, found = self.extend(state, tpg, incident)
+        after, found = self.extend(state, incident)
         new = self.new_steps(state, after)
         measure, before = self._measured(after, incident.events), state.measure
         if before is not None and not measure.is_below(before):
-            after, found = self.end(state, tpg, incident, NO_PROGRESS)
+            after, found = self.end(state, incident, NO_PROGRESS)
             measure = min(before, self._measured(after, incident.events))
         union, own, at = found
         executed_by = tuple(chain.robot for chain in union.chains)
         assert executed_by[: len(at.robots)] == at.robots, "chains keep their numbers"
         luck = state.luck.onward(union, len(at.committed.tasks))
-        after = replace(after, luck=luck, measure=measure)
+        after = replace(after, tpg=union, luck=luck, measure=measure)
         answers = [ask.answer for ask in after.ledger.asks[len(state.ledger.asks) :]]
         fresh = replace(incident, more=incident.more - state.ledger.more)
         planning_s = self.scenario.execution.recovery.planning_s
@@ -209,7 +197,7 @@ class Planner(ABC, Generic[State]):
             self.draw(own, luck.names),
             round(planning_s * NANOSECONDS),
             time.process_time() - begin,
-            cause_of(tpg, fresh, new, answers),
+            cause_of(state.tpg, fresh, new, answers),
             at.judged.words,
         )
         return after, version

@@ -131,7 +131,9 @@ class Recovery(Planner[AssemblyState]):
         )
         cell = coming(tpg.cell, (), REMOVAL) if work.passing else tpg.cell
         steps = planned_steps(tpg)
-        self.initial = AssemblyState(Luck.of(tpg), ledger, cell, chosen, steps, motions)
+        self.initial = AssemblyState(
+            tpg, Luck.of(tpg), ledger, cell, chosen, steps, motions
+        )
 
     def is_short(self, state: AssemblyState) -> bool:
         """Return whether less is made in a state than is wanted."""
@@ -146,22 +148,18 @@ class Recovery(Planner[AssemblyState]):
         last = self.context.window.last(ledger.given_up, ledger.more)
         return dict.fromkeys(range(planned + 1, last + 1), ledger.closed)
 
-    def begun(
-        self, state: AssemblyState, tpg: TemporalPlanGraph, counts: Sequence[int]
-    ) -> set[int]:
+    def begun(self, state: AssemblyState, counts: Sequence[int]) -> set[int]:
         """Return the steps that have begun once so many nodes of each chain are executed."""
-        complete = complete_tasks(tpg, counts)
-        world = World(start_state(tpg.cell), state.steps, complete=complete)
+        complete, cell = complete_tasks(state.tpg, counts), state.tpg.cell
+        world = World(start_state(cell), state.steps, complete=complete)
         return set(world.begun())
 
-    def due(
-        self, state: AssemblyState, tpg: TemporalPlanGraph, released: Sequence[int]
-    ) -> bool:
+    def due(self, state: AssemblyState, released: Sequence[int]) -> bool:
         """Return whether it is time to plan more steps, though nothing has failed."""
         planned, ledger = len(state.task_plan.choices), state.ledger
         last = self.context.window.last(ledger.given_up, ledger.more)
         return not ledger.closed and self.context.window.due(
-            tpg, released, planned, ledger.undone, last
+            state.tpg, released, planned, ledger.undone, last
         )
 
     def unplanned(self, state: AssemblyState) -> int:
@@ -178,7 +176,6 @@ class Recovery(Planner[AssemblyState]):
     def extend(
         self,
         state: AssemblyState,
-        tpg: TemporalPlanGraph,
         incident: Incident,
         *,
         more_steps: bool = True,
@@ -188,7 +185,7 @@ class Recovery(Planner[AssemblyState]):
         ledger, window = draft.ledger, self.context.window
         if more_steps:
             draft.reach = len(state.task_plan.choices)
-            if self.due(state, tpg, incident.released):
+            if self.due(state, incident.released):
                 last = window.last(ledger.given_up, incident.more)
                 draft.reach = window.after(draft.reach, last)
             draft.motions = window.of_first(draft.motions, draft.reach)
@@ -197,10 +194,10 @@ class Recovery(Planner[AssemblyState]):
             self.context.elsewhere.allows, draft.motions.work, draft.task_plan
         )
         about = self.scenario.execution, ledger, self.person
-        judged = Judging(*about, allows).judged(tpg, incident)
+        judged = Judging(*about, allows).judged(state.tpg, incident)
         there = ledger.measured
         draft.task_plan = chosen_there(draft.work, draft.task_plan, there)
-        return self._from_best_cut(draft, tpg, incident, judged)
+        return self._from_best_cut(draft, incident, judged)
 
     def _draft(
         self,
@@ -211,6 +208,7 @@ class Recovery(Planner[AssemblyState]):
         """Return a draft that begins with a state, which stays as it is."""
         return Draft(
             self.context,
+            state.tpg,
             state.luck,
             state.ledger.copy(),
             state.cell,
@@ -225,13 +223,12 @@ class Recovery(Planner[AssemblyState]):
     def _from_best_cut(
         self,
         draft: Draft,
-        tpg: TemporalPlanGraph,
         incident: Incident,
         judged: Judged,
     ) -> tuple[AssemblyState, Extension]:
         """Return the best of the proposals from all cuts, or the end of the operation where there is none."""
         before, found, why = draft.state(), list[Proposal](), ""
-        motions = draft.motions
+        motions, tpg = draft.motions, draft.tpg
         planning_s = self.scenario.execution.recovery.planning_s
         tried = set[tuple[Counts, bool]]()
         for cuts in _AS_PLANNED if incident.due else self.cuts:
@@ -266,14 +263,14 @@ class Recovery(Planner[AssemblyState]):
     def end(
         self,
         state: AssemblyState,
-        tpg: TemporalPlanGraph,
         incident: Incident,
         why: str,
     ) -> tuple[AssemblyState, Extension]:
         """Return the state in which every step that is not done is given up, and the committed graph alone."""
         draft = self._draft(state)
         about = self.scenario.execution, draft.ledger, self.person
-        judged = Judging(*about).judged(tpg, incident)
-        at = committed_at(tpg, as_far_as_planned(tpg, incident), incident, judged)
+        judged = Judging(*about).judged(state.tpg, incident)
+        counts = as_far_as_planned(state.tpg, incident)
+        at = committed_at(state.tpg, counts, incident, judged)
         extension = draft.nothing_further(at, why)
         return draft.state(), extension

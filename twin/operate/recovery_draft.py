@@ -87,12 +87,13 @@ class Draft:
 
     Attributes:
         context: settings and caches.
-        luck, ledger, cell, task_plan, steps, motions, past, measure: of the state.
+        tpg, luck, ledger, cell, task_plan, steps, motions, past, measure: of the state.
         reach: number of first steps that are planned.
         stuck: whether a step was given up because no motion was found.
     """
 
     context: PlanningContext
+    tpg: TemporalPlanGraph
     luck: Luck
     ledger: Ledger
     cell: Workcell
@@ -107,6 +108,7 @@ class Draft:
     def state(self) -> AssemblyState:
         """Return the state that is reached."""
         return AssemblyState(
+            self.tpg,
             self.luck,
             self.ledger.copy(),
             self.cell,

@@ -114,7 +114,7 @@ def plan_remainder(
             cuts=((Recut(),), (Recut(aside=True),)),
         )
     incident = Incident(tuple(failures), frozenset(out), frozenset(), counts, ago)
-    state, extension = planner.extend_initial(tpg, incident)
+    state, extension = planner.extend_initial(incident)
     union, new, at = extension
     first = len(at.committed.tasks)
     _require_whole(state.ledger.given_up, new, at, undone)

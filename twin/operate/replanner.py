@@ -150,9 +150,7 @@ class RollingReplanner(Replanner):
             self._more += more
             failed = {f.chain: f.node for f in self._failures}
             counts = [failed.get(k, n) for k, n in enumerate(cell.released)]
-            if more or self._unwanted - self.planner.begun(
-                self.state, cell.tpg, counts
-            ):
+            if more or self._unwanted - self.planner.begun(self.state, counts):
                 self._replan()
 
         cell.env.process(change())
@@ -207,8 +205,8 @@ class RollingReplanner(Replanner):
             self._plan_more()
 
     def _plan_more(self) -> None:
-        about = self.state, self._cell.tpg, self._cell.released
-        if not self._planning and self.planner.due(*about):
+        released = self._cell.released
+        if not self._planning and self.planner.due(self.state, released):
             self._plan_again()
 
     # Planning
@@ -270,8 +268,7 @@ class RollingReplanner(Replanner):
         while True:
             if audience is not None:
                 audience.show_planning()
-            about = self.state, cell.tpg, self._incident()
-            plan = partial(self.planner.recover, *about)
+            plan = partial(self.planner.recover, self.state, self._incident())
             try:
                 return (yield from cell.robots.compute(plan))
             except UnansweredError as error:

@@ -85,11 +85,9 @@ class SameAgain:
     def due(self, *_: Any) -> bool:
         return False
 
-    def recover(
-        self, state: Any, tpg: TemporalPlanGraph, _: Any
-    ) -> tuple[Any, Version]:
-        nothing, counts = NodeTimes((), (), (), ()), tuple(map(len, tpg.chains))
-        return state, Version(tpg, counts, (), nothing, 0, 0.0, "out")
+    def recover(self, state: Any, _: Any) -> tuple[Any, Version]:
+        nothing, counts = NodeTimes((), (), (), ()), tuple(map(len, TPG.chains))
+        return state, Version(TPG, counts, (), nothing, 0, 0.0, "out")
 
 
 def driven(falsify: Falsify | None) -> tuple[Execution, list[Event], ModelWire]:

@@ -40,7 +40,7 @@ def test_a_failure_gives_a_revision_and_changes_no_state(
     monkeypatch.delattr(simpy, "Environment")
     planner, incident = recovery(plan), lost_at_the_first_pick(plan.tpg)
     before = planner.with_measure(planner.initial, events=2)
-    after, revision = planner.recover(before, plan.tpg, incident)
+    after, revision = planner.recover(before, incident)
     (failure,) = incident.failures
     assert revision.counts[failure.chain] == failure.node + 1
     assert plan_sha256(revision.tpg) != plan_sha256(plan.tpg)
@@ -50,5 +50,5 @@ def test_a_failure_gives_a_revision_and_changes_no_state(
     assert after.ledger.gone == {lost}
     assert before.ledger.gone == set()
     # So the same state may be recovered from once more.
-    _, again = planner.recover(before, plan.tpg, incident)
+    _, again = planner.recover(before, incident)
     assert plan_sha256(again.tpg) == plan_sha256(revision.tpg)
