@@ -26,23 +26,23 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import complete_tasks, kept_hold
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
-    Committed,
+    CommittedPrefix,
     Draw,
-    Incident,
+    ReplanTrigger,
     as_far_as_planned,
     committed_at,
     cut_at,
 )
-from twin.operate.going import (
+from twin.operate.failure_triage import FailureTriage, asks_for_another
+from twin.operate.person import Ledger, Person
+from twin.operate.planner import (
     Extension,
-    Luck,
     Planner,
     RecoveryState,
-    appended,
-    nothing_new,
+    TaskSeeds,
+    append_extension,
+    empty_extension,
 )
-from twin.operate.judging import Judging, asks_for_another
-from twin.operate.person import Ledger, Person
 from twin.planning.construction import ConstructionKind
 from twin.planning.kind import PlannedMotions, assembly_kind, timed
 from twin.planning.pipeline import graph_from
@@ -112,7 +112,7 @@ class ConstructionRecovery(Planner[_Built]):
             for name in steps
         }
         ledger = Ledger(above, gone=set(self.gone))
-        self.initial = _Built(tpg, Luck.of(tpg), ledger, kind.parts, steps)
+        self.initial = _Built(tpg, TaskSeeds.of(tpg), ledger, kind.parts, steps)
 
     def begun(self, state: _Built, counts: Sequence[int]) -> set[int]:
         """Return the steps that have begun once so many nodes of each chain are executed."""
@@ -129,35 +129,34 @@ class ConstructionRecovery(Planner[_Built]):
         return bool(state.ledger.given_up)
 
     def end(
-        self, state: _Built, incident: Incident, why: str
+        self, state: _Built, trigger: ReplanTrigger, why: str
     ) -> tuple[_Built, Extension]:
         """Return the state in which every step that is not done is given up, and the committed graph alone."""
         tpg, ledger = state.tpg, state.ledger.copy()
-        judging = Judging(self.scenario.execution, ledger, self.person)
-        judged = judging.judged(tpg, incident)
-        counts = as_far_as_planned(tpg, incident)
-        at = committed_at(tpg, counts, incident, judged)
+        about = self.scenario.execution, ledger, self.person
+        triage = FailureTriage(*about).decide(tpg, trigger)
+        counts = as_far_as_planned(tpg, trigger)
+        at = committed_at(tpg, counts, trigger, triage)
         complete = (at.committed.tasks[k] for k in at.complete)
         done = {task.step for task in complete if task.kind == _PUT}
         for step in sorted({*state.step_of.values()} - done - ledger.undone):
             ledger.give_up(step, why)
-        return replace(state, ledger=ledger), nothing_new(at, tpg.cell)
+        return replace(state, ledger=ledger), empty_extension(at, tpg.cell)
 
     def extend(
         self,
         state: _Built,
-        incident: Incident,
+        trigger: ReplanTrigger,
         *,
         more_steps: bool = True,
     ) -> tuple[_Built, Extension]:
         """Return the next state and a longer graph, see ``Planner``."""
         tpg, ledger = state.tpg, state.ledger.copy()
         section = self.scenario.execution
-        judging = Judging(section, ledger, self.person)
-        judged = judging.judged(tpg, incident)
-        counts = cut_at(tpg, incident, steps=self.steps)
-        at = committed_at(tpg, counts, incident, judged)
-        for step in incident.unwanted - self.begun(state, counts):
+        triage = FailureTriage(section, ledger, self.person).decide(tpg, trigger)
+        counts = cut_at(tpg, trigger, steps=self.steps)
+        at = committed_at(tpg, counts, trigger, triage)
+        for step in trigger.unwanted - self.begun(state, counts):
             ledger.drop(step)
         there = self._there(ledger, at)
         ledger.gone |= {name for name, own in there.items() if own.holder in at.out}
@@ -202,16 +201,16 @@ class ConstructionRecovery(Planner[_Built]):
             new = graph_from(plan, world, before, StageWatch())
             new = timed(new, self.scenario, StageWatch())
             waits = self._waits(problem, ledger, rest, plan, at)
-            union, new, _ = appended(at, new, tpg.cell, ledger, waits)
+            union, new, _ = append_extension(at, new, tpg.cell, ledger, waits)
         except (ConstructionError, PlanInvariantError) as error:
             for name in names - {*placed}:
                 why = str(error).partition("\n")[0]
                 ledger.given_up.setdefault(built.step_of[name], why)
             self._give_up(built, placed)
-            return built, nothing_new(at, tpg.cell)
+            return built, empty_extension(at, tpg.cell)
         return built, (union, new, at)
 
-    def _there(self, ledger: Ledger, at: Committed) -> Mapping[str, Attachment]:
+    def _there(self, ledger: Ledger, at: CommittedPrefix) -> Mapping[str, Attachment]:
         """Return where parts are, by the names with which plans know them."""
         pending = ledger.pending(at.committed.tasks)
         return ledger.where(at.state.attachments, pending, at.committed.cell)
@@ -220,7 +219,7 @@ class ConstructionRecovery(Planner[_Built]):
         self,
         state: _Built,
         ledger: Ledger,
-        at: Committed,
+        at: CommittedPrefix,
         placed: Sequence[str],
     ) -> tuple[dict[str, tuple[str, str]], tuple[str, ...]]:
         """Return what is kept hold of, and what is placed: before that by which it stands, or last."""
@@ -392,7 +391,7 @@ class ConstructionRecovery(Planner[_Built]):
         ledger: Ledger,
         rest: Building,
         plan: MotionPlan,
-        at: Committed,
+        at: CommittedPrefix,
     ) -> np.ndarray:
         """Return what waits for what, of what is new and what is committed, shape (e, 2)."""
         before = [task for task in at.committed.tasks if task.kind in ("pick", _PUT)]

@@ -27,10 +27,10 @@ from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.engine.supply import LateSupply
-from twin.operate.committed import Recut, Version
+from twin.operate.committed import CutPolicy, PlanRevision
 from twin.operate.constructing import ConstructionRecovery
-from twin.operate.going import Planner
 from twin.operate.person import Ask, Person, Says
+from twin.operate.planner import Planner
 from twin.operate.recovery import Recovery
 from twin.operate.replanner import Keep, RollingReplanner
 from twin.planning.kind import AssemblyKind, PlannedMotions, assembly_kind
@@ -63,7 +63,7 @@ class Operation:
 
     tpg: TemporalPlanGraph
     record: ExecutionRecord
-    versions: tuple[Version, ...]
+    versions: tuple[PlanRevision, ...]
     given_up: Mapping[int, str]
     dropped: Mapping[int, str]
     out: frozenset[str]
@@ -170,7 +170,7 @@ def operate(
     else:
         planner = Recovery(scenario, motions, tpg, draw, person)
         if halting:
-            planner.cuts = ((Recut(aside=True),),)
+            planner.cuts = ((CutPolicy(aside=True),),)
 
     def hold(graph: TemporalPlanGraph) -> TemporalPlanGraph:
         return held if held and graph is plan else held_back(graph, model)

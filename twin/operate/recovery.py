@@ -26,30 +26,30 @@ from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from scheduling.rolling.forecast import Clock, forecast_s
 from scheduling.rolling.supply import coming
 from twin.operate.committed import (
-    Committed,
+    CommittedPrefix,
+    CutPolicy,
     Draw,
-    Incident,
-    Judged,
-    Recut,
+    ReplanTrigger,
+    TriageResult,
     as_far_as_planned,
     committed_at,
 )
-from twin.operate.going import (
-    Extension,
-    Luck,
-    Planner,
-)
-from twin.operate.judging import (
-    Judging,
+from twin.operate.failure_triage import (
+    FailureTriage,
     resting_steps,
 )
 from twin.operate.person import Ledger, Person
+from twin.operate.planner import (
+    Extension,
+    Planner,
+    TaskSeeds,
+)
 from twin.operate.recovery_draft import AssemblyState, Draft, PlanningContext
 from twin.operate.step_window import StepWindow
 from twin.planning.kind import PlannedMotions
 from twin.scenario.sections.scenario import Scenario
 
-_AS_PLANNED = ((Recut(steps=True),), (Recut(aside=True),))
+_AS_PLANNED = ((CutPolicy(steps=True),), (CutPolicy(aside=True),))
 """Where a plan is cut in which nothing has happened but that more steps come next."""
 
 
@@ -66,7 +66,7 @@ class Proposal:
 
     union: TemporalPlanGraph
     new: TemporalPlanGraph
-    at: Committed
+    at: CommittedPrefix
     state: AssemblyState
     more: int
 
@@ -100,9 +100,9 @@ class Recovery(Planner[AssemblyState]):
     gone: InitVar[Collection[str]] = ()
     measured: InitVar[Poses] = MappingProxyType({})
     undone: InitVar[Mapping[int, str]] = MappingProxyType({})
-    cuts: tuple[tuple[Recut, ...], ...] = (
-        (Recut(), Recut(going=True), Recut(aside=True)),
-        (Recut(steps=True),),
+    cuts: tuple[tuple[CutPolicy, ...], ...] = (
+        (CutPolicy(), CutPolicy(going=True), CutPolicy(aside=True)),
+        (CutPolicy(steps=True),),
     )
 
     def __post_init__(
@@ -132,7 +132,7 @@ class Recovery(Planner[AssemblyState]):
         cell = coming(tpg.cell, (), REMOVAL) if work.passing else tpg.cell
         steps = planned_steps(tpg)
         self.initial = AssemblyState(
-            tpg, Luck.of(tpg), ledger, cell, chosen, steps, motions
+            tpg, TaskSeeds.of(tpg), ledger, cell, chosen, steps, motions
         )
 
     def is_short(self, state: AssemblyState) -> bool:
@@ -176,7 +176,7 @@ class Recovery(Planner[AssemblyState]):
     def extend(
         self,
         state: AssemblyState,
-        incident: Incident,
+        trigger: ReplanTrigger,
         *,
         more_steps: bool = True,
     ) -> tuple[AssemblyState, Extension]:
@@ -185,19 +185,19 @@ class Recovery(Planner[AssemblyState]):
         ledger, window = draft.ledger, self.context.window
         if more_steps:
             draft.reach = len(state.task_plan.choices)
-            if self.due(state, incident.released):
-                last = window.last(ledger.given_up, incident.more)
+            if self.due(state, trigger.released):
+                last = window.last(ledger.given_up, trigger.more)
                 draft.reach = window.after(draft.reach, last)
             draft.motions = window.of_first(draft.motions, draft.reach)
-            ledger.more = incident.more
+            ledger.more = trigger.more
         allows = partial(
             self.context.elsewhere.allows, draft.motions.work, draft.task_plan
         )
         about = self.scenario.execution, ledger, self.person
-        judged = Judging(*about, allows).judged(state.tpg, incident)
+        triage = FailureTriage(*about, allows).decide(state.tpg, trigger)
         there = ledger.measured
         draft.task_plan = chosen_there(draft.work, draft.task_plan, there)
-        return self._from_best_cut(draft, incident, judged)
+        return self._from_best_cut(draft, trigger, triage)
 
     def _draft(
         self,
@@ -209,7 +209,7 @@ class Recovery(Planner[AssemblyState]):
         return Draft(
             self.context,
             state.tpg,
-            state.luck,
+            state.seeds,
             state.ledger.copy(),
             state.cell,
             state.task_plan,
@@ -223,22 +223,22 @@ class Recovery(Planner[AssemblyState]):
     def _from_best_cut(
         self,
         draft: Draft,
-        incident: Incident,
-        judged: Judged,
+        trigger: ReplanTrigger,
+        triage: TriageResult,
     ) -> tuple[AssemblyState, Extension]:
         """Return the best of the proposals from all cuts, or the end of the operation where there is none."""
         before, found, why = draft.state(), list[Proposal](), ""
         motions, tpg = draft.motions, draft.tpg
         planning_s = self.scenario.execution.recovery.planning_s
         tried = set[tuple[Counts, bool]]()
-        for cuts in _AS_PLANNED if incident.due else self.cuts:
+        for cuts in _AS_PLANNED if trigger.due else self.cuts:
             stuck = False
             for cut in cuts:
-                counts = cut.counts(tpg, incident, planning_s)
+                counts = cut.counts(tpg, trigger, planning_s)
                 if (counts, cut.aside) in tried:
                     continue
                 tried.add((counts, cut.aside))
-                at = committed_at(tpg, counts, incident, judged)
+                at = committed_at(tpg, counts, trigger, triage)
                 attempt = self._draft(before, motions, draft.reach)
                 try:
                     union, new = attempt.onward(at, aside=cut.aside)
@@ -252,7 +252,7 @@ class Recovery(Planner[AssemblyState]):
             if found and (any(not item.more for item in found) or not stuck):
                 break  # what nobody can do can be done from nowhere else
         if found:
-            about = incident.clock, planning_s
+            about = trigger.clock, planning_s
             best = min(found, key=lambda item: (item.more, item.end_s(*about)))
             state = replace(best.state, motions=motions)
             return state, (best.union, best.new, best.at)
@@ -263,14 +263,14 @@ class Recovery(Planner[AssemblyState]):
     def end(
         self,
         state: AssemblyState,
-        incident: Incident,
+        trigger: ReplanTrigger,
         why: str,
     ) -> tuple[AssemblyState, Extension]:
         """Return the state in which every step that is not done is given up, and the committed graph alone."""
         draft = self._draft(state)
         about = self.scenario.execution, draft.ledger, self.person
-        judged = Judging(*about).judged(state.tpg, incident)
-        counts = as_far_as_planned(state.tpg, incident)
-        at = committed_at(state.tpg, counts, incident, judged)
+        triage = FailureTriage(*about).decide(state.tpg, trigger)
+        counts = as_far_as_planned(state.tpg, trigger)
+        at = committed_at(state.tpg, counts, trigger, triage)
         extension = draft.nothing_further(at, why)
         return draft.state(), extension

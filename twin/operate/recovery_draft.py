@@ -21,22 +21,22 @@ from planning.worlds.world import World, leftovers, standing
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
-    Committed,
+    CommittedPrefix,
 )
-from twin.operate.going import (
-    Extension,
-    Luck,
-    RecoveryState,
-    appended,
-    nothing_new,
-)
-from twin.operate.judging import (
+from twin.operate.failure_triage import (
     asks_for_another,
-    hopeless,
+    find_infeasible_steps,
     interrupted,
     resting_steps,
 )
 from twin.operate.person import Ledger, Person
+from twin.operate.planner import (
+    Extension,
+    RecoveryState,
+    TaskSeeds,
+    append_extension,
+    empty_extension,
+)
 from twin.operate.step_window import StepWindow
 from twin.operate.termination import NO_PROGRESS, Measure
 from twin.planning.kind import PlannedMotions
@@ -87,14 +87,14 @@ class Draft:
 
     Attributes:
         context: settings and caches.
-        tpg, luck, ledger, cell, task_plan, steps, motions, past, measure: of the state.
+        tpg, seeds, ledger, cell, task_plan, steps, motions, past, measure: of the state.
         reach: number of first steps that are planned.
         stuck: whether a step was given up because no motion was found.
     """
 
     context: PlanningContext
     tpg: TemporalPlanGraph
-    luck: Luck
+    seeds: TaskSeeds
     ledger: Ledger
     cell: Workcell
     task_plan: TaskPlan
@@ -109,7 +109,7 @@ class Draft:
         """Return the state that is reached."""
         return AssemblyState(
             self.tpg,
-            self.luck,
+            self.seeds,
             self.ledger.copy(),
             self.cell,
             self.task_plan,
@@ -125,7 +125,7 @@ class Draft:
         elsewhere = self.context.elsewhere
         return elsewhere.of(self.motions.work, self.ledger.measured)
 
-    def nothing_further(self, at: Committed, why: str) -> Extension:
+    def nothing_further(self, at: CommittedPrefix, why: str) -> Extension:
         """Give up all steps that are not done once what is committed is complete."""
         world = self._world(at)
         left = {item.step.step for item in leftovers(world, {}) if not item.ends}
@@ -134,13 +134,13 @@ class Draft:
         for step in self.context.window.all_steps(self.task_plan):
             if step not in done:
                 self.ledger.give_up(step, why)
-        return nothing_new(at, self.cell)
+        return empty_extension(at, self.cell)
 
-    def _world(self, at: Committed) -> World:
+    def _world(self, at: CommittedPrefix) -> World:
         """Return the world once all that is committed is complete."""
         complete = set(at.complete)
         for task in at.tried:
-            if task.step in at.judged.reopened or task.step in self.ledger.undone:
+            if task.step in at.triage.reopened or task.step in self.ledger.undone:
                 complete.add(task.index)
         pending = self.ledger.pending(at.committed.tasks)
         where = self.ledger.where(at.state.attachments, pending, self.cell)
@@ -155,7 +155,7 @@ class Draft:
         )
 
     def onward(
-        self, at: Committed, *, aside: bool
+        self, at: CommittedPrefix, *, aside: bool
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph]:
         """Return the longer graph and the new one, giving up what cannot be done."""
         watch, goes_aside = StageWatch(), frozenset[str]()
@@ -167,7 +167,7 @@ class Draft:
             self._look_at_what_is_ordered()
             world = self._world(at)
             reopened = {
-                **at.judged.reopened,
+                **at.triage.reopened,
                 **interrupted(self.ledger, at.out, world),
                 **emptied,
             }
@@ -179,7 +179,7 @@ class Draft:
             for step in given_up & world.begun().keys():
                 reopened.setdefault(step, frozenset())
             now = Situation(world, self.task_plan, reopened, given_up, aside=goes_aside)
-            work, undoable = hopeless(self.work, now, self.cell)
+            work, undoable = find_infeasible_steps(self.work, now, self.cell)
             if not self.context.elsewhere.keep(work, self.ledger.measured):
                 self.motions = replace(self.motions, work=work)
             if undoable:
@@ -220,7 +220,9 @@ class Draft:
             come_up = onward.motions.cell.objects[len(self.cell.objects) :]
             self.cell = replace(self.cell, objects=(*self.cell.objects, *come_up))
             known = onward.motions.dependencies, onward.motions.windows
-            union, new, self.cell = appended(at, tpg, self.cell, self.ledger, *known)
+            union, new, self.cell = append_extension(
+                at, tpg, self.cell, self.ledger, *known
+            )
             if len(onward.task_plan.choices) > len(self.task_plan.choices):
                 self.ledger.resting = resting_steps(
                     union.tasks, union.allowed, onward.task_plan, self.work.needs
@@ -255,15 +257,15 @@ class Draft:
         if count != len(motions.work.problem.steps):
             self.motions = self.context.window.of_first(motions, count)
 
-    def _look_no_further(self, hopeless: Mapping[int, str]) -> None:
+    def _look_no_further(self, infeasible: Mapping[int, str]) -> None:
         """End the assembly before a step that comes into the window and that nobody can do."""
         planned = len(self.task_plan.choices)
-        if new := [step for step in hopeless if step > planned]:
+        if new := [step for step in infeasible if step > planned]:
             first, ledger = min(new), self.ledger
             count = self.context.window.whole_products(first - 1)
             self.reach = count
             ledger.closed = f"step {first} is given up"
-            if reason := hopeless[first].partition("\n")[0]:
+            if reason := infeasible[first].partition("\n")[0]:
                 ledger.closed += f": {reason}"
             for step in self.context.window.all_steps(self.task_plan):
                 if step > count and step != first:

@@ -34,10 +34,10 @@ from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from scheduling.rolling.supply import alone, going_on
-from twin.operate.committed import Committed, Failure, Incident, Recut
+from twin.operate.committed import CommittedPrefix, CutPolicy, Failure, ReplanTrigger
 from twin.operate.constructing import ConstructionRecovery
-from twin.operate.going import Planner
 from twin.operate.person import Person
+from twin.operate.planner import Planner
 from twin.operate.recovery import Recovery
 from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import planned_shortcuts
@@ -111,10 +111,10 @@ def plan_remainder(
             gone,
             measured,
             undone,
-            cuts=((Recut(),), (Recut(aside=True),)),
+            cuts=((CutPolicy(),), (CutPolicy(aside=True),)),
         )
-    incident = Incident(tuple(failures), frozenset(out), frozenset(), counts, ago)
-    state, extension = planner.extend_initial(incident)
+    trigger = ReplanTrigger(tuple(failures), frozenset(out), frozenset(), counts, ago)
+    state, extension = planner.extend_initial(trigger)
     union, new, at = extension
     first = len(at.committed.tasks)
     _require_whole(state.ledger.given_up, new, at, undone)
@@ -160,7 +160,7 @@ def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:
 def _require_whole(
     given_up: Mapping[int, str],
     new: TemporalPlanGraph,
-    at: Committed,
+    at: CommittedPrefix,
     known: Collection[int],
 ) -> None:
     """Refuse what cannot go on.

@@ -22,10 +22,10 @@ from twin.durations.model import NANOSECONDS
 from twin.engine.execution import Execution
 from twin.engine.ports import Replanner, Steps
 from twin.engine.supply import LateSupply
-from twin.operate.committed import Failure, Incident, Version
+from twin.operate.committed import Failure, PlanRevision, ReplanTrigger
 from twin.operate.continued_times import continued_times
-from twin.operate.going import Planner
 from twin.operate.person import UnansweredError
+from twin.operate.planner import Planner
 
 _AFTER_ALL = EventPriority(10)
 """Priority of what considers all that has happened at a time."""
@@ -73,7 +73,7 @@ class RollingReplanner(Replanner):
         self._cell = execution
         self._hold = hold or (lambda tpg: tpg)
         execution.dispatch_by(self._hold(execution.tpg))
-        self.versions: list[Version] = []
+        self.versions: list[PlanRevision] = []
         self.planner, self.state = planner, planner.initial
         self._halting, self._keep_version = halting, keep
         messages_ns = execution.messages.report_ns + execution.messages.release_ns
@@ -262,13 +262,13 @@ class RollingReplanner(Replanner):
         cell.dispatch_again()
         self._plan_more()
 
-    def _version(self) -> Generator[simpy.Event, Any, tuple[Any, Version]]:
+    def _version(self) -> Generator[simpy.Event, Any, tuple[Any, PlanRevision]]:
         """Plan what is left of all that has happened by now, as often as a person has to be asked for that."""
         cell, audience = self._cell, self._cell.audience
         while True:
             if audience is not None:
                 audience.show_planning()
-            plan = partial(self.planner.recover, self.state, self._incident())
+            plan = partial(self.planner.recover, self.state, self._trigger())
             try:
                 return (yield from cell.robots.compute(plan))
             except UnansweredError as error:
@@ -278,12 +278,12 @@ class RollingReplanner(Replanner):
             yield from audience.answered(question)
             self._again = False
 
-    def _incident(self) -> Incident:
+    def _trigger(self) -> ReplanTrigger:
         """Return what has happened by now."""
         cell = self._cell
         coming = {} if cell.supply is None else cell.supply.coming
         opened = opened_at(cell.tpg, np.array([t for own in cell.end for t in own]))
-        return Incident(
+        return ReplanTrigger(
             tuple(self._failures),
             frozenset(self._out),
             frozenset(self._unwanted),
@@ -303,7 +303,7 @@ class RollingReplanner(Replanner):
         )
         return Clock(self._cell.now_ns / NANOSECONDS, begun, ended)
 
-    def _take_over(self, version: Version) -> None:
+    def _take_over(self, version: PlanRevision) -> None:
         """Let the execution go on with a revision of its graph."""
         cell, tpg = self._cell, version.tpg
         failures, self._failures = self._failures, []
@@ -316,7 +316,7 @@ class RollingReplanner(Replanner):
         self._record(version, failures)
         self.versions.append(version)
 
-    def _record(self, version: Version, failures: list[Failure]) -> None:
+    def _record(self, version: PlanRevision, failures: list[Failure]) -> None:
         """Record a revision, and the recovery from each failure."""
         narrator = self._cell.narrator
         if narrator is None:

@@ -44,7 +44,7 @@ from twin.live.wire_format import (
     read_report,
     report_bytes,
 )
-from twin.operate.committed import Version
+from twin.operate.committed import PlanRevision
 from twin.operate.replanner import RollingReplanner
 from twin.recorders.observers import MemoryRecorder, Observers
 from twin.run.events import Event
@@ -85,9 +85,9 @@ class SameAgain:
     def due(self, *_: Any) -> bool:
         return False
 
-    def recover(self, state: Any, _: Any) -> tuple[Any, Version]:
+    def recover(self, state: Any, _: Any) -> tuple[Any, PlanRevision]:
         nothing, counts = NodeTimes((), (), (), ()), tuple(map(len, TPG.chains))
-        return state, Version(TPG, counts, (), nothing, 0, 0.0, "out")
+        return state, PlanRevision(TPG, counts, (), nothing, 0, 0.0, "out")
 
 
 def driven(falsify: Falsify | None) -> tuple[Execution, list[Event], ModelWire]:

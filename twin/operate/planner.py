@@ -1,4 +1,4 @@
-"""What is known of a plan from which it can be gone on, who plans that, and how it is appended to what is committed."""
+"""Recovery of a plan as a function of its state, and appending an extension to the committed prefix."""
 
 from __future__ import annotations
 
@@ -18,7 +18,13 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.extension import committed_part, extended
 from scheduling.rolling.supply import brought_in, renamed, supply_waits
 from twin.durations.model import NANOSECONDS
-from twin.operate.committed import Committed, Draw, Incident, Version, cause_of
+from twin.operate.committed import (
+    CommittedPrefix,
+    Draw,
+    PlanRevision,
+    ReplanTrigger,
+    cause_of,
+)
 from twin.operate.person import AGAIN, Ledger, Person, with_help
 from twin.operate.termination import NO_PROGRESS, Measure, measure_of
 from twin.scenario.sections.scenario import Scenario
@@ -29,17 +35,17 @@ _Skill = tuple[int, str]
 
 
 @dataclass(frozen=True)
-class Luck:
-    """Names of the draws of all tasks of an operation: a task has the luck of the same try at the same skill of its step.
+class TaskSeeds:
+    """Random-number keys per task attempt, so that replanned tasks reuse the draws of the original plan.
 
-    Draws are named by tasks. A task that is planned again before anybody has tried it keeps the name, and so the
-    luck, that it had in the first plan; one that is tried once more has a name of its own. So what happens to a
-    step does not depend on when or how often others were planned, and ways to recover can be compared.
+    A task that is planned again before anybody has tried it keeps the key that it had in the first plan; one
+    that is tried once more has a key of its own. So what happens to a step does not depend on when or how often
+    others were planned, and strategies of recovery can be compared.
 
     Attributes:
         first: tasks of the first plan, by step and kind.
         skills: step and kind of every task, by index: those of what failed or is left out, too.
-        names: of the draws of tasks whose names are not their own, by index.
+        names: keys of tasks that are not named by themselves, by index.
     """
 
     first: Mapping[_Skill, tuple[Task, ...]]
@@ -47,15 +53,15 @@ class Luck:
     names: Mapping[int, TaskName]
 
     @classmethod
-    def of(cls, tpg: TemporalPlanGraph) -> Luck:
-        """Return the luck of a first plan, whose tasks name their draws themselves."""
+    def of(cls, tpg: TemporalPlanGraph) -> TaskSeeds:
+        """Return the keys of a first plan, whose tasks name their draws themselves."""
         first: dict[_Skill, tuple[Task, ...]] = {}
         for task in tpg.tasks:
             own = task.step, task.kind
             first[own] = (*first.get(own, ()), task)
         return cls(first, {t.index: (t.step, t.kind) for t in tpg.tasks}, {})
 
-    def onward(self, tpg: TemporalPlanGraph, new: int) -> Luck:
+    def onward(self, tpg: TemporalPlanGraph, new: int) -> TaskSeeds:
         """Return the names for a graph whose tasks from an index on are new."""
         before = [t.index for t in tpg.tasks[:new] if t.kind != LEFT_OUT]
         tries = Counter(self.skills[index] for index in before)
@@ -69,7 +75,7 @@ class Luck:
                 model = planned[min(tries[own], len(planned) - 1)]
                 names[task.index] = (model.robot, model.index + again * AGAIN)
             tries[own] += 1
-        return Luck(self.first, skills, names)
+        return TaskSeeds(self.first, skills, names)
 
 
 @dataclass(frozen=True)
@@ -78,20 +84,20 @@ class RecoveryState:
 
     Attributes:
         tpg: its graph.
-        luck: random-number keys of its tasks.
+        seeds: random-number keys of its tasks.
         ledger: what has become of steps and objects.
         measure: bound on revisions still to come, see ``termination``; None before the run begins.
     """
 
     tpg: TemporalPlanGraph
-    luck: Luck
+    seeds: TaskSeeds
     ledger: Ledger
     measure: Measure | None = field(default=None, kw_only=True)
 
 
 State = TypeVar("State", bound=RecoveryState)
 
-Extension = tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]
+Extension = tuple[TemporalPlanGraph, TemporalPlanGraph, CommittedPrefix]
 """All of a longer graph, what is new only, and what is committed."""
 
 
@@ -128,7 +134,7 @@ class Planner(ABC, Generic[State]):
 
     @abstractmethod
     def extend(
-        self, state: State, incident: Incident, *, more_steps: bool = True
+        self, state: State, trigger: ReplanTrigger, *, more_steps: bool = True
     ) -> tuple[State, Extension]:
         """Return the next state, still with its graph, and a longer graph, in which failures are recovered from.
 
@@ -136,13 +142,13 @@ class Planner(ABC, Generic[State]):
         Without ``more_steps`` no steps come into the planning window.
         """
 
-    def extend_initial(self, incident: Incident) -> tuple[State, Extension]:
+    def extend_initial(self, trigger: ReplanTrigger) -> tuple[State, Extension]:
         """Return the state and the longer graph that follow from the initial state, with no further steps."""
-        return self.extend(self.initial, incident, more_steps=False)
+        return self.extend(self.initial, trigger, more_steps=False)
 
     @abstractmethod
     def end(
-        self, state: State, incident: Incident, why: str
+        self, state: State, trigger: ReplanTrigger, why: str
     ) -> tuple[State, Extension]:
         """Return the state in which every step that is not done is given up, and the committed graph alone."""
 
@@ -162,7 +168,9 @@ class Planner(ABC, Generic[State]):
         unplanned = self.unplanned(state)
         return measure_of(self.scenario, self.person, state.ledger, events, unplanned)
 
-    def recover(self, state: State, incident: Incident) -> tuple[State, Version]:
+    def recover(
+        self, state: State, trigger: ReplanTrigger
+    ) -> tuple[State, PlanRevision]:
         """Return the state and the revision of the plan that follow from what has happened.
 
         The state given is not changed, so recovery may be asked for again with more that has happened. A
@@ -170,48 +178,48 @@ class Planner(ABC, Generic[State]):
 
         Args:
             state: of the plan that is executed; of its graph only committed nodes are executed any more.
-            incident: what has happened since.
+            trigger: what has happened since.
 
         Raises:
             UnansweredError: a question to a person is open.
         """
         begin = time.process_time()
-        after, found = self.extend(state, incident)
+        after, found = self.extend(state, trigger)
         new = self.new_steps(state, after)
-        measure, before = self._measured(after, incident.events), state.measure
+        measure, before = self._measured(after, trigger.events), state.measure
         if before is not None and not measure.is_below(before):
-            after, found = self.end(state, incident, NO_PROGRESS)
-            measure = min(before, self._measured(after, incident.events))
+            after, found = self.end(state, trigger, NO_PROGRESS)
+            measure = min(before, self._measured(after, trigger.events))
         union, own, at = found
         executed_by = tuple(chain.robot for chain in union.chains)
         assert executed_by[: len(at.robots)] == at.robots, "chains keep their numbers"
-        luck = state.luck.onward(union, len(at.committed.tasks))
-        after = replace(after, tpg=union, luck=luck, measure=measure)
+        seeds = state.seeds.onward(union, len(at.committed.tasks))
+        after = replace(after, tpg=union, seeds=seeds, measure=measure)
         answers = [ask.answer for ask in after.ledger.asks[len(state.ledger.asks) :]]
-        fresh = replace(incident, more=incident.more - state.ledger.more)
+        fresh = replace(trigger, more=trigger.more - state.ledger.more)
         planning_s = self.scenario.execution.recovery.planning_s
-        version = Version(
+        version = PlanRevision(
             union,
             at.counts(union),
             tuple(chain.robot for chain in own.chains),
-            self.draw(own, luck.names),
+            self.draw(own, seeds.names),
             round(planning_s * NANOSECONDS),
             time.process_time() - begin,
             cause_of(state.tpg, fresh, new, answers),
-            at.judged.words,
+            at.triage.words,
         )
         return after, version
 
 
-def nothing_new(at: Committed, cell: Workcell) -> Extension:
+def empty_extension(at: CommittedPrefix, cell: Workcell) -> Extension:
     """Return what is committed, after which nothing comes."""
     nothing = committed_part(at.committed, [0] * len(at.committed.chains))
     waits = np.empty((0, 2), dtype=np.int64)
     return extended(at.committed, nothing, cell, waits, order=at.robots), nothing, at
 
 
-def appended(
-    at: Committed,
+def append_extension(
+    at: CommittedPrefix,
     new: TemporalPlanGraph,
     cell: Workcell,
     ledger: Ledger,
