@@ -21,7 +21,7 @@ from twin.durations.model import Nanoseconds, require_within_longest_run
 from twin.engine.ending import Ending
 from twin.engine.execution_model import Messages
 from twin.engine.narrator import Narrator
-from twin.engine.ports import Audience, Replanner, RobotPort, Steps, Supply
+from twin.engine.ports import Audience, Replanner, RobotPort, Steps, SupplyPort
 from twin.recorders.observers import Observers
 from twin.run.events import Outcome
 from twin.uncertainty.node_times import NodeTimes
@@ -39,7 +39,7 @@ class Ports:
     """
 
     robots: Callable[[Execution], RobotPort]
-    supply: Callable[[Execution], Supply] | None = None
+    supply: Callable[[Execution], SupplyPort] | None = None
     replanner: Callable[[Execution], Replanner] | None = None
     audience: Callable[[Execution], Audience] | None = None
 
@@ -197,11 +197,11 @@ class Execution:
         """Return why the run ends before all is done: its ending, or what robots wait for."""
         if self.ended is not None:
             return self.ended.words
-        stuck = []
-        for k, chain in enumerate(self.tpg.chains):
-            if self.released[k] < len(chain):
-                node = self.released[k]
-                stuck.append(f"{chain.robot} at node {node} {self.wait_cause(k, node)}")
+        stuck = (
+            f"{chain.robot} at node {node} {self.wait_cause(k, node)}"
+            for k, chain in enumerate(self.tpg.chains)
+            if (node := self.released[k]) < len(chain)
+        )
         return "deadlock: " + "; ".join(stuck)
 
     def _robot(self, chain: int) -> Steps:
@@ -224,8 +224,6 @@ class Execution:
             if self.replanner is None:
                 return
             yield self.replanner.revised()
-
-    # Primitives for ports
 
     def complete(self, chain: int, node: int, late_ns: int = 0) -> None:
         """Report a node complete, now or after a delay [ns]."""
@@ -257,10 +255,9 @@ class Execution:
 
     def report_wait(self, chain: int, node: int) -> None:
         """Record that a robot waits unless a node has reached it by now."""
-        if self.supply is not None and chain in self.supply.coming:
-            return
+        machine = self.supply is not None and chain in self.supply.coming
         waits = self.idle[chain] is not None and self.start[chain][node] < 0
-        if self.narrator is not None and waits:
+        if self.narrator is not None and waits and not machine:
             detail = self.wait_cause(chain, node)
             self.narrator.emit("waiting", chain, node, detail=detail)
 
@@ -373,8 +370,6 @@ class Execution:
             edge_ns = min(own.next_edge(at_ns) for own in self.stops)
         return edge_ns
 
-    # Messages
-
     def _receive_report(self, chain: int, node: int) -> None:
         self._reports.append((chain, node))
         self.dispatch_again()
@@ -396,8 +391,6 @@ class Execution:
         if arrival is not None:
             arrival.succeed()
 
-    # Dispatcher
-
     def _dispatch(self) -> Steps:
         while True:
             # Reports that came before the dispatcher began count, too, as those of a run that goes on from its log.
@@ -416,28 +409,20 @@ class Execution:
         """Release what has become safe and fits into the queues."""
         chains: Collection[int] = range(len(self.queue))
         if self._turns is not None:
-            self._release_in_turns(self._turns)
+            # One node at a time of robots; machines need not take turns.
+            counts = enumerate(self.outstanding)
+            busy = any(n for k, n in counts if k not in self.machines)
+            if self._turns and not busy and self._next_is_safe(self._turns[0]):
+                self._release(self._turns.popleft())
             chains = self.machines
         elif self.sequential:
-            if not any(self.outstanding):
-                ready = [k for k in chains if self._next_is_safe(k)]
-                if ready:
-                    self._release(
-                        min(ready, key=lambda k: self.task[k][self.released[k]])
-                    )
+            idle = not any(self.outstanding)
+            if ready := [k for k in chains if idle and self._next_is_safe(k)]:
+                self._release(min(ready, key=lambda k: self.task[k][self.released[k]]))
             return
         for chain in chains:
             while self.outstanding[chain] < self.ahead and self._next_is_safe(chain):
                 self._release(chain)
-
-    def _release_in_turns(self, turns: deque[int]) -> None:
-        """Release the node whose turn it is, if no robot is at work and it is safe."""
-        if not turns or any(
-            count for k, count in enumerate(self.outstanding) if k not in self.machines
-        ):
-            return
-        if self._next_is_safe(turns[0]):
-            self._release(turns.popleft())
 
     def _next_is_safe(self, chain: int) -> bool:
         """Return whether the next node waits for no other robot, and passes the gates of all ports.
@@ -451,9 +436,7 @@ class Execution:
             safe = self.dispatcher.is_safe(chain, node)
         else:
             safe = not self.dispatcher.waits_for(chain, node)
-        if self.gates and safe:
-            return all(allows(chain) for allows in self.gates)
-        return safe
+        return safe and (not self.gates or all(own(chain) for own in self.gates))
 
     def _release(self, chain: int) -> None:
         node = self.released[chain]

@@ -75,7 +75,7 @@ class RobotPort(Protocol):
         return {}
 
 
-class Supply(Protocol):
+class SupplyPort(Protocol):
     """Objects that machines bring at times that nobody knows beforehand.
 
     Attributes:

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from twin.engine.execution import Execution
-from twin.engine.ports import Steps, Supply
+from twin.engine.ports import Steps, SupplyPort
 
 
-class LateSupply(Supply):
+class LateSupply(SupplyPort):
     """Objects that arrive late, each brought in the one node of a machine, see ``scheduling.rolling.supply``.
 
     No robot waits for that node before one has come for the object and has not found it; from then on all do.
