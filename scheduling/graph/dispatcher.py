@@ -17,7 +17,7 @@ import numpy.typing as npt
 from planning.errors import PlanInvariantError
 from planning.kernels import kernel
 from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks
 
 Node = tuple[int, int]
@@ -165,6 +165,15 @@ class Dispatcher:
     def _node(self, number: int) -> Node:
         robot = self._chain[number]
         return robot, number - self._first[robot]
+
+
+def timed_edges(tpg: TemporalPlanGraph) -> dict[Node, list[tuple[Node, int]]]:
+    """Return targets of the edges that hold for some time at most, by source, with that time [ns]."""
+    found: dict[Node, list[tuple[Node, int]]] = {}
+    for k in np.flatnonzero(tpg.patience < EVER).tolist():
+        a, u, b, v = tpg.edges[k].tolist()
+        found.setdefault((a, u), []).append(((b, v), int(tpg.patience[k])))
+    return found
 
 
 @dataclass(frozen=True)

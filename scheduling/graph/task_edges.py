@@ -253,3 +253,15 @@ def chain_actuations(tpg: TemporalPlanGraph, index: int) -> dict[int, Actuation]
                 if passed[k] in acts:
                     found[nodes.first + k] = acts[passed[k]]
     return found
+
+
+def turn_order(tpg: TemporalPlanGraph) -> list[int]:
+    """Return the chains of robots in the order in which their nodes take turns.
+
+    It is fixed beforehand: what a machine takes for its tasks must not change it.
+    """
+    machines = machine_chains(tpg)
+    first = np.cumsum([0, *(len(chain) for chain in tpg.chains)])
+    order = np.fromiter(sequential_order(tpg), dtype=np.int64)
+    chains = np.searchsorted(first, order, side="right") - 1
+    return [k for k in chains.tolist() if k not in machines]

@@ -19,10 +19,11 @@ from scheduling.graph.task_edges import with_barriers, with_turns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
 from twin.durations.model import Nanoseconds
-from twin.engine.driven import DrivenExecution
+from twin.engine.driven_robots import DrivenRobots
+from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.engine.narrator import failure_text
-from twin.engine.processes import Execution
+from twin.engine.simulated_robots import SimulatedRobots
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import POLICIES, DeadlockError, ExecutionRecord
 from twin.uncertainty.contraction import Contraction, contract
@@ -122,7 +123,7 @@ class Simulator:
         if outcome != "aborted":
             makespan = _makespan_ns(times, failed, start, end)
         if self.driven:  # whose times are those of the whole graph
-            times = execution.node_times()
+            times = execution.robots.node_times()
         run = ExecutionRecord(
             outcome=outcome,
             policy=self._model.policy,
@@ -142,7 +143,7 @@ class Simulator:
                 if node >= 0
             ),
             raised_skills=times.raised,
-            commands=execution.commands(),
+            commands=execution.robots.commands(),
             speed_override=times.speed_override,
         )
         if outcome == "failed" and not execution.failed:
@@ -176,12 +177,13 @@ class Simulator:
         tpg, dispatcher = self.tpg, self._dispatcher
         if contracted and self.contraction is not None:
             tpg, dispatcher = self.contraction.tpg, self._contracted_dispatcher
-        given = tpg, times, dispatcher.copy(), messages
-        if self.driven:
-            return DrivenExecution(*given, planned=self._planned, observers=observers)
         return Execution(
-            *given,
-            sequential=self._model.policy == "sequential",
+            tpg,
+            times,
+            dispatcher.copy(),
+            messages,
+            Ports(DrivenRobots if self.driven else SimulatedRobots),
+            sequential=self._model.policy == "sequential" and not self.driven,
             planned=self._planned,
             observers=observers,
         )

@@ -18,10 +18,11 @@ from twin.drivers.drivers_file import (
     ServiceDriver,
 )
 from twin.drivers.simulated_arm import SimulatedArm
+from twin.engine.execution import Ports
 from twin.live.driver_end import DriverEnd, LocalWire, Wire, started_now
 from twin.live.link import Link
-from twin.live.live_execution import LiveExecution
 from twin.live.measured import History
+from twin.live.remote_robots import RemoteRobots
 from twin.registry import DRIVERS
 
 if TYPE_CHECKING:
@@ -62,8 +63,8 @@ class Session:
         written: Callable[[], None],
         measured: Path | None = None,
         history: History | None = None,
-    ) -> Callable[..., LiveExecution]:
-        """Return what makes the state of the run.
+    ) -> Ports:
+        """Return the ports of the run: robots that drivers move.
 
         Args:
             cell: with the robots.
@@ -87,8 +88,8 @@ class Session:
                     DriverEnd(self.driver(robot), robot.name, started_now()),
                     max(_EVERY_S / self.drivers.pace, _LEAST_S),
                 )
-        return partial(
-            LiveExecution,
+        robots = partial(
+            RemoteRobots,
             links=links,
             wires=wires,
             written=written,
@@ -98,6 +99,7 @@ class Session:
             measured=measured,
             history=history,
         )
+        return Ports(robots)
 
     def require_servable(self) -> None:
         """Refuse to serve drivers beyond this process as the drivers file says, before anything takes long.

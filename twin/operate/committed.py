@@ -1,4 +1,4 @@
-"""What has happened while a plan was executed, what is committed then, and what comes of that."""
+"""Replan triggers, cuts of a plan, and the prefix that is committed at a cut."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Incident:
-    """What has happened since the last plan.
+class ReplanTrigger:
+    """Trigger of a plan revision: all that has happened since the last plan.
 
     Attributes:
         failures: skills that failed.
@@ -61,8 +61,8 @@ class Incident:
 
 
 @dataclass(frozen=True)
-class Version:
-    """A graph that takes the place of the one that is executed.
+class PlanRevision:
+    """Revision of a plan, which takes the place of the graph that is executed.
 
     Attributes:
         tpg: what was executed, is still, and what is new.
@@ -91,29 +91,29 @@ Draw = Callable[[TemporalPlanGraph, Mapping[int, TaskName]], NodeTimes]
 
 def cut_at(
     tpg: TemporalPlanGraph,
-    incident: Incident,
+    trigger: ReplanTrigger,
     *,
     steps: bool = True,
     go_on: Sequence[float] = (),
 ) -> Counts:
     """Return how many nodes of each chain are committed in what has happened, see ``cut_after``."""
     index = tpg.chain_index
-    never = [(failure.chain, failure.node) for failure in incident.failures]
+    never = [(failure.chain, failure.node) for failure in trigger.failures]
     never += [
-        (index[robot], incident.released[index[robot]])
-        for robot in sorted(incident.out & index.keys())
+        (index[robot], trigger.released[index[robot]])
+        for robot in sorted(trigger.out & index.keys())
     ]
-    return cut_after(tpg, incident.released, never, steps=steps, go_on=go_on)
+    return cut_after(tpg, trigger.released, never, steps=steps, go_on=go_on)
 
 
-def as_far_as_planned(tpg: TemporalPlanGraph, incident: Incident) -> Counts:
+def as_far_as_planned(tpg: TemporalPlanGraph, trigger: ReplanTrigger) -> Counts:
     """Return how many nodes of each chain can still be executed without a new plan."""
-    return cut_at(tpg, incident, go_on=[math.inf] * len(tpg.chains))
+    return cut_at(tpg, trigger, go_on=[math.inf] * len(tpg.chains))
 
 
 @dataclass(frozen=True)
-class Recut:
-    """Where a plan is cut, and how it goes on there.
+class CutPolicy:
+    """Policy by which a plan is cut, and extended there.
 
     Attributes:
         steps: whether robots bring their steps to an end before it; their tasks only otherwise.
@@ -126,19 +126,19 @@ class Recut:
     going: bool = False
 
     def counts(
-        self, tpg: TemporalPlanGraph, incident: Incident, planning_s: float
+        self, tpg: TemporalPlanGraph, trigger: ReplanTrigger, planning_s: float
     ) -> Counts:
         """Return how many nodes of each chain are committed; planning takes so long [s]."""
-        clock, go_on = incident.clock, list[float]()
+        clock, go_on = trigger.clock, list[float]()
         if self.going and clock is not None:
-            left = map(clock.left_s, tpg.chains, count(), incident.released)
+            left = map(clock.left_s, tpg.chains, count(), trigger.released)
             go_on = [planning_s - seconds for seconds in left]
-        return cut_at(tpg, incident, steps=self.steps, go_on=go_on)
+        return cut_at(tpg, trigger, steps=self.steps, go_on=go_on)
 
 
 @dataclass(frozen=True)
-class Judged:
-    """What is done about failures.
+class TriageResult:
+    """Decisions about failures.
 
     Attributes:
         words: for people, one entry a failure.
@@ -152,8 +152,8 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Committed:
-    """What is committed at a cut, failed attempts included.
+class CommittedPrefix:
+    """Prefix of a plan that is committed at a cut, failed attempts included.
 
     Attributes:
         committed: its graph.
@@ -163,7 +163,7 @@ class Committed:
         tried: tasks of which all attempts have failed.
         out: robots that are out.
         unwanted: steps that are not wanted any more, unless they have begun.
-        judged: what is done about failures.
+        triage: what is done about failures.
         ago: how long ago the tasks ended that opened windows of time, by their index [s].
     """
 
@@ -174,7 +174,7 @@ class Committed:
     tried: tuple[Task, ...]
     out: frozenset[str]
     unwanted: frozenset[int]
-    judged: Judged
+    triage: TriageResult
     ago: Mapping[int, float]
 
     @property
@@ -191,27 +191,27 @@ class Committed:
 def committed_at(
     tpg: TemporalPlanGraph,
     counts: Sequence[int],
-    incident: Incident,
-    judged: Judged,
-) -> Committed:
+    trigger: ReplanTrigger,
+    triage: TriageResult,
+) -> CommittedPrefix:
     """Return what is committed at a cut of a graph."""
     committed = committed_part(tpg, counts)
-    for failure, changes in zip(incident.failures, judged.changes, strict=True):
+    for failure, changes in zip(trigger.failures, triage.changes, strict=True):
         robot = tpg.chains[failure.chain].robot
         committed = with_attempt(
             committed, tpg, robot, failure.node, changes, missing=failure.missing
         )
     full = [len(chain) for chain in committed.chains]
-    return Committed(
+    return CommittedPrefix(
         committed,
         tuple(chain.robot for chain in tpg.chains),
         complete_tasks(tpg, counts),
         state_at(committed, full),
-        tuple(tried_task(tpg, failure) for failure in incident.failures),
-        incident.out,
-        incident.unwanted,
-        judged,
-        incident.ago,
+        tuple(tried_task(tpg, failure) for failure in trigger.failures),
+        trigger.out,
+        trigger.unwanted,
+        triage,
+        trigger.ago,
     )
 
 
@@ -222,7 +222,7 @@ def tried_task(tpg: TemporalPlanGraph, failure: Failure) -> Task:
 
 def cause_of(
     tpg: TemporalPlanGraph,
-    incident: Incident,
+    trigger: ReplanTrigger,
     new: range,
     answers: Sequence[str] = (),
 ) -> str:
@@ -230,22 +230,22 @@ def cause_of(
 
     Args:
         tpg: the graph.
-        incident: what has happened.
+        trigger: what has happened.
         new: steps that are planned for the first time.
         answers: of a person who was asked.
     """
     words = []
-    for failure in incident.failures:
+    for failure in trigger.failures:
         task = tried_task(tpg, failure)
         missing = f"{task.object} is not there"
         words.append(missing if failure.missing else f"{task.label} failed")
-    words += [f"{name} is out" for name in sorted(incident.out)]
-    if incident.unwanted:
-        steps = ", ".join(map(str, sorted(incident.unwanted)))
+    words += [f"{name} is out" for name in sorted(trigger.out)]
+    if trigger.unwanted:
+        steps = ", ".join(map(str, sorted(trigger.unwanted)))
         words.append(f"not wanted any more: steps {steps}")
-    if incident.more:
+    if trigger.more:
         words.append(
-            f"{incident.more} more {'products' if incident.more > 1 else 'product'} wanted"
+            f"{trigger.more} more {'products' if trigger.more > 1 else 'product'} wanted"
         )
     if new:
         words.append(f"steps {new[0]} to {new[-1]} come next")

@@ -9,28 +9,28 @@ import numpy as np
 
 from planning.transforms import Array
 from twin.durations.model import Nanoseconds
-from twin.operate.committed import Version
+from twin.operate.committed import PlanRevision
 from twin.uncertainty.node_times import NodeTimes, Standstill
 from twin.uncertainty.stops import Stops
 
 
 def continued_times(
-    old: NodeTimes, version: Version, end_ns: Sequence[Sequence[int]]
+    old: NodeTimes, revision: PlanRevision, end_ns: Sequence[Sequence[int]]
 ) -> NodeTimes:
-    """Return the times of all nodes of a version, those of the committed ones as they are.
+    """Return the times of all nodes of a revision, those of the committed ones as they are.
 
     Args:
         old: of the graph whose place it takes.
-        version: says which nodes are committed, and has the times of the others.
+        revision: says which nodes are committed, and has the times of the others.
         end_ns: when the nodes of each chain of the old graph ended, -1 for those that have not [ns].
     """
-    new = version.times
-    place = {name: k for k, name in enumerate(version.new)}
+    new = revision.times
+    place = {name: k for k, name in enumerate(revision.new)}
     motion, stood, stands, failed = [], [], [], []
     overrides: list[Array] = []
     lost = set[int]()
     for k, (chain, count) in enumerate(
-        zip(version.tpg.chains, version.counts, strict=True)
+        zip(revision.tpg.chains, revision.counts, strict=True)
     ):
         motions: list[Nanoseconds] = []
         scaled: list[Array] = []
@@ -61,7 +61,7 @@ def continued_times(
         failed.append(fails)
         lost |= {k} if loses else set()
     for k, node in enumerate(old.failed):
-        if 0 <= node < version.counts[k] and end_ns[k][node] >= 0:
+        if 0 <= node < revision.counts[k] and end_ns[k][node] >= 0:
             # Nothing moved in it, because all attempts at its skill failed.
             motion[k][node] = 0
     return replace(
@@ -71,18 +71,18 @@ def continued_times(
         standstills=tuple(stands),
         failed=tuple(failed),
         lost=frozenset(lost),
-        stops=_stops(old, version),
+        stops=_stops(old, revision),
         speed_override=tuple(overrides) if old.speed_override else (),
     )
 
 
-def _stops(old: NodeTimes, version: Version) -> tuple[Stops, ...] | None:
+def _stops(old: NodeTimes, revision: PlanRevision) -> tuple[Stops, ...] | None:
     """Return the stops by the clock of all chains, those of chains that are new as drawn for these."""
-    known, drawn = old.stops, version.times.stops
+    known, drawn = old.stops, revision.times.stops
     if known is None and drawn is None:
         return None
-    own = dict(zip(version.new, drawn or (), strict=False))
-    chains = enumerate(version.tpg.chains)
+    own = dict(zip(revision.new, drawn or (), strict=False))
+    chains = enumerate(revision.tpg.chains)
     return tuple(
         known[k]
         if known is not None and k < len(known)

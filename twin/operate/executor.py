@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
+from twin.engine.execution import Ports
 from twin.operate.operation import operate
 from twin.operate.person import Says
-from twin.operate.rolling import RollingExecution
 from twin.recorders.observers import Recorder
 from twin.run.folder import FIRST, VERSIONS
 from twin.run.header import RunHeader
@@ -97,7 +97,7 @@ def operate_plan(
     folder: Path,
     recorders: Sequence[Recorder],
     says: Says | None = None,
-    live: Callable[..., RollingExecution] | None = None,
+    ports: Ports | None = None,
 ) -> Executed:
     """Execute a plan, and plan anew what fails; each version is kept in the folder.
 
@@ -106,11 +106,11 @@ def operate_plan(
         folder: of the run.
         recorders: told of every event, then closed.
         says: answers for a person who is asked.
-        live: makes the state of a run whose robots are moved by drivers; None for a simulation.
+        ports: robots, and people beside the cell, where drivers move the robots; None for a simulation.
     """
     scenario, base = plan.scenario.sections, plan.scenario.folder
     model = scenario_execution(scenario, base)
-    if live is not None:
+    if ports is not None:
         # What happens is what drivers report.
         model = replace(model, disturbances=Disturbances())
     done = operate(
@@ -121,7 +121,7 @@ def operate_plan(
         seed=scenario.seed,
         recorders=recorders,
         says=says,
-        cell_of=live,
+        ports=ports,
         keep=lambda number, tpg: save_plan(tpg, folder / VERSIONS / str(number)),
     )
     return Executed(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -21,13 +22,17 @@ from scheduling.rolling.cut import state_at
 from scheduling.rolling.supply import supply_waits, with_supply, without_chains
 from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import held_back
+from twin.engine.driven_robots import DrivenRobots
 from twin.engine.ending import Ending
+from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel
-from twin.operate.committed import Recut, Version
-from twin.operate.going import Planner
+from twin.engine.simulated_robots import SimulatedRobots
+from twin.engine.supply import LateSupply
+from twin.operate.committed import CutPolicy, PlanRevision
 from twin.operate.person import Ask, Person, Says
+from twin.operate.planner import Planner
 from twin.operate.recovery import Recovery
-from twin.operate.rolling import Keep, RollingDrivenExecution, RollingExecution
+from twin.operate.replanner import Keep, RollingReplanner
 from twin.recorders.observers import Observers, Recorder
 from twin.registry import RECOVERIES
 from twin.run.events import ExecutionRecord
@@ -59,7 +64,7 @@ class Operation:
 
     tpg: TemporalPlanGraph
     record: ExecutionRecord
-    versions: tuple[Version, ...]
+    versions: tuple[PlanRevision, ...]
     given_up: Mapping[int, str]
     dropped: Mapping[int, str]
     out: frozenset[str]
@@ -113,7 +118,7 @@ def operate(
     halting: bool = False,
     says: Says | None = None,
     held: TemporalPlanGraph | None = None,
-    cell_of: Callable[..., RollingExecution] | None = None,
+    ports: Ports | None = None,
     keep: Keep | None = None,
 ) -> Operation:
     """Execute a plan, and plan anew when something fails.
@@ -130,7 +135,7 @@ def operate(
         says: answers for the person who is asked, in place of what is drawn; then somebody is asked also
             where the scenario names nobody.
         held: the plan, held back for windows of time, where that is known.
-        cell_of: makes the state of the run, where that is not a simulation.
+        ports: robots, and people beside the cell, where the run is not a simulation.
         keep: keeps each graph that takes the place of another one, and the first one if parts are late.
 
     Raises:
@@ -165,45 +170,50 @@ def operate(
     else:
         planner = Recovery(scenario, motions, tpg, draw, person)
         if halting:
-            planner.cuts = ((Recut(aside=True),),)
+            planner.cuts = ((CutPolicy(aside=True),),)
 
     def hold(graph: TemporalPlanGraph) -> TemporalPlanGraph:
         return held if held and graph is plan else held_back(graph, model)
 
-    simulated = RollingDrivenExecution if is_driven(tpg) else RollingExecution
-    cell = (cell_of or simulated)(
-        tpg,
-        draw(tpg),
-        Dispatcher(tpg),
-        model.messages,
+    replanning = partial(
+        RollingReplanner,
         planner=planner,
         hold=hold,
         far=not scenario.execution.may_be_planned_anew(),
         halting=halting,
         keep=keep,
-        observers=Observers(recorders),
     )
+    ports = ports or Ports(DrivenRobots if is_driven(tpg) else SimulatedRobots)
+    ports = replace(ports, supply=LateSupply, replanner=replanning)
+    observers = Observers(recorders)
+    cell = Execution(
+        tpg, draw(tpg), Dispatcher(tpg), model.messages, ports, observers=observers
+    )
+    replanner, supply, robots = cell.replanner, cell.supply, cell.robots
+    assert isinstance(replanner, RollingReplanner)
+    assert isinstance(supply, LateSupply)
     for outage in scenario.execution.outages:
-        cell.outage(outage.robot, round(outage.at_s * NANOSECONDS))
+        replanner.outage(outage.robot, round(outage.at_s * NANOSECONDS))
     for change in scenario.execution.changes:
-        cell.order(change.drop, change.more, round(change.at_s * NANOSECONDS))
+        replanner.order(change.drop, change.more, round(change.at_s * NANOSECONDS))
     for k, item in enumerate(late):
-        cell.late(first + k, round(item.at_s * NANOSECONDS))
+        supply.schedule(first + k, round(item.at_s * NANOSECONDS))
     outcome = cell.execute()
     idle = (k for k, chain in enumerate(cell.tpg.chains) if not len(chain))
-    unused = cell.never_came.union(idle)
+    unused = {*supply.coming, *idle}
 
     def used(rows: Iterable[T]) -> tuple[T, ...]:
         return tuple(row for k, row in enumerate(rows) if k not in unused)
 
-    executed, times = without_chains(cell.tpg, unused), cell.node_times()
-    given_up = {**planner.never_begun, **planner.given_up}
-    undone = given_up.keys() | planner.dropped.keys()
+    executed, times = without_chains(cell.tpg, unused), robots.node_times()
+    ledger = replanner.state.ledger
+    given_up = {**planner.never_begun(replanner.state), **ledger.given_up}
+    undone = given_up.keys() | ledger.dropped.keys()
     kind = assembly_kind(scenario.assembly).written_out()
-    scrapped = _products_of(planner.given_up, kind)
+    scrapped = _products_of(ledger.given_up, kind)
     executed = _with_products(executed, kind, undone)
     last = state_at(executed, [len(chain) for chain in executed.chains])
-    in_hand = any(at.holder in cell.out for at in last.attachments.values())
+    in_hand = any(at.holder in replanner.out for at in last.attachments.values())
     ends = [max(own, default=0) for own in cell.end]
     makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])
     ended = [] if cell.ended is None else [cell.ended.words]
@@ -223,18 +233,18 @@ def operate(
         failed_nodes=(-1,) * len(executed.chains),
         failure="; ".join([*ended, *reasons] if outcome != "completed" else []),
         raised_skills=times.raised,
-        commands=used(cell.commands()),
+        commands=used(robots.commands()),
         speed_override=used(times.speed_override),
-        measured=cell.measured(),
+        measured=robots.measured(),
     )
     return Operation(
         executed,
         record,
-        tuple(cell.versions),
+        tuple(replanner.versions),
         given_up,
-        planner.dropped,
-        cell.out,
-        planner.asks,
+        ledger.dropped,
+        replanner.out,
+        ledger.asks,
         tuple(sorted(scrapped)),
         bool(undone) or kind.wanted_steps() < kind.steps() or in_hand,
         cell.ended,

@@ -51,7 +51,19 @@ class Question:
 
 
 Says = Callable[[Question], bool]
-"""Returns whether a person helps, given what is asked."""
+"""Returns whether a person helps, given what is asked; raises ``UnansweredError`` while nobody has answered."""
+
+
+class UnansweredError(Exception):
+    """Nobody has answered a question yet; it is no failure.
+
+    Attributes:
+        question: the open question.
+    """
+
+    def __init__(self, question: Question) -> None:
+        self.question = question
+        super().__init__(question.words)
 
 
 @dataclass(frozen=True)

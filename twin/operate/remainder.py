@@ -35,9 +35,9 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from scheduling.rolling.supply import alone, going_on
-from twin.operate.committed import Committed, Failure, Incident, Recut
-from twin.operate.going import Planner
+from twin.operate.committed import CommittedPrefix, CutPolicy, Failure, ReplanTrigger
 from twin.operate.person import Person
+from twin.operate.planner import Planner
 from twin.operate.recovery import Recovery
 from twin.planning.pipeline import planned_shortcuts
 from twin.registry import RECOVERIES
@@ -112,12 +112,13 @@ def remaining_graph(
             gone,
             measured,
             undone,
-            cuts=((Recut(),), (Recut(aside=True),)),
+            cuts=((CutPolicy(),), (CutPolicy(aside=True),)),
         )
-    incident = Incident(tuple(failures), frozenset(out), frozenset(), counts, ago)
-    union, new, at = planner.plan_alone(tpg, incident)
+    trigger = ReplanTrigger(tuple(failures), frozenset(out), frozenset(), counts, ago)
+    state, extension = planner.extend_initial(trigger)
+    union, new, at = extension
     first = len(at.committed.tasks)
-    _require_whole(planner, new, at, undone)
+    _require_whole(state.ledger.given_up, new, at, undone)
     if not len(new.tasks) > first:
         raise RequestError(f"nothing is left to do at {when}")
     kinds = Counter(tpg.tasks[k].kind for k in done)
@@ -158,9 +159,9 @@ def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:
 
 
 def _require_whole(
-    planner: Planner[Any],
+    given_up: Mapping[int, str],
     new: TemporalPlanGraph,
-    at: Committed,
+    at: CommittedPrefix,
     known: Collection[int],
 ) -> None:
     """Refuse what cannot go on.
@@ -173,8 +174,9 @@ def _require_whole(
             raise RequestError(
                 f"{place.holder!r} is out and has {name!r} in its hand: only a person can take it from there"
             )
-    given_up = sorted(planner.given_up.items())
-    if steps := [f"step {k}: {why}" for k, why in given_up if k not in known]:
+    if steps := [
+        f"step {k}: {why}" for k, why in sorted(given_up.items()) if k not in known
+    ]:
         raise RequestError("not all can go on from there: " + "; ".join(steps))
     for task in new.tasks[len(at.committed.tasks) :]:
         if task.kind == TAKEN_OUT and task.robot != REMOVAL:

@@ -21,7 +21,7 @@ step fails at most ``again + 1`` times before its step is given up, and then eac
 that step fails at most once more. E, N, Q and A are natural numbers, so each chain mu(1) > mu(2) > ... is finite.
 
 The planner compares the measure of each revision with that of the plan that is executed. A revision that does
-not reduce it is replaced by the end of the operation: nothing is appended, every step that is not done is
+not reduce it is replaced by the end of the operation: nothing is append_extension, every step that is not done is
 given up, and the outcome is ``failed``. Such an end adds no node to the graph, so only finitely many nodes, and
 failures of them, can follow. Orders of people on the page of a run take robots out of service, which E counts.
 """

@@ -3,7 +3,7 @@
 The page is served in a thread of its own, which never touches the run: it puts orders into a queue and reads
 what was shown last, which never changes once it is shown.
 
-Execution by drivers that somebody stands beside: who sees how far it is, gives orders and is asked.
+People beside a cell that drivers move: they see how far the run is, give orders and are asked.
 """
 
 from __future__ import annotations
@@ -11,24 +11,23 @@ from __future__ import annotations
 import queue
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
-
-import simpy
 
 from planning.tasks.task import BROUGHT, LEFT_OUT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import complete_tasks
 from twin.drivers.driver import Mode
 from twin.durations.model import NANOSECONDS
+from twin.engine.execution import Execution, Ports
+from twin.engine.ports import Audience, Steps
 from twin.follow.state import FollowedRun
-from twin.live.live_execution import LiveExecution
+from twin.live.remote_robots import RemoteRobots
 from twin.live.session import Session
-from twin.operate.committed import Version
-from twin.operate.person import Question
-from twin.recorders.observers import Observers
+from twin.operate.person import Question, UnansweredError
+from twin.operate.replanner import RollingReplanner
 from twin.run.events import Event, Outcome
 
 Action = Literal["hold", "go on", "out", "yes", "no"]
@@ -153,18 +152,6 @@ class NodesSoFar:
         return run
 
 
-class UnansweredError(Exception):
-    """Nobody has answered a question yet; it is no failure.
-
-    Attributes:
-        question: that is open.
-    """
-
-    def __init__(self, question: Question) -> None:
-        self.question = question
-        super().__init__(question.words)
-
-
 @dataclass
 class Panel:
     """What a page and a run share.
@@ -219,65 +206,59 @@ class AttendedSession(Session):
 
     panel: Panel = field(kw_only=True)
 
-    def execution(self, *about: Any, **more: Any) -> Callable[..., LiveExecution]:
-        """Return what makes the state of the run; see Session."""
-        made = super().execution(*about, **more)
-        assert isinstance(made, partial)
-        return partial(AttendedExecution, panel=self.panel, **made.keywords)
+    def execution(self, *about: Any, **more: Any) -> Ports:
+        """Return the ports of the run; see Session."""
+        ports = super().execution(*about, **more)
+        return replace(ports, audience=partial(Attendance, panel=self.panel))
 
 
-class AttendedExecution(LiveExecution):
-    """State of one run that drivers execute, with somebody beside the cell.
+class Attendance(Audience):
+    """People who stand beside a cell that drivers move, by way of a panel.
 
-    A question that is open lets time go on: what is planned is not settled, and everybody works on as far as
-    the plan goes that is executed.
+    While a question is open time passes: what is planned is not settled, and all robots work as far as the
+    plan goes that is executed.
 
     Args:
-        rest, options: as of an execution by drivers.
-        panel: what is shared with the page.
+        execution: the run, whose robots are ``RemoteRobots`` with a ``RollingReplanner``.
+        panel: shared with the page.
     """
 
-    attended = True
-
-    def __init__(
-        self,
-        *rest: Any,
-        panel: Panel,
-        observers: Observers | None = None,
-        **options: Any,
-    ) -> None:
-        self._panel = panel
+    def __init__(self, execution: Execution, panel: Panel) -> None:
+        self._cell, self._panel = execution, panel
         self._notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
         self._question: Question | None = None
         self._asked, self._held = 0, set[str]()
         self._disturbed: set[tuple[int, int]] = set()
         self._show_s = self._progress_s = 0.0
-        both = Observers((*([] if observers is None else [observers]), self))
-        super().__init__(*rest, observers=both, **options)
-        self._answered = self.env.event()
+        self._answered = execution.env.event()
 
-    def execute(self) -> Outcome:
-        """Run until everything is done; see LiveExecution."""
-        outcome = ""
-        try:
-            outcome = super().execute()
-            return outcome
-        finally:
-            self._question = None
-            self._panel.show(replace(self._shown(), outcome=outcome or "broken off"))
+    @property
+    def _robots(self) -> RemoteRobots:
+        assert isinstance(self._cell.robots, RemoteRobots)
+        return self._cell.robots
 
-    # Notices: this execution is a recorder of its own events
+    @property
+    def _replanner(self) -> RollingReplanner:
+        assert isinstance(self._cell.replanner, RollingReplanner)
+        return self._cell.replanner
+
+    def finish(self, outcome: Outcome | None) -> None:
+        """Show how the run has ended; None after an error."""
+        self._question = None
+        self._panel.show(replace(self._shown(), outcome=outcome or "broken off"))
+
+    # Notices
 
     def record(self, event: Event) -> None:
         """Keep what people are to know."""
         if event.kind not in _QUIET:
-            label = self.tpg.tasks[event.task].label if event.task >= 0 else ""
+            label = self._cell.tpg.tasks[event.task].label if event.task >= 0 else ""
             new = "" if event.detail.startswith(label) else label
             words = ": ".join(filter(None, (new, event.detail)))
             at_s = event.t_ns / NANOSECONDS
-            if event.robot in self.tpg.chain_index:
-                k = self.tpg.chain_index[event.robot]
-                self._disturbed.add((k, _done(self.end[k])))
+            if event.robot in self._cell.tpg.chain_index:
+                k = self._cell.tpg.chain_index[event.robot]
+                self._disturbed.add((k, _done(self._cell.end[k])))
             self._notices.appendleft(Notice(at_s, event.robot, event.kind, words))
 
     def close(self) -> None:
@@ -285,137 +266,144 @@ class AttendedExecution(LiveExecution):
 
     # Orders
 
-    def _look_at_links(self, now_s: float) -> None:
+    def obey(self) -> None:
+        """Execute orders given since the last call."""
         while True:
             try:
                 order = self._panel.orders.get_nowait()
             except queue.Empty:
                 break
-            self._now(self._obey, order)
-        super()._look_at_links(now_s)
-        for name, link in self._links.items():
-            state = self._states.get(name)
+            self._robots.now(self._obey, order)
+
+    def look(self, now_s: float) -> None:
+        """Show how far the run is, some times a second, by the clock of the robots [s]."""
+        robots = self._robots
+        for name, link in robots.nodes.links.items():
+            state = robots.nodes.states.get(name)
             stands = link.held and state is not None and state.mode == "held"
             if stands != (name in self._held):
                 (self._held.add if stands else self._held.discard)(name)
-                self._now(self._tell_of_driver, name, "held" if stands else "")
+                robots.now(robots.record_driver, name, "held" if stands else "")
         if now_s >= self._show_s:
             self._show(now_s)
 
     def _obey(self, order: Order) -> None:
-        """Do what somebody has ordered, once that is on the disk."""
-        question = self._question
+        """Execute an order once it is on the disk."""
+        question, links = self._question, self._robots.nodes.links
         if order.action in ("yes", "no"):
             if question is None or order.question != self._asked:
                 return
             self._log_order(f"{order.action}: {question}")
             self._question = None
             self._panel.answers[question] = order.action == "yes"
-            answered, self._answered = self._answered, self.env.event()
+            answered, self._answered = self._answered, self._cell.env.event()
             answered.succeed()
         elif order.action == "out":
-            if order.robot not in self._links or order.robot in self._out:
+            if order.robot not in links or order.robot in self._replanner.out:
                 return
             self._log_order("out", order.robot)
-            self.outage(order.robot, self.now_ns)
+            self._replanner.outage(order.robot, self._cell.now_ns)
         else:
             held = order.action == "hold"
-            names = [order.robot] if order.robot else list(self._links)
-            changed = [n for n in names if n in self._links]
-            if not any(self._links[n].held != held for n in changed):
+            names = [order.robot] if order.robot else list(links)
+            changed = [n for n in names if n in links]
+            if not any(links[n].held != held for n in changed):
                 return
             self._log_order(order.action, order.robot)
             for name in changed:
-                self._links[name].hold(held)
+                links[name].hold(held)
 
     def _log_order(self, words: str, robot: str = "") -> None:
-        chain = self.tpg.chain_index.get(robot, -1)
+        chain = self._cell.tpg.chain_index.get(robot, -1)
         if robot and chain < 0:
             words = f"{words}: {robot}"
-        assert self.narrator is not None
-        self.narrator.emit("ordered", chain, detail=words)
-        self._written()
+        assert self._cell.narrator is not None
+        self._cell.narrator.emit("ordered", chain, detail=words)
+        self._robots.written()
 
     # Questions
 
-    def _version(self) -> Generator[simpy.Event, Any, Version]:
-        """Plan what is left; as often as somebody has to be asked for that, once it is answered."""
-        while True:
-            self._show(self._wall_s())
-            try:
-                return (yield from super()._version())
-            except UnansweredError as error:
-                self._question = error.question
-            self._asked += 1
-            assert self.narrator is not None
-            self.narrator.emit("asked", detail=self._question.words)
-            yield self._answered
-            self._again = False
+    def answered(self, question: Question) -> Steps:
+        """Wait until somebody has answered a question."""
+        self._question = question
+        self._asked += 1
+        assert self._cell.narrator is not None
+        self._cell.narrator.emit("asked", detail=question.words)
+        yield self._answered
 
     # What is shown
+
+    def show_planning(self) -> None:
+        """Show that a revision of the plan is being made."""
+        self._show(self._robots.nodes.wall_s())
 
     def _show(self, now_s: float) -> None:
         self._show_s = now_s + _SHOW_S
         self._panel.show(self._shown())
         if now_s >= self._progress_s:
             self._progress_s = now_s + _PROGRESS_S
-            start, end = map(tuple, self.start), map(tuple, self.end)
-            marked = [(k, n) for k, n in self._disturbed if n < len(self.end[k])]
+            cell, now_ns = self._cell, self._robots.nodes.passed_ns()
+            start, end = map(tuple, cell.start), map(tuple, cell.end)
+            marked = [(k, n) for k, n in self._disturbed if n < len(cell.end[k])]
             self._panel.so_far = NodesSoFar(
-                self.tpg, self._passed_ns(), tuple(start), tuple(end), frozenset(marked)
+                cell.tpg, now_ns, tuple(start), tuple(end), frozenset(marked)
             )
 
     def _shown(self) -> Shown:
         return Shown(
-            self._passed_ns() / NANOSECONDS,
-            tuple(self._shown_robot(name) for name in self._links),
+            self._robots.nodes.passed_ns() / NANOSECONDS,
+            tuple(self._shown_robot(name) for name in self._robots.nodes.links),
             self._steps_done(),
             self._panel.steps,
-            dict(self._planner.given_up),
+            dict(self._replanner.given_up),
             tuple(self._notices),
             "" if self._question is None else self._question.words,
             self._asked,
-            self._planning,
+            self._replanner.planning,
         )
 
     def _steps_done(self) -> int:
-        complete = complete_tasks(self.tpg, [_done(own) for own in self.end])
+        complete = complete_tasks(
+            self._cell.tpg, [_done(own) for own in self._cell.end]
+        )
         steps: dict[int, bool] = {}
-        for task in self.tpg.tasks:
+        for task in self._cell.tpg.tasks:
             if task.kind not in (LEFT_OUT, BROUGHT):
                 before = steps.get(task.step, True)
                 steps[task.step] = before and task.index in complete
         return sum(steps.values()) - sum(
-            steps.get(k, False) for k in self._planner.given_up
+            steps.get(k, False) for k in self._replanner.given_up
         )
 
     def _shown_robot(self, name: str) -> ShownRobot:
-        state, held = self._states.get(name), self._links[name].held
-        k, out = self.tpg.chain_index.get(name, -1), name in self._out
-        nodes = len(self.tpg.chains[k]) if k >= 0 else 0
-        done = min(0 if state is None else state.done, nodes)
+        nodes = self._robots.nodes
+        state, held = nodes.states.get(name), nodes.links[name].held
+        tpg = self._cell.tpg
+        k, out = tpg.chain_index.get(name, -1), name in self._replanner.out
+        count = len(tpg.chains[k]) if k >= 0 else 0
+        done = min(0 if state is None else state.done, count)
         mode: ShownMode = "silent" if state is None else state.mode
         stands = mode == "standing"
-        if name in self._silent:
+        if name in self._robots.silent:
             mode = "silent"
         elif out and stands:
             mode = "out"
-        elif stands and done == nodes and not self._planning:
+        elif stands and done == count and not self._replanner.planning:
             mode = "finished"
         task = ""
-        if done < nodes and mode != "out":
-            task = self.tpg.tasks[self.task[k][done]].label
-        waits = self._waits(k) if mode == "standing" and done < nodes else ""
-        return ShownRobot(name, mode, task, waits, done, nodes, held, out)
+        if done < count and mode != "out":
+            task = tpg.tasks[self._cell.task[k][done]].label
+        waits = self._waits(k) if mode == "standing" and done < count else ""
+        return ShownRobot(name, mode, task, waits, done, count, held, out)
 
     def _waits(self, chain: int) -> str:
         """Return what a robot that stands waits for, in words."""
-        node = self.released[chain]
-        if node < self._limit[chain]:
-            return self._cause(chain, node)
+        node = self._cell.released[chain]
+        if node < self._replanner.limit(chain):
+            return self._cell.wait_cause(chain, node)
         if self._question:
             return "waits for an answer"
-        return "waits for what is planned anew" if self._planning else ""
+        return "waits for what is planned anew" if self._replanner.planning else ""
 
 
 def _done(end_ns: Sequence[int]) -> int:

@@ -24,8 +24,9 @@ from tests.twin.simulated import NOMINAL, simulate, stopped, watched
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.driven import DrivenExecution
+from twin.engine.driven_robots import DrivenRobots
 from twin.engine.engine import Simulator
+from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.run.events import ExecutionRecord, Policy
 from twin.run.trajectory import Trajectory, object_placements, robot_trajectories
@@ -216,21 +217,17 @@ def test_robots_that_the_clock_stops_keep_to_limits_in_skills_too(
                 assert run.start_ns[k][node] <= t <= run.end_ns[k][node]
 
 
-class Jumbled(DrivenExecution):
-    """Messages take random times, those to one robot in order."""
+def jumble_messages(execution: Execution, seed: int) -> None:
+    """Let messages take random times, those to one robot in order."""
+    rng, arrivals, enqueue = np.random.default_rng(seed), {}, execution.enqueue
 
-    rng = np.random.default_rng(0)
+    def enqueue_late(chain: int, node: int) -> None:
+        late = int(rng.integers(0, 400_000_000))
+        arrivals[chain] = max(execution.now_ns + late, arrivals.get(chain, 0))
+        message = execution.env.timeout(arrivals[chain] - execution.now_ns)
+        message.callbacks.append(lambda _: enqueue(chain, node))
 
-    def _enqueue(self, chain: int, node: int) -> None:
-        late = int(self.rng.integers(0, 400_000_000))
-        arrives = max(self.now_ns + late, self._arrives.get(chain, 0))
-        self._arrives[chain] = arrives
-        message = self.env.timeout(arrives - self.now_ns)
-        message.callbacks.append(lambda _: super(Jumbled, self)._enqueue(chain, node))
-
-    @property
-    def _arrives(self) -> dict[int, int]:
-        return self.__dict__.setdefault("_arrivals", {})
+    execution.enqueue = enqueue_late
 
 
 @settings(max_examples=30, deadline=None)
@@ -241,10 +238,11 @@ def test_the_order_of_messages_makes_no_difference(
     sampler = NodeTimeSampler(at_full_speed(tpg), VARIED, disturbances)
     times = sampler.sample(seed=seed)
     run = simulate(tpg, VARIED, seed=seed, disturbances=disturbances)
-    execution = Jumbled(tpg, times, Dispatcher(tpg), Messages())
-    Jumbled.rng = np.random.default_rng(seed)
+    ports = Ports(DrivenRobots)
+    execution = Execution(tpg, times, Dispatcher(tpg), Messages(), ports)
+    jumble_messages(execution, seed)
     assert execution.execute() == "completed"
-    driven = execution.node_times()
+    driven = execution.robots.node_times()
     jumbled = replace(
         run,
         start_ns=tuple(map(np.array, execution.start)),
@@ -253,7 +251,7 @@ def test_the_order_of_messages_makes_no_difference(
         duration_ns=driven.motion,
         stood_ns=driven.stood,
         standstills=driven.standstills,
-        commands=execution.commands(),
+        commands=execution.robots.commands(),
     )
     assert_within_limits(tpg, jumbled)
     assert_inside_cleared_nodes(tpg, jumbled)

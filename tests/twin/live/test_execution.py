@@ -28,11 +28,12 @@ from tests.twin.live.handed_bar import BAR
 from tests.twin.operate.operated import STACK, stack
 from twin.drivers.driver import ClearedNode, DriverState
 from twin.drivers.simulated_arm import SimulatedArm
+from twin.engine.execution import Ports
 from twin.exports.ros.mcap_file import mcap_files
 from twin.live.driver_end import DriverEnd, LocalWire
 from twin.live.link import Link
-from twin.live.live_execution import LiveExecution
 from twin.live.measured import MeasuredLog, history_of
+from twin.live.remote_robots import RemoteRobots
 from twin.live.wire_format import Command, Report
 from twin.operate.operation import Operation, operate
 from twin.operate.recovery import Recovery
@@ -103,15 +104,17 @@ def live(
         replace(model, disturbances=Disturbances()),
         seed=0,
         recorders=(memory,),
-        cell_of=partial(
-            LiveExecution,
-            links=links,
-            wires=wires,
-            written=written,
-            measured=measured,
-            out_s=out_s,
-            tolerance=0.02,
-            pace=PACE,
+        ports=Ports(
+            partial(
+                RemoteRobots,
+                links=links,
+                wires=wires,
+                written=written,
+                measured=measured,
+                out_s=out_s,
+                tolerance=0.02,
+                pace=PACE,
+            )
         ),
     )
     return done, memory.events, wires
@@ -282,7 +285,7 @@ def test_drivers_are_heard_while_something_is_planned(
 ) -> None:
     """Planning takes longer than a driver may be silent; nothing more is cleared meanwhile."""
     lease_s = 3.0
-    planned = Recovery.plan
+    planned = Recovery.recover
     within: list[tuple[float, float]] = []
 
     def slowly(self: Recovery, *about: Any) -> Any:
@@ -292,7 +295,7 @@ def test_drivers_are_heard_while_something_is_planned(
         within.append((begin, time.monotonic()))
         return found
 
-    monkeypatch.setattr(Recovery, "plan", slowly)
+    monkeypatch.setattr(Recovery, "recover", slowly)
     failed: list[int] = []
 
     def fails(node: ClearedNode) -> bool:

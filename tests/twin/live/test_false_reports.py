@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -28,11 +28,12 @@ from tests.twin.simulated import NOMINAL
 from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.drivers.driver import ClearedNode, cleared_node
 from twin.drivers.simulated_arm import SimulatedArm
+from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import Messages
 from twin.live.driver_end import DriverEnd
 from twin.live.inbox import Inbox
 from twin.live.link import Link
-from twin.live.live_execution import LiveExecution
+from twin.live.remote_robots import RemoteRobots
 from twin.live.report_checks import plain_text
 from twin.live.wire_format import (
     MOST_BYTES,
@@ -43,7 +44,8 @@ from twin.live.wire_format import (
     read_report,
     report_bytes,
 )
-from twin.operate.committed import Version
+from twin.operate.committed import PlanRevision
+from twin.operate.replanner import RollingReplanner
 from twin.recorders.observers import MemoryRecorder, Observers
 from twin.run.events import Event
 from twin.uncertainty.disturbances import Disturbances
@@ -72,21 +74,23 @@ TPG = toy()
 class SameAgain:
     """A planner that has no other plan."""
 
-    short = False
+    initial = None
 
-    def begin(self, _: Any) -> None: ...
+    def is_short(self, _: Any) -> bool:
+        return False
+
+    def with_measure(self, state: Any, _: int) -> Any:
+        return state
 
     def due(self, *_: Any) -> bool:
         return False
 
-    def swapped(self) -> None: ...
-
-    def plan(self, tpg: TemporalPlanGraph, _: Any) -> Version:
-        nothing = NodeTimes((), (), (), ())
-        return Version(tpg, tuple(map(len, tpg.chains)), (), nothing, 0, 0.0, "out")
+    def recover(self, state: Any, _: Any) -> tuple[Any, PlanRevision]:
+        nothing, counts = NodeTimes((), (), (), ()), tuple(map(len, TPG.chains))
+        return state, PlanRevision(TPG, counts, (), nothing, 0, 0.0, "out")
 
 
-def driven(falsify: Falsify | None) -> tuple[LiveExecution, list[Event], ModelWire]:
+def driven(falsify: Falsify | None) -> tuple[Execution, list[Event], ModelWire]:
     """Execute the toy with a first driver that lies."""
     tpg, memory, clock = TPG, MemoryRecorder(), ModelClock()
     links = {}
@@ -99,13 +103,8 @@ def driven(falsify: Falsify | None) -> tuple[LiveExecution, list[Event], ModelWi
         model = robot.model
         links[robot.name].lower, links[robot.name].upper = model.lower, model.upper
     times = NodeTimeSampler(tpg, NOMINAL, Disturbances()).sample(seed=0)
-    execution = LiveExecution(
-        tpg,
-        times,
-        Dispatcher(tpg),
-        Messages(),
-        planner=SameAgain(),
-        observers=Observers((memory,)),
+    robots = partial(
+        RemoteRobots,
         links=links,
         wires=dict(zip(links, clock.wires, strict=True)),
         written=lambda: None,
@@ -113,6 +112,14 @@ def driven(falsify: Falsify | None) -> tuple[LiveExecution, list[Event], ModelWi
         tolerance=TOLERANCE,
         clock=clock.monotonic,
         inbox=ModelInbox(clock),
+    )
+    execution = Execution(
+        tpg,
+        times,
+        Dispatcher(tpg),
+        Messages(),
+        Ports(robots, replanner=partial(RollingReplanner, planner=SameAgain())),
+        observers=Observers((memory,)),
     )
     execution.execute()
     return execution, memory.events, clock.wires[0]
@@ -191,7 +198,7 @@ def test_a_clock_that_is_set_changes_nothing_that_was_measured(name: str) -> Non
         assert np.abs(np.array(own) - np.array(other)).max() < 0.3e9
     robot = wire.chain.robot
     speeds = []
-    for found in (true.measured()[robot], execution.measured()[robot]):
+    for found in (true.robots.measured()[robot], execution.robots.measured()[robot]):
         took, ways = np.diff(found.t_ns) / 1e9, np.diff(found.q, axis=0)
         assert took.min() >= 0.0
         assert not ways[took == 0.0].any()

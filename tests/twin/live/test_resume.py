@@ -6,6 +6,7 @@ import random
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,13 +23,15 @@ from twin.drivers.driver import ClearedNode, DriverState
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.durations.model import NANOSECONDS
 from twin.engine.ending import PendingNode
+from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import Messages
 from twin.live.driver_end import DriverEnd
 from twin.live.inbox import Inbox
 from twin.live.link import Link
-from twin.live.live_execution import LiveExecution
 from twin.live.measured import history_of
+from twin.live.remote_robots import RemoteRobots
 from twin.live.wire_format import Command, Report
+from twin.operate.replanner import RollingReplanner
 from twin.recorders.observers import MemoryRecorder, Observers
 from twin.run.events import Event
 from twin.uncertainty.node_times import NodeTimes
@@ -135,7 +138,7 @@ class Cell:
         stands = at if at.size else self.tpg.chains[self.tpg.chain_index[name]].start
         self.start_driver(name, stands=stands)
 
-    def dispatcher(self, dies: Callable[[], bool] = lambda: False) -> LiveExecution:
+    def dispatcher(self, dies: Callable[[], bool] = lambda: False) -> Execution:
         """Start a dispatcher with what is on its disk."""
         ether, memory = self.ether, MemoryRecorder()
         memory.events = self.log
@@ -188,15 +191,14 @@ class Cell:
             tuple(-1 for _ in motion),
         )
         robots = [r for r in self.tpg.cell.robots if r.name in self.driven]
-        return LiveExecution(
-            self.tpg,
-            times,
-            Dispatcher(self.tpg),
-            Messages(),
-            planner=SimpleNamespace(
-                begin=lambda _: None, due=lambda *_: False, given_up={}, short=False
-            ),
-            observers=Observers((Log(),)),
+        planner = SimpleNamespace(
+            initial=None,
+            due=lambda *_: False,
+            is_short=lambda _: False,
+            with_measure=lambda state, _: state,
+        )
+        remote = partial(
+            RemoteRobots,
             links={r.name: Link("run", r.name, r.home, LEASE_S) for r in robots},
             wires={r.name: Wire() for r in robots},
             written=written,
@@ -206,6 +208,14 @@ class Cell:
             history=history,
             clock=ether.clock,
             inbox=inbox,
+        )
+        return Execution(
+            self.tpg,
+            times,
+            Dispatcher(self.tpg),
+            Messages(),
+            Ports(remote, replanner=partial(RollingReplanner, planner=planner)),
+            observers=Observers((Log(),)),
         )
 
 
@@ -513,7 +523,7 @@ def test_where_a_driver_was_is_known_by_its_reports_where_no_sample_counts() -> 
     run = cell.dispatcher()
     assert run.execute() == "completed"
     require_whole(cell)
-    found, chain = run.measured()["robot_0"], cell.tpg.chains[0]
+    found, chain = run.robots.measured()["robot_0"], cell.tpg.chains[0]
     assert len(chain) - 1 in found.node
     assert np.allclose(found.q[-1], chain.waypoints[-1])
 
@@ -543,6 +553,6 @@ def test_a_damaged_row_of_samples_changes_nothing(tmp_path: Path, row: str) -> N
     run = cell.dispatcher()
     assert run.execute() == "completed"
     require_whole(cell)
-    for rows in run.measured().values():
+    for rows in run.robots.measured().values():
         assert np.isfinite(rows.q).all()
         assert rows.t_ns.max() < 60 * NANOSECONDS

@@ -28,10 +28,11 @@ from tests.twin.sockets import listening
 from twin.cluster.certificates import Certificates, make_certificates
 from twin.drivers.driver import ToolOrder
 from twin.drivers.simulated_arm import SimulatedArm
+from twin.engine.execution import Ports
 from twin.live import service as live_service
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
-from twin.live.live_execution import LiveExecution
+from twin.live.remote_robots import RemoteRobots
 from twin.live.service import METHOD, Service, channel_to, drive_remotely
 from twin.live.wire_format import (
     DESCRIPTION,
@@ -72,8 +73,8 @@ def operated(plan: PlanResult, service: Service) -> Operation:
         links[robot.name] = Link("run", robot.name, robot.home, lease_s=10.0)
         wires[robot.name] = service.wire(robot.name, robot.model.dof)
     case = plan.scenario
-    make = partial(
-        LiveExecution,
+    robots = partial(
+        RemoteRobots,
         links=links,
         wires=wires,
         written=lambda: None,
@@ -81,7 +82,9 @@ def operated(plan: PlanResult, service: Service) -> Operation:
         pace=PACE,
     )
     model = scenario_execution(case.sections, case.folder)
-    return operate(case.sections, plan.motions, plan.tpg, model, seed=0, cell_of=make)
+    return operate(
+        case.sections, plan.motions, plan.tpg, model, seed=0, ports=Ports(robots)
+    )
 
 
 def test_drivers_of_another_language_and_another_process_build_together(

@@ -26,7 +26,7 @@ from tests.twin.operate.operated import (
 )
 from tests.twin.operate.test_windows import TEXT
 from tests.twin.written import refusal, written
-from twin.operate import judging
+from twin.operate import failure_triage
 from twin.operate.operation import Operation
 from twin.run.events import Event
 from twin.trial.loaded_scenario import load
@@ -159,7 +159,7 @@ def test_what_is_found_where_it_cannot_be_used_is_left_alone(
         asks.append(part)
         return allows(own, *rest)
 
-    monkeypatch.setattr(judging, "beside", lambda *_: found)
+    monkeypatch.setattr(failure_triage, "beside", lambda *_: found)
     monkeypatch.setattr(MeasuredWork, "allows", noted)
     done, events = operated(plan, 0, **found_beside(0.0, parts={part: 1.0}))
     assert bool(asks) == asked

@@ -10,7 +10,7 @@ import pytest
 from scheduling.graph.plan_files import plan_sha256
 from tests.twin.operate.operated import lost, operated
 from tests.twin.operate.random_operations import CELLS, plan_of, problems_of
-from twin.operate.judging import Judging
+from twin.operate.failure_triage import FailureTriage
 from twin.operate.operation import Operation
 from twin.operate.step_window import StepWindow
 from twin.operate.termination import NO_PROGRESS, Measure
@@ -75,16 +75,16 @@ def test_failures_that_nobody_counts_do_not_go_on_for_ever(
     plan: PlanResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A planner that forgets how often a skill has failed would try it for ever."""
-    judged = Judging.judged
+    judged = FailureTriage.decide
 
-    def forgetful(self: Judging, *about: Any) -> Any:
+    def forgetful(self: FailureTriage, *about: Any) -> Any:
         found = judged(self, *about)
         self.ledger.tries.clear()
         self.ledger.given_up.clear()
         self.ledger.shunned.clear()
         return found
 
-    monkeypatch.setattr(Judging, "judged", forgetful)
+    monkeypatch.setattr(FailureTriage, "decide", forgetful)
     done, events = operated(plan, 1, **{"failures.pick": ALWAYS})
     require_ended(done, events, 3)
 

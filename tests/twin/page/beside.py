@@ -10,10 +10,12 @@ from functools import partial
 from typing import Any
 
 from twin.drivers.simulated_arm import SimulatedArm
+from twin.engine.execution import Ports
 from twin.live.driver_end import DriverEnd, LocalWire
 from twin.live.link import Link
+from twin.live.remote_robots import RemoteRobots
 from twin.operate.operation import Operation, operate
-from twin.page.attended import AttendedExecution, Panel, Shown, ShownRobot
+from twin.page.attended import Attendance, Panel, Shown, ShownRobot
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event
 from twin.trial.plan_result import PlanResult
@@ -91,14 +93,16 @@ class Beside:
             seed=0,
             recorders=(self._memory,),
             says=self.panel.says,
-            cell_of=partial(
-                AttendedExecution,
-                panel=self.panel,
-                links=links,
-                wires=wires,
-                written=lambda: self.written.append(len(self.events)),
-                out_s=120.0,
-                pace=self.pace,
+            ports=Ports(
+                partial(
+                    RemoteRobots,
+                    links=links,
+                    wires=wires,
+                    written=lambda: self.written.append(len(self.events)),
+                    out_s=120.0,
+                    pace=self.pace,
+                ),
+                audience=partial(Attendance, panel=self.panel),
             ),
         )
 

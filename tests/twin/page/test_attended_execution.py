@@ -119,13 +119,13 @@ def test_time_goes_on_while_a_question_is_open(plan: PlanResult, action: str) ->
 def test_who_holds_while_something_is_planned_is_obeyed_at_once(
     plan: PlanResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    planned = Recovery.plan
+    planned = Recovery.recover
 
     def slowly(self: Recovery, *about: Any) -> Any:
         time.sleep(2.0)
         return planned(self, *about)
 
-    monkeypatch.setattr(Recovery, "plan", slowly)
+    monkeypatch.setattr(Recovery, "recover", slowly)
     run = Beside(plan, arms={"left": failing_first_pick(40.0)}).begin()
     run.until(lambda s: s.planning)
     run.panel.orders.put(Order("hold"))

@@ -6,7 +6,6 @@ place, and what is given up is the place on which least rests.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -29,17 +28,23 @@ from scheduling.rolling.cut import complete_tasks, kept_hold
 from twin.host.progress import StageWatch
 from twin.kinds.construction.kind import ConstructionKind
 from twin.operate.committed import (
-    Committed,
+    CommittedPrefix,
     Draw,
-    Incident,
-    Version,
+    ReplanTrigger,
     as_far_as_planned,
     committed_at,
     cut_at,
 )
-from twin.operate.going import Extension, Known, Luck, Planner, appended, nothing_new
-from twin.operate.judging import Judging, asks_for_another
+from twin.operate.failure_triage import FailureTriage, asks_for_another
 from twin.operate.person import Ledger, Person
+from twin.operate.planner import (
+    Extension,
+    Planner,
+    RecoveryState,
+    TaskSeeds,
+    append_extension,
+    empty_extension,
+)
 from twin.operate.replanning import graph_from
 from twin.planning.time_parameterization import timed
 from twin.scenario.sections.kind import assembly_kind
@@ -49,8 +54,8 @@ _PUT = "place-down"
 
 
 @dataclass(frozen=True)
-class _Built(Known):
-    """What is known of the plan of a construction.
+class _Built(RecoveryState):
+    """State of the plan of a construction.
 
     Attributes:
         parts: where each belongs by now.
@@ -109,59 +114,51 @@ class ConstructionRecovery(Planner[_Built]):
             for name in steps
         }
         ledger = Ledger(above, gone=set(self.gone))
-        self._executed = _Built(Luck.of(tpg), ledger, kind.parts, steps)
-        self._planned = self._executed
+        self.initial = _Built(tpg, TaskSeeds.of(tpg), ledger, kind.parts, steps)
 
-    def begun(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> set[int]:
+    def begun(self, state: _Built, counts: Sequence[int]) -> set[int]:
         """Return the steps that have begun once so many nodes of each chain are executed."""
-        done = (tpg.tasks[k] for k in complete_tasks(tpg, counts))
+        complete = complete_tasks(state.tpg, counts)
+        done = (state.tpg.tasks[k] for k in complete)
         return {task.step for task in done if task.kind in ("pick", "handover", _PUT)}
 
-    def due(self, _tpg: TemporalPlanGraph, _released: Sequence[int]) -> bool:
-        """Tell that all is planned."""
+    def due(self, _state: _Built, _released: Sequence[int]) -> bool:
+        """Return False: all is planned."""
         return False
 
-    @property
-    def short(self) -> bool:
-        """Whether less is built than is wanted."""
-        return bool(self.given_up)
+    def is_short(self, state: _Built) -> bool:
+        """Return whether less is built in a state than is wanted."""
+        return bool(state.ledger.given_up)
 
-    def plan(self, tpg: TemporalPlanGraph, incident: Incident) -> Version:
-        """Return the graph that goes on."""
-        begin = time.process_time()
-        return self._version(tpg, incident, self._onward(tpg, incident), begin)
-
-    def plan_alone(self, tpg: TemporalPlanGraph, incident: Incident) -> Extension:
-        """Return what goes on, see ``Planner``."""
-        found = self._onward(tpg, incident)
-        self._executed = self._planned
-        return found
-
-    def _unplanned(self, state: _Built) -> int:
-        return 0
-
-    def _ended(self, tpg: TemporalPlanGraph, incident: Incident, why: str) -> Extension:
-        ledger = self._executed.ledger.copy()
-        judging = Judging(self.scenario.execution, ledger, self.person)
-        judged = judging.judged(tpg, incident)
-        counts = as_far_as_planned(tpg, incident)
-        at = committed_at(tpg, counts, incident, judged)
-        self._planned = replace(self._executed, ledger=ledger)
+    def end(
+        self, state: _Built, trigger: ReplanTrigger, why: str
+    ) -> tuple[_Built, Extension]:
+        """Return the state in which every step that is not done is given up, and the committed graph alone."""
+        tpg, ledger = state.tpg, state.ledger.copy()
+        about = self.scenario.execution, ledger, self.person
+        triage = FailureTriage(*about).decide(tpg, trigger)
+        counts = as_far_as_planned(tpg, trigger)
+        at = committed_at(tpg, counts, trigger, triage)
         complete = (at.committed.tasks[k] for k in at.complete)
         done = {task.step for task in complete if task.kind == _PUT}
-        for step in sorted({*self._executed.step_of.values()} - done - ledger.undone):
+        for step in sorted({*state.step_of.values()} - done - ledger.undone):
             ledger.give_up(step, why)
-        return nothing_new(at, tpg.cell)
+        return replace(state, ledger=ledger), empty_extension(at, tpg.cell)
 
-    def _onward(self, tpg: TemporalPlanGraph, incident: Incident) -> Extension:
-        """Return all, what is new only, and what there was before."""
-        ledger = self._executed.ledger.copy()
+    def extend(
+        self,
+        state: _Built,
+        trigger: ReplanTrigger,
+        *,
+        more_steps: bool = True,
+    ) -> tuple[_Built, Extension]:
+        """Return the next state and a longer graph, see ``Planner``."""
+        tpg, ledger = state.tpg, state.ledger.copy()
         section = self.scenario.execution
-        judging = Judging(section, ledger, self.person)
-        judged = judging.judged(tpg, incident)
-        counts = cut_at(tpg, incident, steps=self.steps)
-        at = committed_at(tpg, counts, incident, judged)
-        for step in incident.unwanted - self.begun(tpg, counts):
+        triage = FailureTriage(section, ledger, self.person).decide(tpg, trigger)
+        counts = cut_at(tpg, trigger, steps=self.steps)
+        at = committed_at(tpg, counts, trigger, triage)
+        for step in trigger.unwanted - self.begun(state, counts):
             ledger.drop(step)
         there = self._there(ledger, at)
         ledger.gone |= {name for name, own in there.items() if own.holder in at.out}
@@ -170,8 +167,8 @@ class ConstructionRecovery(Planner[_Built]):
             for task in at.committed.tasks
             if task.kind == _PUT and task.index in at.complete
         )
-        kept, placed = self._kept(ledger, tpg, at, placed)
-        built = replace(self._executed, ledger=ledger, kept=kept)
+        kept, placed = self._kept(state, ledger, at, placed)
+        built = replace(state, ledger=ledger, kept=kept)
         for name in placed:
             goals = {part.name: part.goal for part in built.parts}
             lies = there[name].pose
@@ -184,7 +181,6 @@ class ConstructionRecovery(Planner[_Built]):
                 about = ledger, self.person, tpg.cell
                 asks_for_another(*about, step, name, f"{name} is lost")
         there = self._there(ledger, at)
-        self._planned = built
         problem = self._problem(tpg.cell, built, placed, there, at.out)
         names = {part.name for part in problem.parts}
         held = {
@@ -195,46 +191,46 @@ class ConstructionRecovery(Planner[_Built]):
         robots = {r.name: at.state.configurations[r.name] for r in tpg.cell.robots}
         complete = frozenset(at.complete)
         before = at.committed.tasks
-        state = WorldState(at.state.configurations, there)
-        world = World(state, complete=complete, out=at.out, tasks=len(before))
+        now = WorldState(at.state.configurations, there)
+        world = World(now, complete=complete, out=at.out, tasks=len(before))
         try:
             effort = PlannerSettings().finding(self.motions.settings.paths)
             rest = plan_rest(problem, Middle(robots, placed, held, kept), effort)
             kept = {k: (own.robot, own.last) for k, own in rest.kept.items()}
-            self._planned = replace(built, kept=kept)
+            built = replace(built, kept=kept)
             self._give_up(built, rest.placed)
-            plan = self._motions(problem, rest, world, tpg.cell)
+            plan = self._motions(problem, built, rest, world, tpg.cell)
             new = graph_from(plan, world, before, StageWatch())
             new = timed(new, self.scenario, StageWatch())
-            waits = self._waits(problem, rest, plan, at)
-            union, new, _ = appended(at, new, tpg.cell, ledger, waits)
+            waits = self._waits(problem, ledger, rest, plan, at)
+            union, new, _ = append_extension(at, new, tpg.cell, ledger, waits)
         except (ConstructionError, PlanInvariantError) as error:
             for name in names - {*placed}:
                 why = str(error).partition("\n")[0]
                 ledger.given_up.setdefault(built.step_of[name], why)
             self._give_up(built, placed)
-            return nothing_new(at, tpg.cell)
-        return union, new, at
+            return built, empty_extension(at, tpg.cell)
+        return built, (union, new, at)
 
-    def _there(self, ledger: Ledger, at: Committed) -> Mapping[str, Attachment]:
+    def _there(self, ledger: Ledger, at: CommittedPrefix) -> Mapping[str, Attachment]:
         """Return where parts are, by the names with which plans know them."""
         pending = ledger.pending(at.committed.tasks)
         return ledger.where(at.state.attachments, pending, at.committed.cell)
 
     def _kept(
         self,
+        state: _Built,
         ledger: Ledger,
-        tpg: TemporalPlanGraph,
-        at: Committed,
+        at: CommittedPrefix,
         placed: Sequence[str],
     ) -> tuple[dict[str, tuple[str, str]], tuple[str, ...]]:
         """Return what is kept hold of, and what is placed: before that by which it stands, or last."""
         kept, order = {}, list(placed)
-        for name, (robot, last) in self._executed.kept.items():
+        for name, (robot, last) in state.kept.items():
             if name in placed:
                 kept[name] = robot, last if last in placed else ""
         pairs = {name: last for name, (_, last) in kept.items()}
-        for part, robot, until, left in kept_hold(tpg, at.complete):
+        for part, robot, until, left in kept_hold(state.tpg, at.complete):
             name, last = ledger.lost(part), ledger.lost(until)
             pairs[name], kept[name] = last, (robot, last)
             if left:
@@ -334,7 +330,7 @@ class ConstructionRecovery(Planner[_Built]):
             if step not in ledger.undone:
                 held = (
                     f": {part} would fall without {robot}, which keeps hold of it"
-                    for part, (robot, last) in self._planned.kept.items()
+                    for part, (robot, last) in built.kept.items()
                     if not last
                 )
                 why = next(held, "")
@@ -343,13 +339,14 @@ class ConstructionRecovery(Planner[_Built]):
     def _motions(
         self,
         problem: ConstructionProblem,
+        built: _Built,
         rest: Building,
         world: World,
         cell: Workcell,
     ) -> MotionPlan:
         """Return the motions of what is left, numbered on, with what persons take from hands at its end."""
         plan, first = motion_plan(problem, rest), world.tasks
-        order, steps = list(rest.placed), self._planned.step_of
+        order, steps = list(rest.placed), built.step_of
         tasks = [
             replace(
                 task,
@@ -393,13 +390,14 @@ class ConstructionRecovery(Planner[_Built]):
     def _waits(
         self,
         problem: ConstructionProblem,
+        ledger: Ledger,
         rest: Building,
         plan: MotionPlan,
-        at: Committed,
+        at: CommittedPrefix,
     ) -> np.ndarray:
         """Return what waits for what, of what is new and what is committed, shape (e, 2)."""
         before = [task for task in at.committed.tasks if task.kind in ("pick", _PUT)]
-        name_of = self._planned.ledger.lost
+        name_of = ledger.lost
         put = {name_of(str(t.object)): t.index for t in before if t.kind == _PUT}
         taken = {name_of(str(t.object)): t.index for t in before if t.kind == "pick"}
         needs, covers = rests_on(problem, rest), problem.graph.covers

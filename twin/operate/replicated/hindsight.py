@@ -15,9 +15,9 @@ from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.host.progress import StageWatch
-from twin.operate.going import Luck
-from twin.operate.judging import hopeless
+from twin.operate.failure_triage import find_infeasible_steps
 from twin.operate.operation import Operation
+from twin.operate.planner import TaskSeeds
 from twin.operate.replanning import plan_from
 from twin.planning.pipeline import planned_shortcuts
 from twin.scenario.sections.scenario import Scenario
@@ -73,7 +73,9 @@ class Hindsight:
             world = World(start_state(cell), out=lost)
             now, motions = Situation(world, self.motions.task_plan), self.motions
             if motions.work is not None:
-                motions = replace(motions, work=hopeless(motions.work, now, cell)[0])
+                motions = replace(
+                    motions, work=find_infeasible_steps(motions.work, now, cell)[0]
+                )
             try:
                 _, tpg = plan_from(
                     motions,
@@ -93,5 +95,5 @@ class Hindsight:
         }
         model = replace(self.model, disturbances=own.changed(failures=failures))
         return Simulator(
-            held_back(tpg, model), model, Luck.of(self.tpg).onward(tpg, 0).names
+            held_back(tpg, model), model, TaskSeeds.of(self.tpg).onward(tpg, 0).names
         )

@@ -14,8 +14,9 @@ from twin.durations.bounded import Uniform
 from twin.durations.model import Nanoseconds
 from twin.engine.bulk.max_plus import PrecedenceArrays
 from twin.engine.engine import Simulator
+from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import Messages
-from twin.engine.processes import Execution
+from twin.engine.simulated_robots import SimulatedRobots
 from twin.run.events import Policy
 from twin.study.gains.candidates import candidates
 from twin.study.gains.replays import Lever, Replay, eased_makespans, needs_events
@@ -105,6 +106,7 @@ def test_a_task_that_is_gone_is_gone_node_by_node(policy: Policy) -> None:
                 times,
                 Dispatcher(load.tpg),
                 Messages(),
+                Ports(SimulatedRobots),
                 sequential=policy == "sequential",
             )
             assert execution.execute() == "completed"
@@ -177,7 +179,9 @@ def _executed(tpg: TemporalPlanGraph, busy: Nanoseconds) -> int:
     own = tuple(np.split(busy, np.cumsum([len(c) for c in tpg.chains])[:-1]))
     zeros = tuple(np.zeros_like(row) for row in own)
     times = NodeTimes(zeros, own, ((),) * len(own), (-1,) * len(own))
-    execution = Execution(tpg, times, Dispatcher(tpg), Messages())
+    execution = Execution(
+        tpg, times, Dispatcher(tpg), Messages(), Ports(SimulatedRobots)
+    )
     execution.execute()
     return _work_done(tpg, execution)
 

@@ -1,4 +1,4 @@
-"""What is done about skills that have failed for good: again, the step anew, ask somebody, or give up what nobody can do."""
+"""Triage of skills that have failed for good: again, the step anew, ask a person, or give up what nobody can do."""
 
 from __future__ import annotations
 
@@ -37,7 +37,13 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.rolling.cut import complete_tasks, state_at
 from scheduling.rolling.extension import committed_part, with_attempt
-from twin.operate.committed import Failure, Incident, Judged, cut_at, tried_task
+from twin.operate.committed import (
+    Failure,
+    ReplanTrigger,
+    TriageResult,
+    cut_at,
+    tried_task,
+)
 from twin.operate.person import AGAIN, Ledger, Person, Question
 from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.draws import uniforms
@@ -59,8 +65,8 @@ _NO_PROCESS = (
 
 
 @dataclass(frozen=True)
-class Judging:
-    """Decides about failures, and takes note of it.
+class FailureTriage:
+    """Decides how each failure is recovered from, and enters it into the ledger.
 
     Attributes:
         section: says what may fail, and how often anything is tried.
@@ -74,12 +80,12 @@ class Judging:
     person: Person
     allows: Callable[[Poses], bool] = lambda _: False
 
-    def judged(self, tpg: TemporalPlanGraph, incident: Incident) -> Judged:
+    def decide(self, tpg: TemporalPlanGraph, trigger: ReplanTrigger) -> TriageResult:
         """Decide what is done about each failure, and what becomes of the object."""
         words, changes, reopened = [], [], dict[int, frozenset[str]]()
-        for failure in incident.failures:
+        for failure in trigger.failures:
             task = tried_task(tpg, failure)
-            change, fate = self._changes(tpg, incident, failure, task)
+            change, fate = self._changes(tpg, trigger, failure, task)
             changes.append(change)
             self.ledger.tries[task.step, task.kind] += not failure.missing
             often = self.ledger.tries[task.step, task.kind]
@@ -96,7 +102,7 @@ class Judging:
                 self.ledger.give_up(task.step, f"{task.object} is scrapped")
                 reopened[task.step] = frozenset({task.robot})
                 words.append(f"step {task.step} is given up: {task.object} is scrapped")
-            elif then == "rework" and (before := self._worked_at(tpg, incident, task)):
+            elif then == "rework" and (before := self._worked_at(tpg, trigger, task)):
                 reopened |= {work.step: frozenset[str]() for work in before}
                 reopened[task.step] = frozenset({task.robot})
                 *most, last = [work.label for work in before]
@@ -104,7 +110,7 @@ class Judging:
                 words.append(f"{several} done again, and then {task.label}")
             else:
                 words.append(f"{task.label} is done again")
-        return Judged(tuple(words), tuple(changes), reopened)
+        return TriageResult(tuple(words), tuple(changes), reopened)
 
     def _sees_to(self, task: Task) -> bool:
         """Ask a person to see to what has failed too often; return whether that helps."""
@@ -122,14 +128,14 @@ class Judging:
         return True
 
     def _worked_at(
-        self, tpg: TemporalPlanGraph, incident: Incident, task: Task
+        self, tpg: TemporalPlanGraph, trigger: ReplanTrigger, task: Task
     ) -> list[Task]:
         """Return the processes done to a part before another one, since it came to its place, in order of their steps.
 
         None of those that were done while the part was handled, as behind a door, which is shut once, nor of those
         before; and none of steps that are not done any more.
         """
-        clock, counts = incident.clock, incident.released
+        clock, counts = trigger.clock, trigger.released
         if clock is not None:
             counts = tuple(map(len, clock.ended_s))
         done = complete_tasks(tpg, counts)
@@ -167,7 +173,11 @@ class Judging:
         return float(uniforms(*about, index)[0][0])
 
     def _found(
-        self, tpg: TemporalPlanGraph, incident: Incident, failure: Failure, task: Task
+        self,
+        tpg: TemporalPlanGraph,
+        trigger: ReplanTrigger,
+        failure: Failure,
+        task: Task,
     ) -> Handling | None:
         """Return where a part is found beside its place; None where nothing can be done with it there."""
         name = str(task.object)
@@ -179,7 +189,7 @@ class Judging:
         pose = beside(lay, way, offset.rad * (2.0 * turned - 1.0))
         found = Handling(name, 1, None, pose)
         who = tpg.chains[failure.chain].robot
-        committed = committed_part(tpg, cut_at(tpg, incident))
+        committed = committed_part(tpg, cut_at(tpg, trigger))
         there = with_attempt(committed, tpg, who, failure.node, (found,))
         try:
             # Others go on by a plan in which it lies where it was said.
@@ -192,7 +202,7 @@ class Judging:
     def _changes(
         self,
         tpg: TemporalPlanGraph,
-        incident: Incident,
+        trigger: ReplanTrigger,
         failure: Failure,
         task: Task,
     ) -> tuple[tuple[Handling, ...], str]:
@@ -204,7 +214,7 @@ class Judging:
             self.ledger.shunned.add(self.ledger.lost(name))
             return (), ""
         # What it holds does not change any more before its robot goes on.
-        state = state_at(tpg, cut_at(tpg, incident, steps=False))
+        state = state_at(tpg, cut_at(tpg, trigger, steps=False))
         at = state.attachments.get(name)
         if not failure.lost or at is None:
             if task.kind == "pick":
@@ -213,7 +223,7 @@ class Judging:
         fate = self._fate(task, held=at.holder is not None)
         words = fate.value
         if fate is Fate.BESIDE:
-            if found := self._found(tpg, incident, failure, task):
+            if found := self._found(tpg, trigger, failure, task):
                 self.ledger.measured[name] = found.pose
                 return (found,), _beside_words(at.pose, found.pose)
             words = f"{words}, where nobody can pick it"
@@ -320,7 +330,7 @@ def resting_steps(
     return {step: frozenset(own) for step, own in found.items()}
 
 
-def hopeless(
+def find_infeasible_steps(
     work: AssemblyWork, now: Situation, cell: Workcell
 ) -> tuple[AssemblyWork, dict[int, str]]:
     """Return the work with spare objects where others are lost, and the steps that nobody can do any more.

@@ -1,4 +1,4 @@
-"""Execution by drivers: the dispatcher clears nodes to them, and what happens when is what they report.
+"""Robots that drivers move: the dispatcher clears nodes to them, and events happen when they report them.
 
 The simulation's own clock is kept in step with the time that passes. Whatever belongs to no driver, such as
 a person who brings a part, takes the time that the twin says.
@@ -23,14 +23,16 @@ from planning.errors import RequestError
 from twin.drivers.driver import DriverState
 from twin.durations.model import NANOSECONDS
 from twin.engine.ending import Ending, EndingCode, PendingNode
+from twin.engine.execution import Execution
+from twin.engine.ports import Replanner, RobotPort, T
 from twin.live.driver_end import Wire
 from twin.live.inbox import Inbox
 from twin.live.link import Link
 from twin.live.measured import History, MeasuredLog
-from twin.live.reported_execution import ReportedExecution
+from twin.live.reported_nodes import ReportedNodes
 from twin.live.wire_format import Report
-from twin.operate.committed import Version
-from twin.run.events import EventCode, EventKind, Outcome
+from twin.run.events import EventCode, EventKind, Measured
+from twin.uncertainty.node_times import NodeTimes
 
 _TICK_S = 0.02
 """How long messages are waited for at most, before links are looked at again [s]."""
@@ -46,29 +48,34 @@ class _Trouble(NamedTuple):
     words: str
 
 
-class LiveExecution(ReportedExecution):
-    """State of one run that drivers execute.
+class RemoteRobots(RobotPort):
+    """Robots that drivers move; the execution must have a replanner.
+
+    Attributes:
+        nodes: what drivers have reported.
+        written: see the arguments.
+        silent: robots whose drivers show no sign of life.
 
     Args:
-        rest, options: as of an execution that may be extended.
-        links: what is known of each driver, by robot.
-        wires: what carries messages to it.
+        execution: the run.
+        links: state of the protocol of each driver, by robot.
+        wires: carries messages to it.
         written: sees to it that all events so far are on the disk; called before a driver is cleared for more.
-        out_s: a robot whose driver has been silent for so long is out [s].
+        out_s: a robot whose driver has been silent for so long is out of service [s].
         tolerance: farthest that a joint may be from its path [rad or m]; beyond it all stop.
         pace: how many times as fast as the clock the run's time goes.
         measured: where samples are written; None for nowhere.
-        history: what has happened by the log, where the dispatcher was started anew.
+        history: events of the log, where the dispatcher was started anew.
         clock: returns the time, counted from anywhere [s].
         inbox: reports that have arrived.
     """
 
-    attended = False
-    """Whether a person may give orders."""
+    driven = True
 
     def __init__(
         self,
-        *rest: Any,
+        execution: Execution,
+        *,
         links: Mapping[str, Link],
         wires: Mapping[str, Wire],
         written: Callable[[], None],
@@ -79,57 +86,76 @@ class LiveExecution(ReportedExecution):
         history: History | None = None,
         clock: Callable[[], float] = time.monotonic,
         inbox: Inbox | None = None,
-        **options: Any,
     ) -> None:
-        super().__init__(
-            *rest,
-            links=links,
-            pace=pace,
-            log=MeasuredLog(measured),
-            history=history,
-            clock=clock,
-            **options,
-        )
+        self._cell = execution
+        self.upcoming = self._wait
+        log = MeasuredLog(measured)
+        self.nodes = ReportedNodes(execution, links, pace, log, history, clock)
+        self._links, self._states = links, self.nodes.states
+        self._wall_s, self._pace = clock, pace
         self._wires, self._inbox = wires, inbox or Inbox()
-        self._written, self._out_s = written, out_s
+        self.written, self._out_s = written, out_s
         self._tolerance = tolerance
         self._told: dict[str, _Trouble | None] = {}
-        self._silent = set(links)
+        self.silent = set(links)
         self._settled = True
         self._believed_s: dict[str, float] = {}
         self._progress, self._progress_s, self._idle_s = -1, 0.0, 0.0
+        execution.gates.append(self._may_release)
 
-    def execute(self) -> Outcome:
-        """Run until everything is done, nothing can go on, or the user interrupts.
+    @property
+    def _replanner(self) -> Replanner:
+        replanner = self._cell.replanner
+        assert replanner is not None
+        return replanner
+
+    def begin(self) -> None:
+        """Wait until all drivers are there.
 
         Raises:
             RequestError: a driver is not there at the beginning.
             OutputError: the log cannot be written any more.
         """
-        try:
-            for wire in self._wires.values():
-                wire.open(self._inbox.put)
-            if self._history is not None:
-                self.env.run(until=max(self._history.since_ns, 1))
-                if self.narrator is not None:
-                    code = EventCode.DISPATCHER_RESTARTED
-                    self.narrator.emit("resumed", detail=code.value)
-                self._written()  # numbers of commands depend on how often this is in the log
-                for k, node in self.impatient:
-                    if (begun := self.start[k][node]) >= 0:
-                        self._count_patience(k, node, begun - self.now_ns)
-            self._gather()
-            for name, state in self._states.items():
-                self._stop_off_path(name, state)
-            return super().execute()
-        finally:
-            # Whatever goes wrong on the way, all drivers are told to stand, and nobody waits for them.
-            self._correct_times()
-            with ExitStack() as stack:
-                stack.callback(self._log.close)
-                for name, wire in self._wires.items():
-                    stack.callback(wire.close)
-                    stack.callback(self._let_go, name)
+        cell, history = self._cell, self.nodes.history
+        for wire in self._wires.values():
+            wire.open(self._inbox.put)
+        if history is not None:
+            cell.env.run(until=max(history.since_ns, 1))
+            if cell.narrator is not None:
+                code = EventCode.DISPATCHER_RESTARTED
+                cell.narrator.emit("resumed", detail=code.value)
+            self.written()  # numbers of commands depend on how often this is in the log
+            for k, node in cell.impatient:
+                if (begun := cell.start[k][node]) >= 0:
+                    cell.count_patience(k, node, begun - cell.now_ns)
+        self._gather()
+        for name, state in self._states.items():
+            self._stop_off_path(name, state)
+
+    def close(self) -> None:
+        """Tell all drivers to stand; nobody waits for them."""
+        self.nodes.correct_times()
+        with ExitStack() as stack:
+            stack.callback(self.nodes.log.close)
+            for name, wire in self._wires.items():
+                stack.callback(wire.close)
+                stack.callback(self._let_go, name)
+
+    def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
+        """Follow a node that a driver executes; return whether its task failed for good."""
+        return self.nodes.execute(chain, node)
+
+    def extended(self) -> None:
+        """Let drivers forget what they were cleared for beyond what is committed."""
+        self.nodes.extended()
+
+    def node_times(self) -> NodeTimes:
+        """Return how long nodes took."""
+        return self.nodes.node_times()
+
+    def measured(self) -> dict[str, Measured]:
+        """Return the measured positions of robots, by name."""
+        return self.nodes.measured()
 
     def _let_go(self, name: str) -> None:
         self._links[name].say_leave()
@@ -143,8 +169,9 @@ class LiveExecution(ReportedExecution):
         Those of a run that was over by its log may have left.
         """
         begin_s = self._wall_s()
-        if self._history and len(self._history.finished) == len(self.tpg.chains):
-            self._silent.clear()
+        history = self.nodes.history
+        if history and len(history.finished) == len(self._cell.tpg.chains):
+            self.silent.clear()
             return
         while missing := sorted(self._links.keys() - self._states.keys()):
             if self._wall_s() - begin_s > self._out_s:
@@ -161,17 +188,17 @@ class LiveExecution(ReportedExecution):
             # Sending may take longer than reports take to come.
             while self._inbox.is_behind():
                 self._meet(self._inbox.get(timeout=0.0))
-        self._silent.clear()
-        if self._history is None:
-            self._begin_s = self._wall_s()
-            self._log.begin(self._begin_s)
+        self.silent.clear()
+        if history is None:
+            self.nodes.begin_s = self._wall_s()
+            self.nodes.log.begin(self.nodes.begin_s)
 
     def _meet(self, report: Report) -> None:
         """Take note of a report that comes before the run's time begins."""
         if (state := self._heard(report)) is not None:
             self._states[report.robot] = state
-            if self._history is not None:
-                self._note(report, state)
+            if self.nodes.history is not None:
+                self.nodes.note(report, state)
 
     def _heard(self, report: Report) -> DriverState | None:
         """Return what a report says, None where it is to be left aside."""
@@ -180,14 +207,14 @@ class LiveExecution(ReportedExecution):
 
     # Time
 
-    def _upcoming(self) -> float:
-        """Wait until something happens next, and return when that is [ns]; infinity at the end of the run."""
+    def _wait(self) -> float:
+        """Wait for the next event and return its time [ns]; infinity at the end of the run."""
         while True:
-            if self.ended is not None:
+            if self._cell.ended is not None:
                 return math.inf
-            due = super()._upcoming()
-            now = self._passed_ns()
-            over = self._done() and not self._planning
+            due = self._cell.next_event_ns()
+            now = self.nodes.passed_ns()
+            over = self._cell.is_done() and not self._replanner.planning
             if due <= now or (due == math.inf and over):
                 return due
             if self._inbox.is_behind():
@@ -200,33 +227,34 @@ class LiveExecution(ReportedExecution):
             with suppress(queue.Empty):
                 self._take(self._inbox.get(timeout=max(wait, 0.0)))
 
-    def deadlock(self) -> str:
-        """Return why the run ends before all is done."""
-        return super().deadlock() if self.ended is None else self.ended.words
-
     def _end(self, code: EndingCode, robot: str, words: str) -> None:
         """End the session with its first cause, and with what all robots wait for where none has caused it."""
-        if self.ended is None:
+        if self._cell.ended is None:
             pending = self._pending()
             waits = "; ".join(node.words() for node in pending)
             words = words if robot else f"{words}: {waits}"
-            self.ended = Ending(code, robot, words, pending)
+            self._cell.ended = Ending(code, robot, words, pending)
 
     def _end_if_nothing_comes(self, due_ns: float, now_s: float) -> None:
         """End a session in which no event is due and nobody is to act, or no robot makes progress for very long."""
         links = self._links
+        attended = self._cell.audience is not None
         acting = {name for name in links if self._may_act(name, now_s)}
-        person = self.attended and any(links[name].held for name in acting - self._out)
+        person = attended and any(
+            links[name].held for name in acting - self._replanner.out
+        )
         progress = sum(
             own.begun + own.done + len(own.cleared) - len(own.awaited)
             for own in links.values()
         )
-        active = due_ns < math.inf or self._planning or person
+        active = due_ns < math.inf or self._replanner.planning or person
         if active or progress != self._progress:
             self._progress, self._progress_s, self._idle_s = progress, now_s, now_s
         elif acting:
             self._idle_s = now_s
-        planned_ns = max((own.max(initial=0) for own in self.times.motion), default=0)
+        planned_ns = max(
+            (own.max(initial=0) for own in self._cell.times.motion), default=0
+        )
         most_s = self._out_s + float(planned_ns) / NANOSECONDS / self._pace
         if now_s - self._idle_s > self._out_s:
             self._end("nothing-to-come", "", "nothing can go on")
@@ -238,28 +266,33 @@ class LiveExecution(ReportedExecution):
 
         A driver that stands between two nodes has reported all that it was cleared for, or does not go on.
         """
-        if name in self._silent and name not in self._out:
+        if name in self.silent and name not in self._replanner.out:
             return True  # it is given up once it is silent for too long
         link, state = self._links[name], self._states.get(name)
         old = now_s - self._believed_s.get(name, -math.inf) > self._out_s
         if old or state is None or state.mode == "fault":
             return False
         if link.held or state.mode == "held":
-            return self.attended or not link.held
+            return self._cell.audience is not None or not link.held
         return state.mode == "moving" or state.begun > state.done or link.is_acting
 
     def _pending(self) -> tuple[PendingNode, ...]:
         """Return the next node of every robot and machine that has nodes left."""
         found = []
-        for k, chain in enumerate(self.tpg.chains):
-            node = next((n for n, end in enumerate(self.end[k]) if end < 0), None)
+        for k, chain in enumerate(self._cell.tpg.chains):
+            node = next((n for n, end in enumerate(self._cell.end[k]) if end < 0), None)
             if node is None:
                 continue
-            waits = self.dispatcher.waits_for(k, node)
-            names = tuple((self.tpg.chains[other].robot, n) for other, n in waits)
-            state, link = self._states.get(chain.robot), self._link(k)
+            waits = self._cell.dispatcher.waits_for(k, node)
+            names = tuple((self._cell.tpg.chains[other].robot, n) for other, n in waits)
+            state, link = self._states.get(chain.robot), self.nodes.link(k)
             mode, held = state.mode if state else None, bool(link and link.held)
-            about = chain.robot, node, self.task[k][node], node < self.released[k]
+            about = (
+                chain.robot,
+                node,
+                self._cell.task[k][node],
+                node < self._cell.released[k],
+            )
             found.append(PendingNode(*about, names, mode, held))
         return tuple(found)
 
@@ -267,52 +300,59 @@ class LiveExecution(ReportedExecution):
         """Take note of a report, as something that happens now in the simulation."""
         if (state := self._heard(report)) is None:
             return
-        self._note(report, state)
-        self._now(self._observe, report.robot, state)
+        self.nodes.note(report, state)
+        self.now(self._observe, report.robot, state)
 
-    def _now(self, act: Callable[..., None], *about: Any) -> None:
-        """Let something happen in the simulation at the time that it is."""
-        happens = self.env.timeout(max(self._passed_ns() - self.now_ns, 0))
+    def now(self, act: Callable[..., None], *about: Any) -> None:
+        """Schedule a call in the simulation for the present time of the run."""
+        happens = self._cell.env.timeout(
+            max(self.nodes.passed_ns() - self._cell.now_ns, 0)
+        )
         happens.callbacks.append(lambda _: act(*about))
 
     def _observe(self, name: str, state: DriverState) -> None:
         self._states[name], self._believed_s[name] = state, self._wall_s()
-        if name in self._silent and self._told.pop(name, None):
-            self._tell_of_driver(name, "")  # before all that it has done meanwhile
+        if name in self.silent and self._told.pop(name, None):
+            self.record_driver(name, "")  # before all that it has done meanwhile
         self._stop_off_path(name, state)
-        self._see_to_tools()
-        news, self._news[name] = self._news[name], self.env.event()
+        self.nodes.see_to_tools()
+        news, self.nodes.news[name] = self.nodes.news[name], self._cell.env.event()
         news.succeed()
-        if name in self._silent:
-            self._silent.discard(name)
-            self._dispatch_again()
+        if name in self.silent:
+            self.silent.discard(name)
+            self._cell.dispatch_again()
 
     def _stop_off_path(self, name: str, state: DriverState) -> None:
         """Stop all where a robot is too far off its path; one at fault is given up with its own cause."""
-        if state.off <= self._tolerance or state.mode == "fault" or self.ended:
+        if state.off <= self._tolerance or state.mode == "fault" or self._cell.ended:
             return
         # What was planned to be free is not known to be so any more.
         words = (
             f"is {state.off:.4g} rad or m off its path, more than {self._tolerance:g}"
         )
-        self._tell_of_driver(name, words)
+        self.record_driver(name, words)
         self._end("off-path", name, f"{name} {words}")
         for link in self._links.values():
             link.hold(True)
 
     def _look_at_links(self, now_s: float) -> None:
-        """Tell drivers what they are to know, and see whether they are there."""
+        """Execute orders of people, send commands to drivers, and check that they are there."""
+        audience = self._cell.audience
+        if audience is not None:
+            audience.obey()
         for name, link in self._links.items():
             self._send(name)
             trouble = out = self._why_out(name, now_s)
             if not link.alive(now_s):
-                self._silent.add(name)
+                self.silent.add(name)
                 trouble = trouble or _Trouble("silent", "no sign of life")
             if trouble != self._told.get(name):
                 self._told[name] = trouble
-                self._now(self._tell_of_driver, name, trouble.words if trouble else "")
+                self.now(self.record_driver, name, trouble.words if trouble else "")
                 if out:
-                    self._now(self._give_up_driver, name, out.words)
+                    self.now(self._give_up_driver, name, out.words)
+        if audience is not None:
+            audience.look(now_s)
 
     def _why_out(self, name: str, now_s: float) -> _Trouble | None:
         """Return why a driver is not to be relied on any more, None where it is."""
@@ -327,60 +367,63 @@ class LiveExecution(ReportedExecution):
             _Trouble("report", str(link.problem)) if link.problem is not None else None
         )
 
-    def _tell_of_driver(self, name: str, words: str) -> None:
-        if self.narrator is not None and name in self.tpg.chain_index:
+    def record_driver(self, name: str, words: str) -> None:
+        """Record that a robot has stopped, with the reason in words, or that it resumes, without any."""
+        if self._cell.narrator is not None and name in self._cell.tpg.chain_index:
             kind: EventKind = "stopped" if words else "resumed"
-            self.narrator.emit(kind, self.tpg.chain_index[name], detail=words)
+            self._cell.narrator.emit(
+                kind, self._cell.tpg.chain_index[name], detail=words
+            )
 
     def _give_up_driver(self, name: str, words: str) -> None:
         """Go on without a robot that stands at a border; where it stands elsewhere, end the run."""
-        if name in self._out or self.ended is not None:
+        if name in self._replanner.out or self._cell.ended is not None:
             return
-        link, k = self._links[name], self.tpg.chain_index.get(name)
-        if k is None or link.rests(self.released[k], self._tolerance):
-            self.outage(name, self.now_ns)
+        link, k = self._links[name], self._cell.tpg.chain_index.get(name)
+        if k is None or link.rests(self._cell.released[k], self._tolerance):
+            self._replanner.outage(name, self._cell.now_ns)
         else:
             self._end("driver-lost", name, f"{name} {words}")
 
     def _send(self, name: str) -> None:
         command = self._links[name].command(self._wall_s())
         if command is not None:
-            self._log.flush()  # what a driver is told to have been heard, it forgets
+            self.nodes.log.flush()  # what a driver is told to have been heard, it forgets
             if command.nodes:
-                self._written()
+                self.written()
             self._wires[name].send(command)
 
     # Planning
 
-    def _version(self) -> Generator[simpy.Event, Any, Version]:
-        """Plan what is left in a thread of its own: drivers are heard meanwhile, and what people order is done.
+    def compute(self, work: Callable[[], T]) -> Generator[simpy.Event, Any, T]:
+        """Return the result of a computation in a thread: drivers are heard meanwhile, and orders obeyed.
 
-        Until there is a plan nothing more is cleared, as nobody knows yet from where on things will be different.
+        Until it is there nothing more is cleared, as nobody knows yet which nodes will be replaced.
         """
         self._settled = False
-        made: Future[Version] = Future()
-        given = self.tpg, self._incident()
+        made: Future[T] = Future()
 
-        def plan() -> None:
+        def compute() -> None:
             try:
-                made.set_result(self._planner.plan(*given))
+                made.set_result(work())
             except Exception as error:
                 made.set_exception(error)
 
-        threading.Thread(target=plan, daemon=True).start()
+        threading.Thread(target=compute, daemon=True).start()
         while not made.done():
-            yield self.env.timeout(round(_TICK_S * self._pace * NANOSECONDS))
+            yield self._cell.env.timeout(round(_TICK_S * self._pace * NANOSECONDS))
         self._settled = True
         # Who cannot be planned for before a question is answered goes on as far as the plan goes.
-        self._dispatch_again()
+        self._cell.dispatch_again()
         return made.result()
 
-    def _next_is_safe(self, chain: int) -> bool:
-        link = self._link(chain)
-        if not (self._settled and super()._next_is_safe(chain)):
+    def _may_release(self, chain: int) -> bool:
+        """Return whether a safe node may be cleared: no plan is being made, and its driver is alive."""
+        link = self.nodes.link(chain)
+        if not self._settled:
             return False
         if link is None or link.alive(self._wall_s()):
             return True
         # Its next report has the dispatcher look again, also where reports wait that were not heard yet.
-        self._silent.add(link.robot)
+        self.silent.add(link.robot)
         return False

@@ -1,4 +1,4 @@
-"""Execution of a plan by robots that speed up and slow down within their limits."""
+"""Simulated robots that speed up and slow down within their limits."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from simpy.events import EventPriority
 
 from planning.timing.braking import StoppedPath
 from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
+from twin.engine.execution import Execution
 from twin.engine.passage import Passage, drive_times
-from twin.engine.processes import Execution, Steps
+from twin.engine.ports import RobotPort, Steps
+from twin.engine.simulated_robots import SimulatedRobots
 from twin.run.events import EventKind
 from twin.uncertainty.node_times import NodeTimes, Standstill
 from twin.uncertainty.stops import stopped_skill
@@ -24,27 +25,31 @@ _AFTER_MESSAGES = EventPriority(8)
 """Priority of decisions at borders: what arrives at the same time counts."""
 
 
-class DrivenExecution(Execution):
-    """State of one run in progress, in which robots pass borders of nodes at speed.
+class DrivenRobots(RobotPort):
+    """Robots that pass borders of nodes at speed.
 
     At each border a robot takes the next node as fast as it can while it is still able to stop at
     the end of the last node that it is cleared for. What is executed is ``lag`` behind what is
     commanded, so a node counts as left, and is reported complete, that much later.
+
+    Args:
+        execution: the run; see ``at_full_speed`` for the durations of its graph.
     """
 
     driven = True
 
-    def __init__(
-        self, tpg: TemporalPlanGraph, times: NodeTimes, *rest: Any, **options: Any
-    ) -> None:
-        """Set the cell up at time 0; see Execution, and ``at_full_speed`` for the durations."""
-        super().__init__(tpg, times, *rest, **options)
-        self._take_drives(tpg, times)
-        self._passages = [Passage(drive) for drive in self._drives]
-        self._stood: list[list[Standstill]] = [[] for _ in tpg.chains]
+    def __init__(self, execution: Execution) -> None:
+        self._cell = execution
+        self.upcoming = execution.next_event_ns
+        self._at_rest = SimulatedRobots(execution, self._motion_time)
+        self._passages: list[Passage] = []
+        self._stood: list[list[Standstill]] = []
         self._stopped: dict[tuple[int, int], StoppedPath | None] = {}
+        self.extended()
 
-    def _take_drives(self, tpg: TemporalPlanGraph, times: NodeTimes) -> None:
+    def extended(self) -> None:
+        """Take over the drives of the graph that is executed now."""
+        tpg, times = self._cell.tpg, self._cell.times
         overrides = map(times.override, range(len(tpg.chains)))
         self._drives = list(map(drive_times, tpg.chains, times.motion, overrides))
         self._lengths = [drive.length.tolist() for drive in self._drives]
@@ -55,9 +60,19 @@ class DrivenExecution(Execution):
             for item in own:
                 by_node.setdefault(item.node, []).append(item)
             self._given.append(by_node)
+        for passage, drive in zip(self._passages, self._drives, strict=False):
+            passage.times = drive
+        for drive in self._drives[len(self._passages) :]:
+            self._passages.append(Passage(drive))
+            self._stood.append([])
+
+    def skip(self, chain: int, node: int) -> None:
+        """Forget the drawn standstills of a skill that is not attempted."""
+        self._given[chain].pop(node, None)
 
     def node_times(self) -> NodeTimes:
         """Return how long nodes took, and where robots stood: some nodes after they began to brake."""
+        cell = self._cell
         motions, stalls, stands = [], [], []
         for k, own in enumerate(self._given):
             length = self._drives[k].length
@@ -66,95 +81,98 @@ class DrivenExecution(Execution):
             waited = np.zeros(len(length), dtype=np.int64)
             for item in stood:
                 waited[item.node] += item.duration_ns
-            start, end = np.array(self.start[k]), np.array(self.end[k])
+            start, end = np.array(cell.start[k]), np.array(cell.end[k])
             took = end - start - waited
-            if self.stops is not None:
+            if cell.stops is not None:
                 # Stops are commands, which what is executed is behind.
                 lag = self._drives[k].lag
-                opens = [self._opens(k, node) for node in range(len(length))]
-                told = np.where(opens, start, start - lag), end - lag
-                spans = zip(*(times.tolist() for times in told), strict=True)
-                took -= [self.stops[k].stopped_between(a, b) for a, b in spans]
+                opens = [self.rests_before(k, node) for node in range(len(length))]
+                commanded = np.where(opens, start, start - lag), end - lag
+                spans = zip(*(times.tolist() for times in commanded), strict=True)
+                took -= [cell.stops[k].stopped_between(a, b) for a, b in spans]
             moved = length > 0.0
             moved[[n for (c, n), x in self._stopped.items() if c == k and x]] = True
             moved &= end >= 0
-            motions.append(np.where(moved, took, self.times.motion[k]))
+            motions.append(np.where(moved, took, cell.times.motion[k]))
             stalls.append(waited)
             stands.append(tuple(stood))
         return replace(
-            self.times,
+            cell.times,
             motion=tuple(motions),
             stood=tuple(stalls),
             standstills=tuple(stands),
         )
 
     def commands(self) -> tuple[Array, ...]:
-        """Return what each robot was told, see ``ExecutionRecord``."""
+        """Return what each robot was commanded, see ``ExecutionRecord``."""
         found = []
         for k, passage in enumerate(self._passages):
             rows = np.array(passage.commands, float).reshape(-1, 5)
-            if self.times.speed_override:
-                # Ways and speeds count from full speed as planned; stops of skills have no speed.
+            if override := self._cell.times.speed_override:
+                # Paths and speeds count from full speed as planned; stops of skills have no speed.
                 node = rows[:, 1].astype(np.int64)
                 moved = self._drives[k].length[node] > 0.0
-                rows[moved, 2:] *= self.times.speed_override[k][node[moved]][:, None]
+                rows[moved, 2:] *= override[k][node[moved]][:, None]
             found.append(rows)
         return tuple(found)
 
-    def _pass(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
+    def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
+        """Execute a node once it is released; return whether its task failed for good."""
+        cell = self._cell
         if self._passages[chain].speed > 0.0:
-            if self.planned is None:
-                self.queue[chain].popleft()
-        elif self.planned is None or self._opens(chain, node):
-            yield from self._until_released(chain, node)
+            if cell.planned is None:
+                cell.queue[chain].popleft()
+        elif cell.planned is None or self.rests_before(chain, node):
+            yield from self._at_rest.until_released(chain, node)
         # A graph that has been extended meanwhile may have another node there, after a rest.
-        opens = self._opens(chain, node)
-        if opens and node and (lag := self.end[chain][node - 1] - self.now_ns) > 0:
-            yield self.env.timeout(lag)
+        opens = self.rests_before(chain, node)
+        if opens and node and (lag := cell.end[chain][node - 1] - cell.now_ns) > 0:
+            yield cell.env.timeout(lag)
         if self._lengths[chain][node] <= 0.0:
-            return (yield from self._fails(chain, node))
+            return (yield from self._at_rest.perform(chain, node))
         yield from self._drive(chain, node, opens=opens)
         return False
 
-    def _opens(self, chain: int, node: int) -> bool:
-        """Tell whether a robot is at rest before a node, whatever it is cleared for."""
+    def rests_before(self, chain: int, node: int) -> bool:
+        """Return whether a robot is at rest before a node, however far it is cleared."""
         last = self._lasts[chain]
         still = self._lengths[chain][node] <= 0.0
         return still or node == 0 or last[node - 1] != last[node]
 
     def _drive(self, chain: int, node: int, *, opens: bool) -> Steps:
-        """Pass a node of a stretch, which opens with it or goes on."""
-        env, passage = self.env, self._passages[chain]
+        """Pass a node of a stretch, which begins with it or before."""
+        cell, passage = self._cell, self._passages[chain]
         lag = int(self._drives[chain].lag[node])
-        stops = None if self.stops is None else self.stops[chain]
-        yield self._at_the_end_of_now(_AFTER_MESSAGES)
+        stops = None if cell.stops is None else cell.stops[chain]
+        yield cell.at_the_end_of_now(_AFTER_MESSAGES)
         if passage.speed <= 0.0:
-            passage.rest(self.now_ns if stops is None else stops.after(self.now_ns))
+            passage.rest(cell.now_ns if stops is None else stops.after(cell.now_ns))
         late = 0 if opens else lag
-        self.start[chain][node] = passage.now_ns + late
-        self._count_patience(chain, node, late + passage.now_ns - self.now_ns)
-        self._tell(late + passage.now_ns - self.now_ns, "started", chain, node)
+        cell.start[chain][node] = passage.now_ns + late
+        cell.count_patience(chain, node, late + passage.now_ns - cell.now_ns)
+        self._record(late + passage.now_ns - cell.now_ns, "started", chain, node)
         given = self._given[chain].get(node, ())
         stood = passage.go(node, self._cleared(chain, node), given, stops)
         self._stood[chain] += [item for _, item in stood]
         for begin, item in stood:
-            self._tell(begin + lag - self.now_ns, item, chain, node)
-        if (wait := passage.now_ns - self.now_ns) > 0:
-            yield env.timeout(wait)
-        self._complete(chain, node, lag)
-        self._tell(lag, "completed", chain, node)
+            self._record(begin + lag - cell.now_ns, item, chain, node)
+        if (wait := passage.now_ns - cell.now_ns) > 0:
+            yield cell.env.timeout(wait)
+        cell.complete(chain, node, lag)
+        self._record(lag, "completed", chain, node)
         if node == self._lasts[chain][node]:
             passage.speed = 0.0
             if lag:
-                yield env.timeout(lag)
+                yield cell.env.timeout(lag)
 
-    def _moved(self, chain: int, node: int, begin_ns: int, offset_ns: int) -> int:
-        """Return when the motion of a skill has gone on for a while: it brakes for stops."""
-        if self.stops is None:
-            return super()._moved(chain, node, begin_ns, offset_ns)
+    def _motion_time(self, chain: int, node: int, begin_ns: int, offset_ns: int) -> int:
+        """Return when the motion of a skill has lasted for some time: it brakes for stops [ns]."""
+        cell = self._cell
+        if cell.stops is None:
+            return begin_ns + offset_ns
         if (chain, node) not in self._stopped:
-            motion, stops = self.motion[chain][node], self.stops[chain].stop_after
-            found = stopped_skill(self.tpg, (chain, node), motion, begin_ns, stops)
+            motion, stops = cell.motion[chain][node], cell.stops[chain].stop_after
+            found = stopped_skill(cell.tpg, (chain, node), motion, begin_ns, stops)
             self._stopped[chain, node] = found
             if found is not None:
                 self._passages[chain].commands.append(
@@ -162,29 +180,29 @@ class DrivenExecution(Execution):
                 )
         stopped = self._stopped[chain, node]
         if stopped is None:
-            return super()._moved(chain, node, begin_ns, offset_ns)
+            return self._at_rest.motion_time(chain, node, begin_ns, offset_ns)
         return round(stopped.when(offset_ns / NANOSECONDS) * NANOSECONDS)
 
     def _cleared(self, chain: int, node: int) -> int:
         """Return the last node that a robot may enter as far as it knows."""
-        if self.planned is not None:
+        if self._cell.planned is not None:
             return int(self._drives[chain].last[node])
-        return node + len(self.queue[chain])
+        return node + len(self._cell.queue[chain])
 
-    def _tell(
+    def _record(
         self, delay_ns: int, what: EventKind | Standstill, chain: int, node: int
     ) -> None:
-        """Tell of an event of a node, or of a standstill in it, when it is executed."""
-        narrator = self.narrator
+        """Record an event of a node, or a standstill in it, when it is executed."""
+        cell, narrator = self._cell, self._cell.narrator
         if narrator is None:
             return
         if not isinstance(what, Standstill):
-            self._after(delay_ns, narrator.emit, what, chain, node)
+            cell.after(delay_ns, narrator.emit, what, chain, node)
             return
 
         def stands() -> None:
             narrator.stands(chain, node, what)
-            over = self.env.timeout(what.duration_ns)
+            over = cell.env.timeout(what.duration_ns)
             over.callbacks.append(lambda _: narrator.goes_on(chain, node, what, 0))
 
-        self._after(delay_ns, stands)
+        cell.after(delay_ns, stands)

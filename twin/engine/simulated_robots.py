@@ -1,0 +1,155 @@
+"""Simulated robots that execute each node from rest to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import Any
+
+import simpy
+from simpy.events import EventPriority
+
+from twin.durations.model import NANOSECONDS
+from twin.engine.execution import Execution
+from twin.engine.narrator import Narrator, failure_text
+from twin.engine.ports import RobotPort, Steps
+from twin.uncertainty.node_times import NodeTimes
+
+_LAST = EventPriority(9)
+"""Priority of what happens after everything else at the same time."""
+
+MotionTime = Callable[[int, int, int, int], int]
+"""Returns when a motion has lasted for some time, see ``SimulatedRobots.motion_time``."""
+
+
+class SimulatedRobots(RobotPort):
+    """Robots that execute each node from rest to rest, in the time that is drawn for it.
+
+    Args:
+        execution: the run.
+        motion_time: progress of motions, where robots brake for stops by the clock.
+    """
+
+    driven = False
+
+    def __init__(
+        self, execution: Execution, motion_time: MotionTime | None = None
+    ) -> None:
+        self._cell = execution
+        self.upcoming = execution.next_event_ns
+        self._motion_time = motion_time or self.motion_time
+
+    def node_times(self) -> NodeTimes:
+        """Return how long nodes took, and where robots stood."""
+        return self._cell.times
+
+    def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
+        """Execute a node once it is released; return whether its task failed for good."""
+        queue = self._cell.queue[chain]
+        if queue and self._cell.planned is None:
+            queue.popleft()
+        else:
+            yield from self.until_released(chain, node)
+        return (yield from self.perform(chain, node))
+
+    def until_released(self, chain: int, node: int) -> Steps:
+        """Wait until a robot has been given a node, or for its planned start."""
+        cell = self._cell
+        queue = cell.queue[chain]
+        if cell.planned is not None:
+            yield from self._until_planned(chain, node)
+            return
+        # What has arrived may be withdrawn at the same time.
+        while not queue:
+            arrival = cell.idle[chain] = cell.env.event()
+            if cell.narrator is not None:
+                check = cell.at_the_end_of_now(_LAST)
+                check.callbacks.append(lambda _: cell.report_wait(chain, node))
+            yield arrival
+        queue.popleft()
+
+    def _until_planned(self, chain: int, node: int) -> Steps:
+        """Wait until the planned start of a node, whatever the others do."""
+        cell = self._cell
+        assert cell.planned is not None
+        early = cell.planned[chain][node] - cell.now_ns
+        if early > 0:
+            if cell.narrator is not None:
+                at = f"{cell.planned[chain][node] / NANOSECONDS:.3f} s"
+                detail = f"waits for its planned start at {at}"
+                cell.narrator.emit("waiting", chain, node, detail=detail)
+            yield cell.env.timeout(early)
+
+    def perform(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
+        """Execute a released node and report it; return whether its task failed for good."""
+        cell = self._cell
+        stops = None if cell.stops is None else cell.stops[chain]
+        if stops is not None and (stop := stops.after(cell.now_ns) - cell.now_ns) > 0:
+            yield cell.env.timeout(stop)
+        if cell.supply is not None and cell.supply.miss(chain, node):
+            return True
+        failed = node == cell.times.failed[chain]
+        now = cell.start[chain][node] = cell.now_ns
+        if cell.impatient:
+            cell.count_patience(chain, node)
+        if cell.narrator is not None:
+            yield from self._execute_watched(cell.narrator, chain, node)
+        else:
+            end = self.motion_time(chain, node, now, cell.stood[chain][node])
+            if not failed:
+                end = self.motion_end(chain, node, end)
+            yield cell.env.timeout(end - now)
+        if not failed:
+            cell.complete(chain, node)
+        return failed
+
+    def _work_end(self, chain: int, busy_ns: int) -> int:
+        """Return when some work is done that begins now; stops by the clock make it later [ns]."""
+        return self.motion_time(chain, 0, self._cell.now_ns, busy_ns)
+
+    def motion_time(self, chain: int, _node: int, begin_ns: int, offset_ns: int) -> int:
+        """Return when the motion of a node has lasted for some time, stops not counted [ns].
+
+        Args:
+            chain, _node: of the motion.
+            begin_ns: when it begins [ns].
+            offset_ns: how long it has lasted [ns].
+        """
+        stops = self._cell.stops
+        if stops is None:
+            return begin_ns + offset_ns
+        return stops[chain].advance(begin_ns, offset_ns)
+
+    def motion_end(self, chain: int, node: int, begin_ns: int) -> int:
+        """Return when the motion of a node ends that begins at a time [ns]."""
+        motion_ns = self._cell.motion[chain][node]
+        return self._motion_time(chain, node, begin_ns, motion_ns)
+
+    def _execute_watched(self, narrator: Narrator, chain: int, node: int) -> Steps:
+        """Execute a node and record all events in it."""
+        cell = self._cell
+        narrator.emit("started", chain, node)
+        failed = node == cell.times.failed[chain]
+        stands = narrator.standstills.get((chain, node), ())
+        attempt = 0
+        for k, entry in enumerate(stands):
+            narrator.stands(chain, node, entry)
+            over = self._work_end(chain, entry.duration_ns)
+            yield cell.env.timeout(over - cell.now_ns)
+            attempt += entry.cause == "retry"
+            if failed and k == len(stands) - 1:
+                detail = failure_text(cell.tpg, cell.times, chain)
+                narrator.emit("failed", chain, node, detail=detail)
+                return
+            narrator.goes_on(chain, node, entry, attempt)
+        begin = cell.now_ns
+        for offset, name, holder in narrator.handlings.get((chain, node), ()):
+            passed = begin
+            if offset:
+                passed = self._motion_time(chain, node, begin, offset)
+            if passed > cell.now_ns:
+                yield cell.env.timeout(passed - cell.now_ns)
+            narrator.handle(chain, node, name, holder)
+        end = self.motion_end(chain, node, begin)
+        if end > cell.now_ns:
+            yield cell.env.timeout(end - cell.now_ns)
+        narrator.emit("completed", chain, node)

@@ -1,0 +1,267 @@
+"""Nodes of an execution that drivers begin and complete, by their reports, and what was measured meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import simpy
+
+from scheduling.graph.task_edges import actuation_nodes
+from twin.drivers.driver import DriverState, Sample, cleared_node, order_of
+from twin.durations.model import NANOSECONDS
+from twin.engine.execution import Execution
+from twin.engine.ports import Steps
+from twin.engine.simulated_robots import SimulatedRobots
+from twin.live.link import AwaitedAct, Link, see_to_tools
+from twin.live.measured import History, MeasuredLog, MeasuredRows, samples_between
+from twin.live.wire_format import Report
+from twin.run.events import Measured
+from twin.uncertainty.node_times import NodeTimes
+
+_SAME_CLOCK_S = 60.0
+"""The age of a log tells so well when its run began; further off, the machine's clock began anew [s]."""
+
+_MISSING_S = 2.0
+"""Samples that a report says are still to come are waited for at most so long [s]."""
+
+
+class ReportedNodes:
+    """Nodes that are begun and complete when drivers report it; those of machines are simulated.
+
+    Attributes:
+        links: state of the protocol of each driver, by robot.
+        states: the last report of each.
+        news: events that the next report of each triggers.
+        log: file of samples.
+        history: events of the log, where the dispatcher was started anew.
+        wall_s: returns the time, counted from anywhere [s].
+        pace: how many times as fast as the clock the run's time goes.
+        begin_s: when the run began, by that clock [s].
+
+    Args:
+        execution: the run.
+        links, pace, log, history, clock: see the attributes.
+    """
+
+    def __init__(
+        self,
+        execution: Execution,
+        links: Mapping[str, Link],
+        pace: float,
+        log: MeasuredLog,
+        history: History | None,
+        clock: Callable[[], float],
+    ) -> None:
+        self._cell = execution
+        self._simulated = SimulatedRobots(execution)
+        self.links, self.wall_s = links, clock
+        since_s = history.since_ns / NANOSECONDS if history else 0.0
+        self.begin_s, self.pace = clock() - since_s / pace, pace
+        self.states: dict[str, DriverState] = {}
+        self._missing_s: dict[str, float] = {}
+        self.news = {name: execution.env.event() for name in links}
+        self._rows = {name: MeasuredRows() for name in links}
+        self._acts = actuation_nodes(execution.tpg)
+        self.log, self.history = log, history
+        execution.release_hooks.append(self._released)
+        if history is not None:
+            self._remember(history)
+
+    def _remember(self, history: History) -> None:
+        """Take up the state that a log tells of."""
+        for k, chain in enumerate(self._cell.tpg.chains):
+            cleared, done = history.cleared_ns[k], history.end_ns[k]
+            self._cell.released[k] = len(cleared)
+            self._cell.outstanding[k] = len(cleared) - len(done)
+            if done:
+                self._cell.dispatcher.observe(k, len(done) - 1)
+            if k in history.finished:
+                self._cell.finished[k] = len(chain)
+            if (link := self.links.get(chain.robot)) is not None:
+                for node in range(len(cleared)):
+                    self._clear(link, k, node, passed=node < len(done))
+                link.go_on(history.starts, len(done))
+                link.hold(chain.robot in history.held)
+                self._rows[chain.robot].cleared_ns = list(cleared)
+            else:
+                self._cell.queue[k].extend(
+                    range(len(history.start_ns[k]), len(cleared))
+                )
+        for source, targets in self._cell.impatient.items():
+            for (k, node), _ in targets:
+                if node < self._cell.released[k]:  # it had waited long enough
+                    self._cell.dispatcher.lift(source, (k, node))
+        begin_s = self.log.begin_s()
+        if begin_s is not None and abs(begin_s - self.begin_s) < _SAME_CLOCK_S:
+            self.begin_s = begin_s
+        sizes = {
+            chain.robot: (len(chain.start), len(history.cleared_ns[k]))
+            for k, chain in enumerate(self._cell.tpg.chains)
+            if chain.robot in self._rows
+        }
+        for robot, t_ns, sample in self.log.before(sizes):
+            self._rows[robot].add(t_ns, sample)
+        for k, chain in enumerate(self._cell.tpg.chains):
+            begun, done = history.start_ns[k], history.end_ns[k]
+            if (link := self.links.get(chain.robot)) is not None:
+                known = len(self._rows[chain.robot].begin_ns)
+                link.begun = max(link.begun, len(begun), known)
+            self._cell.start[k][: len(begun)], self._cell.end[k][: len(done)] = (
+                begun,
+                done,
+            )
+        if self._cell.narrator is not None:
+            self._cell.narrator.held_by(history.holders)
+
+    def correct_times(self) -> None:
+        """Let samples say when nodes of the log began and ended, which has when the dispatcher heard of it.
+
+        Samples that were not on the disk come again after the dispatcher was started anew.
+        """
+        for k, chain in enumerate(self._cell.tpg.chains):
+            if (rows := self._rows.get(chain.robot)) is not None:
+                for told, own in (
+                    (self._cell.start[k], rows.begin_ns),
+                    (self._cell.end[k], rows.end_ns),
+                ):
+                    told[: len(own)] = map(min, told, own)
+
+    def node_times(self) -> NodeTimes:
+        """Return how long nodes took."""
+        took = []
+        for k, planned in enumerate(self._cell.times.motion):
+            start, end = np.array(self._cell.start[k]), np.array(self._cell.end[k])
+            took.append(np.where(end >= 0, end - start, planned).astype(np.int64))
+        stood = tuple(np.zeros_like(own) for own in took)
+        return replace(self._cell.times, motion=tuple(took), stood=stood)
+
+    def measured(self) -> dict[str, Measured]:
+        """Return where robots were, as their drivers have measured it."""
+        return {n: rows.measured() for n, rows in self._rows.items() if rows.t_ns}
+
+    # Time and samples
+
+    def passed_ns(self) -> int:
+        """Return how late it is in the run [ns]."""
+        return self._run_ns(self.wall_s())
+
+    def _run_ns(self, at_s: float) -> int:
+        """Return the time of the run at a time by the clock [ns]."""
+        return round((at_s - self.begin_s) * self.pace * NANOSECONDS)
+
+    def note(self, report: Report, state: DriverState) -> None:
+        """Keep the samples of a report."""
+        name, now_s = report.robot, self.wall_s()
+        link = self.links[name]
+        if (samples := link.samples(report)) is not None:
+            self._missing_s.pop(name, None)
+        elif now_s - self._missing_s.setdefault(name, now_s) <= _MISSING_S:
+            return
+        self._keep_samples(
+            name, link.state_alone(report) if samples is None else samples
+        )
+        # Of what no sample tells, as the driver was started anew, only that it has happened is known.
+        begun = max(state.begun, link.failed + 1)
+        self._rows[name].note(self.passed_ns(), begun, state.done)
+
+    def _keep_samples(self, name: str, samples: Sequence[Sample]) -> None:
+        """Keep samples, with the corners of the path between those that were lost."""
+        link, rows = self.links[name], self._rows[name]
+        path = link.cleared, rows.cleared_ns, link.start
+        for sample in samples:
+            if not rows.is_new(sample):
+                continue
+            own = self._run_ns(link.when(sample.at_s)), sample
+            lost = [] if rows.last is None else samples_between(rows.last, own, *path)
+            for t_ns, one in (*lost, own):
+                if rows.add(t_ns, one):
+                    self.log.write(name, t_ns, one)
+
+    # Robots
+
+    def link(self, chain: int) -> Link | None:
+        """Return the link of a chain's driver; None of a machine."""
+        return self.links.get(self._cell.tpg.chains[chain].robot)
+
+    def _released(self, chain: int, node: int) -> None:
+        """Clear a released node to the driver of its robot."""
+        if (link := self.link(chain)) is not None:
+            self._rows[link.robot].cleared_ns[node:] = [self.passed_ns()]
+            self._clear(link, chain, node)
+
+    def _clear(
+        self, link: Link, chain: int, node: int, *, passed: bool = False
+    ) -> None:
+        """Let a robot pass a node, once the tool of another one has done what it does there."""
+        about = self._cell.tpg, chain, node, self._acts[chain]
+        if (other := order_of(*about)) is not None and not passed:
+            link.awaited.append(AwaitedAct(node, *other))
+        if other is not None and self.history is not None:
+            self.links[other[0]].orders.add(other[1].name)
+        link.clear([cleared_node(*about)])
+
+    def see_to_tools(self) -> None:
+        """Let skills go on whose other robot's tool has acted."""
+        for name, node in see_to_tools(self.links):
+            # The skill goes on while another robot's tool acts, as planned.
+            self._rows[name].note(self.passed_ns(), node + 1, 0)
+
+    def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
+        """Follow a node that a driver executes; return whether its task failed for good."""
+        if self.link(chain) is None:
+            if self._cell.start[chain][node] < 0:
+                return (yield from self._simulated.execute(chain, node))
+            yield from self._go_on_with(chain, node)
+            return False
+        name = self._cell.tpg.chains[chain].robot
+        while not self._reached(name, node):
+            yield self.news[name]
+        rows = self._rows[name]
+        if self._cell.start[chain][node] < 0:
+            self._cell.start[chain][node] = rows.begin_ns[node]
+            self._cell.count_patience(chain, node)
+            if self._cell.narrator is not None:
+                self._cell.narrator.emit("started", chain, node)
+        while not self._reached(name, node, through=True):
+            yield self.news[name]
+        if self.links[name].failed == node:
+            if self._cell.narrator is not None:
+                words = self.states[name].words
+                self._cell.narrator.emit("failed", chain, node, detail=words)
+            return True
+        self._conclude(chain, node)
+        self._cell.end[chain][node] = rows.end_ns[node]
+        return False
+
+    def _go_on_with(self, chain: int, node: int) -> Steps:
+        """Execute the rest of a node without a driver that began before the dispatcher was started anew."""
+        end_ns = self._simulated.motion_end(chain, node, self._cell.start[chain][node])
+        yield self._cell.env.timeout(max(end_ns - self._cell.now_ns, 0))
+        self._conclude(chain, node)
+
+    def _conclude(self, chain: int, node: int) -> None:
+        """Report a node complete, with those of its handlings that are not in the log yet."""
+        if self._cell.narrator is not None:
+            known = self.history.handled[chain, node] if self.history else 0
+            handled = self._cell.narrator.handlings.get((chain, node), ())
+            for _, item, holder in handled[known:]:
+                self._cell.narrator.handle(chain, node, item, holder)
+            self._cell.narrator.emit("completed", chain, node)
+        self._cell.complete(chain, node)
+
+    def _reached(self, name: str, node: int, *, through: bool = False) -> bool:
+        """Tell whether a robot has begun a node, or is through with it, or has failed there."""
+        rows, failed = self._rows[name], self.links[name].failed == node
+        times = rows.end_ns if through else rows.begin_ns
+        return len(times) > node or (failed and len(rows.begin_ns) > node)
+
+    def extended(self) -> None:
+        """Let drivers forget what they were cleared for beyond what is committed."""
+        cell = self._cell
+        self._acts = actuation_nodes(cell.tpg)
+        for name, link in self.links.items():
+            if (k := cell.tpg.chain_index.get(name)) is not None:
+                link.swap(cell.revision, cell.released[k])
