@@ -325,7 +325,6 @@ class Execution:
         self._resize(counts)
         for k in range(before, len(tpg.chains)):
             self.env.process(self._robot(k))
-        self.robots.extended()
         for k, node in self.impatient:
             if (begun := self.start[k][node]) >= 0:
                 self.count_patience(k, node, begun - self.now_ns)
@@ -333,6 +332,7 @@ class Execution:
             self.outstanding[chain] = 0
             self.released[chain] = node + 1
         self.revision += 1
+        self.robots.extended()
         if self.narrator is not None:
             self.narrator = self.narrator.of(tpg, times)
 
