@@ -13,7 +13,7 @@ from twin.audit.motion.stretches import RunStretch
 if TYPE_CHECKING:  # where PyBullet is not installed, nobody calls this
     from twin.audit.worlds.bullet_world import BulletWorld
 
-EVERY_M = 0.2
+EVERY_M = 0.4
 """Some point of a robot or of what it carries moves by about this between two looks [m]."""
 
 
