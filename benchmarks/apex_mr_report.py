@@ -16,7 +16,8 @@ from benchmarks.apex_mr_tables import (
     quality,
 )
 from benchmarks.machine import load_line
-from twin.host.guard import replacing, write_json
+from planning.files import replacing
+from twin.host.atomic_files import write_json
 from twin.run.policies import SEQUENTIAL
 from twin.study.report.comparison_chart import draw_comparison
 

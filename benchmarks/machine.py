@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from planning.files import KeptAnswers
+from planning.caches import KeptAnswers
 from planning.kinematics import kinematics
 
 

@@ -29,15 +29,15 @@ import numpy as np
 from benchmarks.machine import date_line, machine_line
 from benchmarks.store import RowStore
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.plan_files import save_plan
+from scheduling.graph.rollout import earliest_times
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from twin.audit.run_auditor import audit_execution
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.operate.operation import Operation, operate
 from twin.operate.replicated.hindsight import Hindsight
-from twin.recorders.observers import write_motion
+from twin.recorders.run_tables import write_motion
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario, with_failures

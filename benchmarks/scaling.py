@@ -38,9 +38,9 @@ from planning.motion.sequential import plan_sequential
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import StepExpansions
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.ordering.beam_search import reorder_tasks
+from scheduling.ordering.reordering import reorder_tasks
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.audit import run_auditor
 from twin.kinds.lego.kind import build_lego, sequencing_rules

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.machine import date_line, machine_line
-from twin.host.guard import write_json
+from twin.host.atomic_files import write_json
 
 Row = dict[str, Any]
 _PACKAGES = ("planning", "scheduling", "twin", "scenarios")

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 
 from planning.errors import OutputError
+from planning.files import replacing
 from planning.tasks.task import Task
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.host.guard import replacing
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.planning.pipeline import order_motions, plan_motions
 from twin.reading.scenario_file import load_scenario
-from twin.study.replications.workload import bare_cell, timing_graph
+from twin.study.replications.timing_graph import bare_cell, timing_graph
 from twin.uncertainty.contraction import contract
 
 _CHAIN_ARRAYS = ("task", "skill", "duration", "planned_start")

@@ -1,50 +1,31 @@
-"""Files: read of bounded size, whatever names them (``package://`` too); written whole or not at all.
-
-Answers that take a while to find: kept while the program runs, or in the user's cache folder.
-"""
+"""Files: read of bounded size, whatever names them (``package://`` too); written whole or not at all."""
 
 from __future__ import annotations
 
 import errno
-import json
 import os
-import re
 import stat
 import zipfile
 import zlib
-from collections import Counter
-from collections.abc import (
-    Callable,
-    Hashable,
-    Iterable,
-    Iterator,
-    Mapping,
-    Sequence,
-)
-from contextlib import contextmanager, suppress
-from functools import cache
-from hashlib import sha256
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib.util import find_spec
 from io import BufferedReader, BytesIO
 from pathlib import Path
-from time import perf_counter
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numpy.lib import format as npy
 
 from planning.errors import OutputError, TwinError
+from planning.json_files import parse_json
 
 _PIECE = 1 << 20
 """Bytes read at once: what grows while it is read is noticed after so many."""
 
 LARGEST = 64 << 20
 """Most bytes that a file of settings or of a robot is believed to have."""
-
-
-MOST_VALUES = 4_000_000
-"""Most values of a JSON document: they take some 100 bytes each in memory."""
 
 
 def open_regular(path: Path) -> BufferedReader:
@@ -121,56 +102,6 @@ def read_object(path: Path, what: str) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise OutputError(f"{path}: no {what}: an object was expected")
     return found
-
-
-def parse_json(content: bytes | str, parse_float: Callable[[str], Any] = float) -> Any:
-    """Return the value of a JSON document of bounded size.
-
-    Args:
-        content: the document.
-        parse_float: returns the value of a number that is not whole.
-
-    Raises:
-        ValueError: it is no JSON; it has too many values, is nested too deeply, names a key of an
-            object twice, says NaN or Infinity, or has half of a surrogate pair.
-    """
-    try:
-        text = content.decode("utf-8") if isinstance(content, bytes) else content
-    except UnicodeDecodeError as error:  # whose representation has the whole content
-        raise ValueError(f"not UTF-8 (byte {error.start})") from None
-    if sum(map(text.count, ",[{")) > MOST_VALUES:
-        raise ValueError(f"it has more than {MOST_VALUES} values")
-    try:
-        found = json.loads(
-            text,
-            object_pairs_hook=_with_keys_once,
-            parse_float=parse_float,
-            parse_constant=_no_number,
-        )
-    except RecursionError:
-        raise ValueError("it is nested too deeply") from None
-    if _SURROGATE.search(text) is not None:
-        try:
-            json.dumps(found, ensure_ascii=False, default=str).encode()
-        except UnicodeEncodeError:  # no file and no terminal takes it
-            raise ValueError("a text has half of a surrogate pair") from None
-    return found
-
-
-_SURROGATE = re.compile(r"\\ud[89a-f]", re.IGNORECASE)
-
-
-def _with_keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = Counter(name for name, _ in pairs)
-        twice = names.most_common(1)[0][0]
-        raise ValueError(f"key {twice[:100]!r} is given twice")
-    return found
-
-
-def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number")
 
 
 def require_own_files(folder: Path, names: Iterable[str]) -> None:
@@ -337,88 +268,3 @@ def _package_folders(package: str) -> Iterator[Path]:
         except (ImportError, ValueError):
             spec = None
         yield from map(Path, (spec and spec.submodule_search_locations) or ())
-
-
-Arrays = Mapping[str, npt.NDArray[Any]]
-
-WORTH = 0.1
-"""What is found in less time is found anew every time [s]."""
-
-
-def cache_folder(kind: str) -> Path:
-    """Return the folder in which answers to one kind of question are remembered."""
-    named = os.environ.get("XDG_CACHE_HOME")
-    return Path(named or Path.home() / ".cache") / "assembly-twin" / kind
-
-
-def remembered(
-    kind: str,
-    question: bytes,
-    names: frozenset[str],
-    find: Callable[[], Arrays],
-    sources: Sequence[str],
-) -> Arrays:
-    """Return the answer to a question: the one that is remembered, or one that is found now.
-
-    A file that cannot be read, or that has other arrays, is one that is not there; where no file
-    can be written, answers are found anew every time.
-
-    Args:
-        kind: of question: the name of a folder.
-        question: all that is given to what finds the answer.
-        names: of the arrays of an answer.
-        find: returns the answer.
-        sources: files with the code that decides the answer (``__file__`` of modules). What was
-            found by them as they were before is no answer.
-    """
-    asked = sha256(question)
-    for source in sources:
-        asked.update(_hash_of(source))
-    file = cache_folder(kind) / f"{asked.hexdigest()}.npz"
-    with suppress(*NPZ_ERRORS):
-        known = read_npz(read_file(file), kinds="if", most=LARGEST)
-        if known.keys() == names:
-            return known
-    begin = perf_counter()
-    found = find()
-    if perf_counter() - begin >= WORTH:
-        _write(file, found)
-    return found
-
-
-@cache
-def _hash_of(source: str) -> bytes:
-    """Return the hash of a file of code, which does not change while it runs."""
-    return sha256(Path(source).read_bytes()).digest()
-
-
-def _write(file: Path, answer: Arrays) -> None:
-    arrays: dict[str, Any] = dict(answer)
-    with suppress(OSError, OutputError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(file) as part:
-            np.savez_compressed(part, **arrays)
-
-
-Answer = TypeVar("Answer")
-
-
-class KeptAnswers(Generic[Answer]):
-    """Answers by what was asked; all are forgotten when there are too many.
-
-    Args:
-        most: how many are kept.
-    """
-
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._answers: dict[Hashable, Answer] = {}
-
-    def get(self, question: Hashable, work_out: Callable[[], Answer]) -> Answer:
-        """Return the answer, worked out unless it is known."""
-        known = self._answers.get(question)
-        if known is None:
-            if len(self._answers) >= self._most:
-                self._answers.clear()
-            known = self._answers[question] = work_out()
-        return known

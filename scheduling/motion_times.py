@@ -3,8 +3,6 @@
 The nodes of a temporal plan graph are pieces of paths; here they get the times that robots need
 for them when nobody makes them wait. What robots do when somebody does is up to the engines, by
 the same functions of ``planning.timing.stretch``.
-
-How the nodes of one stretch are passed within limits, and the way that its robot goes.
 """
 
 from __future__ import annotations
@@ -12,193 +10,29 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from planning.cell.robot_model import MotionLimits
-from planning.errors import PlanInvariantError
+from planning.cell.motion_limits import MotionLimits
 from planning.kernels import kernel
-from planning.timing.rounded_path import BlendedPath
 from planning.timing.smooth_path import SmoothPath, smooth_path
 from planning.timing.stretch import exit_bound, pass_through
 from planning.transforms import Array, Indices
-from scheduling.graph.task_edges import chain_actuations
+from scheduling.graph.actuations import chain_actuations
 from scheduling.graph.temporal_plan_graph import (
     Drive,
     NodeChain,
     TemporalPlanGraph,
     joined_drives,
 )
-from scheduling.pace import Pace, Slowing, paces
-
-
-class Bend(NamedTuple):
-    """Corners of a chain that are rounded by one curve, see ``RoundedCorners``.
-
-    Attributes:
-        begin, stop: its nodes, ``range(begin, stop)``.
-        length: time of the whole, in a unit of its own.
-        at, window: of its corners, shape (k,).
-        corner: shape (k, n).
-    """
-
-    begin: int
-    stop: int
-    length: float
-    at: Array
-    window: Array
-    corner: Array
-
-    def velocity(self, start: Array, end: Array) -> Array:
-        """Return the speeds on its legs, shape (k + 1, n).
-
-        Args:
-            start: where its first node begins, shape (n,).
-            end: where its last node ends, shape (n,).
-        """
-        way = np.diff(np.concatenate([[0.0], self.at, [self.length]]))
-        legs = np.diff(np.vstack([start, self.corner, end]), axis=0)
-        return np.asarray(legs / way[:, None])
-
-
-def stretch_drive(pace: Pace, chain: NodeChain, begin: int, stop: int) -> Drive:
-    """Return how fast the nodes of a stretch can be passed; its ``ramp`` is 0 if it does not move.
-
-    Args:
-        pace: of the robot.
-        chain: its nodes.
-        begin, stop: pose nodes ``range(begin, stop)`` of it, a stretch.
-
-    Raises:
-        PlanInvariantError: a rounded corner cannot be passed within the limits.
-    """
-    bends = list(chain_bends(chain, begin, stop))
-    if not bends:
-        ends = node_ends(chain, begin, stop)
-        found, slowing = pace.stretch(begin, ends[0], ends[-1] - ends[0])
-        if found.cruise <= 0.0:
-            return _drive(np.zeros(stop - begin), slowing)
-        lengths = np.linalg.norm(np.diff(ends, axis=0), axis=1)
-        cruise = found.cruise * lengths / lengths.sum()
-        return _drive(cruise, slowing, found.ramp, found.lag)
-    cruise = _full_speed_times(pace, chain, begin, stop, bends)
-    path = blended_path(chain, begin, stop, cruise)
-    curve = pace.rounded(begin, path)
-    if curve is None:
-        raise PlanInvariantError(
-            f"a corner of {chain.robot!r} cannot be passed within its limits"
-        )
-    slowing = pace.rounded_slowing(begin, path, curve)
-    drive = _drive(cruise, slowing, curve.ramp, curve.lag)
-    border = np.concatenate([[0.0], np.cumsum(cruise)])
-    for low, high, most in zip(curve.low, curve.high, curve.cap, strict=True):
-        zone = (border[1:] > low) & (border[:-1] < high)
-        drive.cap[zone] = np.minimum(drive.cap[zone], most)
-        drive.ramp[zone] = curve.bent_ramp
-    return drive
-
-
-def _drive(
-    cruise: Array, slowing: Slowing, ramp: float = 0.0, lag: float = 0.0
-) -> Drive:
-    """Return how nodes are passed that are one motion from rest to rest, without corners."""
-    count = len(cruise)
-    rests = np.arange(1, count + 1) == count
-    return Drive(
-        cruise,
-        np.full(count, ramp),
-        np.full(count, lag),
-        rests,
-        np.full(count, slowing.factor),
-        np.full(count, slowing.cause),
-        np.ones(count),
-    )
-
-
-def blended_path(chain: NodeChain, begin: int, stop: int, cruise: Array) -> BlendedPath:
-    """Return the way along the nodes of a stretch.
-
-    Args:
-        chain: its robot's nodes.
-        begin, stop: nodes ``range(begin, stop)``, a stretch.
-        cruise: their times at full speed, shape (stop - begin,) [s].
-    """
-    border = np.concatenate([[0.0], np.cumsum(cruise)])
-    ends = node_ends(chain, begin, stop)[[0, -1]]
-    at, points, window = [border[:1]], [ends[:1]], [border[:0]]
-    for bend in chain_bends(chain, begin, stop):
-        low, high = border[bend.begin - begin], border[bend.stop - begin]
-        unit = (high - low) / bend.length
-        at.append(low + bend.at * unit)
-        window.append(bend.window * unit)
-        points.append(bend.corner)
-    at.append(border[-1:])
-    points.append(ends[1:])
-    return BlendedPath(np.concatenate(at), np.vstack(points), np.concatenate(window))
-
-
-def chain_bends(
-    chain: NodeChain, begin: int = 0, stop: int | None = None
-) -> Iterator[Bend]:
-    """Yield the bends of a chain, in order.
-
-    Args:
-        chain: the nodes.
-        begin, stop: those that begin within ``range(begin, stop)``; all if nothing else is said.
-    """
-    rounded = chain.corners
-    if rounded is None:
-        return
-    last = len(chain) if stop is None else stop
-    low, high = np.searchsorted(rounded.begin, [begin, last]).tolist()
-    for k in range(low, high):
-        own = slice(*np.searchsorted(rounded.bend, [k, k + 1]).tolist())
-        yield Bend(
-            int(rounded.begin[k]),
-            int(rounded.stop[k]),
-            float(rounded.length[k]),
-            rounded.at[own],
-            rounded.window[own],
-            rounded.corner[own],
-        )
-
-
-def node_ends(chain: NodeChain, begin: int, stop: int) -> Array:
-    """Return where nodes ``range(begin, stop)`` begin, and the last one ends."""
-    ends = chain.waypoints[chain.first[begin + 1 : stop + 1] - 1]
-    return np.vstack([chain.stands_at(begin)[None], ends])
-
-
-def _full_speed_times(
-    pace: Pace, chain: NodeChain, begin: int, stop: int, bends: list[Bend]
-) -> Array:
-    """Return the time at full speed of each node of a stretch with bends [s].
-
-    How fast a bend is passed on its legs, compared to each other, is part of its form. Where limits
-    are others than those that it was rounded for, some legs are not as fast as they could be.
-    """
-    ends = node_ends(chain, begin, stop)
-    length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
-    cruise = np.zeros(stop - begin)
-    unit, leave, done = 1.0, 0.0, 0
-    for bend in bends:
-        a, b = bend.begin - begin, bend.stop - begin
-        speed = bend.velocity(ends[a], ends[b])
-        enter = float(np.linalg.norm(speed[0]))
-        # On the way from one bend to the next the robot is as fast as on both their legs.
-        unit = 1.0 if done == 0 else enter / leave
-        cruise[done:a] = length[done:a] / (enter / unit)
-        chords = np.diff(chain.first[bend.begin : bend.stop + 1])
-        cruise[a:b] = bend.length * unit * chords / chords.sum()
-        leave, done = float(np.linalg.norm(speed[-1])) / unit, b
-    cruise[done:] = length[done:] / leave
-    path = blended_path(chain, begin, stop, cruise)
-    legs = zip(path.points, np.diff(path.points, axis=0), strict=False)
-    least = [pace.full_speed_seconds(begin, *leg) for leg in legs]
-    return cruise * np.max(np.array(least) / np.diff(path.at))
-
+from scheduling.pace import Pace, paces
+from scheduling.stretch_times import (
+    chain_bends,
+    node_ends,
+    straight_drive,
+    stretch_drive,
+)
 
 _STILL = 1e-12
 """Joint values that differ by less are the same [rad or m]."""
@@ -279,7 +113,7 @@ def _timed(tpg: TemporalPlanGraph, k: int, pace: Pace) -> NodeChain:
         motion = skill_motion(tpg, k, begin, pace.limits)
         slowing = pace.skill(begin, motion)
         least = np.array([motion.seconds * slowing.factor])
-        drives.append(_drive(least, slowing))
+        drives.append(straight_drive(least, slowing))
         duration[begin:stop] = np.maximum(duration[begin:stop], least)
         if motion.seconds > 0.0:
             own = slice(chain.first[begin], chain.first[stop])

@@ -2,28 +2,19 @@
 
 A stretch is passed as slowly as its fastest point asks for, and with accelerations that joints bear all
 along it; a skill, whose path is followed by one clock, is slowed down as a whole.
-
-What makes robots slower than their joints could be: limits of the tool's speed, and of effort.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from planning.cell.robot_model import MotionLimits
-from planning.cell.workcell import CellObject, PlacedRobot, RackTool
+from planning.cell.motion_limits import MotionLimits
+from planning.cell.workcell import PlacedRobot
 from planning.kinematics.chain import joint_table
-from planning.timing.path_bounds import (
-    PathBounds,
-    greatest_tool_speed,
-    tool_speed_along,
-)
+from planning.timing.path_bounds import PathBounds
 from planning.timing.rounded_path import BlendedPath
 from planning.timing.smooth_path import SmoothPath
 from planning.timing.stretch import (
@@ -32,6 +23,7 @@ from planning.timing.stretch import (
     rounded_stretch,
     straight_stretch,
 )
+from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along
 from planning.timing.torque import (
     ArmDynamics,
     Bearing,
@@ -39,108 +31,20 @@ from planning.timing.torque import (
     borne_stretch,
     why_unchecked,
 )
-from planning.transforms import Array, Indices, Transform
-from scheduling.conflicts.object_spans import Moment, ObjectSpan, trace_objects
+from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import (
     BY_EFFORT,
     BY_JOINTS,
     BY_TOOL_SPEED,
-    Drive,
-    NodeChain,
     TemporalPlanGraph,
 )
-from scheduling.graph.total_order import planned_ranks
+from scheduling.hand_loads import HandLoad, HandLoads, hand_loads
 
 _SAME = 1.0 + 1e-9
 """Times that differ by a smaller factor are the same."""
 
 _ROUNDING_S = 1e-9
 """By how much rounding may part the time of a row from that of its waypoint [s]."""
-
-
-@dataclass(frozen=True, eq=False)
-class HandLoad:
-    """Tool and parts that a robot has in its hand.
-
-    Attributes:
-        tool: the tool on its flange, of a robot that changes its tools; None for none, and for a
-            robot that keeps its own.
-        parts: what it holds besides, each with its pose in the flange frame.
-    """
-
-    tool: RackTool | None = None
-    parts: tuple[tuple[CellObject, Transform], ...] = ()
-
-
-class HandLoads:
-    """Tool and parts in the hand of one robot, from moment to moment.
-
-    Args:
-        tpg: the graph.
-        robot: of the cell.
-        spans: in which it carries something.
-    """
-
-    def __init__(
-        self, tpg: TemporalPlanGraph, robot: PlacedRobot, spans: Sequence[ObjectSpan]
-    ) -> None:
-        tools = {tool.name: tool for tool in robot.tools}
-        objects = {item.name: item for item in tpg.cell.objects}
-        begins = sorted(spans, key=lambda span: span.start, reverse=True)
-        self._moments: list[Moment] = sorted(
-            {moment for span in spans for moment in (span.start, span.end)}
-        )
-        self._loads: list[HandLoad] = []
-        held: list[ObjectSpan] = []
-        for moment in self._moments:
-            while begins and begins[-1].start <= moment:
-                held.append(begins.pop())
-            held = [span for span in held if span.end > moment]
-            worn = [tools[span.object] for span in held if span.object in tools]
-            parts = [
-                (objects[span.object], span.pose)
-                for span in held
-                if span.object not in tools
-            ]
-            self._loads.append(HandLoad(worn[0] if worn else None, tuple(parts)))
-
-    def after(self, node: int, waypoint: int) -> HandLoad:
-        """Return what the robot has in its hand from a waypoint of a node on, to the next one.
-
-        Args:
-            node: of its chain.
-            waypoint: 0 = when the node starts, k = at the node's k-th waypoint.
-        """
-        k = bisect_right(self._moments, (node, waypoint)) - 1
-        return self._loads[k] if k >= 0 else HandLoad()
-
-    def runs(self, node: int, waypoints: int) -> list[tuple[int, int, HandLoad]]:
-        """Return the parts of a node in which the load stays the same.
-
-        Args:
-            node: of the chain.
-            waypoints: how many the path of the node has, with the one that it starts from.
-
-        Returns:
-            First and last waypoint of each, and the load.
-        """
-        low = bisect_right(self._moments, (node, 0))
-        high = bisect_left(self._moments, (node, waypoints - 1))
-        borders = [waypoint for _, waypoint in self._moments[low:high]]
-        edges = [0, *borders, max(waypoints - 1, 0)]
-        return [(begin, end, self.after(node, begin)) for begin, end in pairwise(edges)]
-
-
-def hand_loads(tpg: TemporalPlanGraph) -> tuple[HandLoads, ...]:
-    """Return what the robots have in their hands, one entry a chain; machines hold nothing."""
-    spans: list[list[ObjectSpan]] = [[] for _ in tpg.chains]
-    for span in trace_objects(tpg, planned_ranks(tpg.chains)).spans:
-        if span.carried:
-            spans[span.robot].append(span)
-    return tuple(
-        HandLoads(tpg, tpg.cell.robot(chain.robot), own)
-        for chain, own in zip(tpg.chains, spans, strict=True)
-    )
 
 
 @dataclass(frozen=True)
@@ -367,72 +271,3 @@ def _is_bounded(robot: PlacedRobot) -> bool:
         return False
     caps = limits.tool_speed, limits.loaded_tool_speed
     return bool(np.isfinite(caps).any()) or why_unchecked(robot) is None
-
-
-def slowed_motions(tpg: TemporalPlanGraph) -> dict[str, dict[str, Any]]:
-    """Return by robot how many of its stretches and skills are slowed, and by what.
-
-    Robots of which nothing is slowed are left out.
-    """
-    found = {}
-    for chain in tpg.chains:
-        if chain.drive is None or not np.any(chain.drive.slowed_by > BY_JOINTS):
-            continue
-        moves = motions(chain)
-        names = tpg.cell.robot(chain.robot).model.joint_names
-        causes = {"tool speed": BY_TOOL_SPEED}
-        causes |= {f"effort of {name}": BY_EFFORT + j for j, name in enumerate(names)}
-        found[chain.robot] = _counts(chain, moves) | {
-            "by": {
-                cause: _slowed_by(tpg, chain, chain.drive, moves, number)
-                for cause, number in causes.items()
-                if np.any(chain.drive.slowed_by == number)
-            }
-        }
-    return found
-
-
-def motions(chain: NodeChain) -> Indices:
-    """Return the first node of each stretch, and each skill that moves; none without limits."""
-    drive = chain.drive
-    if drive is None:
-        return np.empty(0, dtype=np.int64)
-    first = np.append(True, drive.rests[:-1])[: len(chain)]
-    return np.flatnonzero(first & (drive.cruise > 0.0))
-
-
-def _counts(chain: NodeChain, nodes: Indices) -> dict[str, int]:
-    skills = int(np.count_nonzero(chain.skill[nodes]))
-    return {"stretches": len(nodes) - skills, "skills": skills}
-
-
-def _slowed_by(
-    tpg: TemporalPlanGraph, chain: NodeChain, drive: Drive, moves: Indices, cause: int
-) -> dict[str, Any]:
-    own = moves[drive.slowed_by[moves] == cause]
-    worst = own[int(np.argmax(drive.slowed[own]))]
-    task = tpg.tasks[int(chain.task[worst])]
-    return _counts(chain, own) | {
-        "longest": float(drive.slowed[worst]),
-        "task": task.index,
-        "label": task.label,
-    }
-
-
-def overloads(tpg: TemporalPlanGraph) -> tuple[str, ...]:
-    """Return in words which joints do not bear what they have to hold, however slow they are."""
-    found = []
-    for chain in tpg.chains:
-        drive, drives = chain.drive, tpg.cell.robot(chain.robot).model.drives
-        if drive is None or drives is None:
-            continue
-        names = tpg.cell.robot(chain.robot).model.joint_names
-        for cause in np.unique(drive.slowed_by[drive.slowed_by < BY_JOINTS]).tolist():
-            node, joint = int(np.argmax(drive.slowed_by == cause)), -1 - cause
-            task = tpg.tasks[int(chain.task[node])]
-            found.append(
-                f"{chain.robot}: gravity alone takes the effort of {names[joint]}"
-                f" ({drives.effort[joint]:g} N m or N), first in task {task.index} ({task.label}):"
-                " no motion is slow enough for that; give a lighter part, another robot, or limits.effort"
-            )
-    return tuple(found)

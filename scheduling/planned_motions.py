@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from planning.cell.workcell import Workcell
-from planning.motion.known_motions import MotionPlan
+from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.work import AssemblyWork, WorkAhead
-from scheduling.repeat import Pattern
+from scheduling.copies import Pattern
 
 
 @dataclass(frozen=True)

@@ -101,13 +101,13 @@ if TYPE_CHECKING:
     from twin.recorders.rerun.api import replay as replay
     from twin.recorders.rerun.viewer import ViewerError as ViewerError
     from twin.registry import UnknownEntryError as UnknownEntryError
-    from twin.run.events import DeadlockError as DeadlockError
     from twin.run.events import EventLogError as EventLogError
-    from twin.study.api import Comparison as Comparison
+    from twin.run.execution_record import DeadlockError as DeadlockError
     from twin.study.api import Study as Study
-    from twin.study.api import compare as compare
     from twin.study.api import resume_study as resume_study
     from twin.study.api import study as study
+    from twin.study.comparisons import Comparison as Comparison
+    from twin.study.comparisons import compare as compare
     from twin.study.replications.statistics import Precision as Precision
     from twin.trial.errors import IncompleteRunError as IncompleteRunError
     from twin.trial.errors import ResumeError as ResumeError

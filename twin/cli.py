@@ -21,7 +21,7 @@ app = typer.Typer(
 def _print_version(wanted: bool) -> None:
     """Print the version and end, if that is wanted."""
     if wanted:
-        from twin.host.guard import versions
+        from twin.host.versions import versions
 
         typer.echo(f"assembly-twin {versions()['assembly-twin']}")
         raise typer.Exit

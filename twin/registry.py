@@ -177,9 +177,9 @@ EXPORTS = Group(
     {
         "csv": "twin.exports.tables:csv_files",
         "parquet": "twin.exports.tables:parquet_files",
-        "perfetto": "twin.exports.tables:perfetto_files",
-        "joint-trajectory": "twin.exports.tables:joint_trajectory_files",
-        "joint-csv": "twin.exports.tables:joint_csv_files",
+        "perfetto": "twin.exports.perfetto:perfetto_files",
+        "joint-trajectory": "twin.exports.joint_trajectory:joint_trajectory_files",
+        "joint-csv": "twin.exports.joint_csv:joint_csv_files",
         "mcap": "twin.exports.ros.mcap_file:mcap_files",
         "graphml": "twin.exports.graphs:graphml_files",
         "task-graph": "twin.exports.graphs:task_graph_files",

@@ -33,7 +33,7 @@ from benchmarks.machine import load_line
 from benchmarks.store import Row, RowStore
 from planning.construction.paths import rrt
 from planning.construction.planner import plan_construction
-from planning.construction.problem.problem import PlannerSettings, RrtSettings
+from planning.construction.problem.settings import PlannerSettings, RrtSettings
 from planning.errors import ConstructionError
 
 ROOT = Path(__file__).parents[2]

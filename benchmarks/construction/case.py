@@ -18,7 +18,7 @@ from planning.construction.planner import ConstructionPlan, plan_construction
 from planning.construction.problem.problem import ConstructionProblem
 from planning.errors import TwinError
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.rollout import earliest_times
 from twin.host.progress import Report
 from twin.kinds.construction.kind import ConstructionKind
 from twin.kinds.construction.section import ConstructionSection

@@ -21,7 +21,7 @@ from benchmarks.construction.rows import (
 )
 from benchmarks.construction.tables import paper_total
 from benchmarks.store import Row
-from twin.host.guard import replacing
+from planning.files import replacing
 
 _INK = "#2b2f36"
 _GRID = "#e4e7eb"

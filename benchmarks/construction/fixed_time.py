@@ -22,8 +22,9 @@ from planning.construction.planner import (
     ConstructionPlan,
     plan_with,
 )
-from planning.construction.problem.problem import ConstructionProblem, PlannerSettings
+from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import reach_bounds
+from planning.construction.problem.settings import PlannerSettings
 from planning.construction.step_scenes import StepScenes
 from planning.construction.subproblem import (
     Attempt,

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from benchmarks.construction.schedule import CARRY, DRIVE, HOME
 from benchmarks.store import Row
-from twin.host.guard import replacing
+from planning.files import replacing
 from twin.run.activities import LANE_COLOURS
 
 _INK = "#2b2f36"

@@ -25,7 +25,8 @@ from benchmarks.construction.rows import (
 )
 from benchmarks.construction.tables import paper_total
 from benchmarks.store import Row
-from twin.host.guard import replacing, write_json
+from planning.files import replacing
+from twin.host.atomic_files import write_json
 
 _TENTH = 0.1
 _EFFICIENCY = 0.8

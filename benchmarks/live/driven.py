@@ -15,11 +15,11 @@ from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.drivers.driver import ClearedNode, Driver, DriverState, ToolOrder
 from twin.drivers.drivers_file import AnyDriver, DriversSection, FrankaArm
-from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.live.executor import LiveExecutor
 from twin.live.measured import MeasuredLog
 from twin.live.session import Session
-from twin.run.events import ExecutionRecord
+from twin.run.execution_record import ExecutionRecord
 from twin.run.folder import MEASURED
 from twin.run.tracking import TrackingError, tracking_errors
 from twin.trial.plan_result import PlanResult

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.cover import ConvexBody
+from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import (

@@ -5,30 +5,22 @@ edges only. They have as many sides as it takes to stand out by no more than a t
 millimetre, between 16 and 48: the round side of a bar of 5 mm radius is exceeded by 0.10 mm, of
 one of 15 mm by 0.09 mm, and of any beyond 47 mm by 0.21 percent of the radius. The half spheres
 of a capsule are exceeded by up to 4 percent of the radius.
-
-Straight lines through a shape: where they run inside of it, and how the surface stands there.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull
 
-from planning.cell.cover import (
-    Capsules,
-    ConvexBody,
-    box_body,
-    capsule_cover,
-    capsule_covers,
-)
-from planning.files import KeptAnswers
+from planning.caches import KeptAnswers
+from planning.cell.body import Capsules, ConvexBody
+from planning.cell.cover import box_body, capsule_cover, capsule_covers
 from planning.transforms import Array, Indices, Transform, readonly
 
 
@@ -332,98 +324,3 @@ def _centre(element: Element) -> Array:
     if isinstance(element.form, Mesh):
         centre = centre + element.pose[:3, :3] @ element.form.centre
     return centre
-
-
-_PARALLEL = 1e-12
-"""Cosines below this are those of a line along a plane."""
-
-_JOINED = 1e-5
-"""Pieces that are no further apart than this on a line are one [m]."""
-
-
-@dataclass(frozen=True)
-class InnerStretch:
-    """A stretch of a line that runs inside of a shape.
-
-    Attributes:
-        begin, end: where, along the line [m].
-        begin_normal, end_normal: of the surface there, outwards, shape (3,).
-    """
-
-    begin: float
-    end: float
-    begin_normal: Array
-    end_normal: Array
-
-
-@dataclass(frozen=True, eq=False)
-class SolidLines:
-    """Measures lines through the convex pieces of a shape.
-
-    Attributes:
-        shape: the shape.
-    """
-
-    shape: Shape
-
-    @cached_property
-    def _planes(self) -> tuple[Array, Array, Indices]:
-        """Normals and offsets of all face planes, and where those of each piece begin."""
-        planes = [ConvexHull(piece.vertices).equations for piece in self.shape.pieces]
-        every = np.vstack(planes)
-        first = np.cumsum([0, *(len(own) for own in planes[:-1])])
-        return every[:, :3], every[:, 3], first
-
-    def spans(self, starts: Array, direction: Array) -> tuple[Array, Array]:
-        """Return where lines run inside of each piece, shapes (lines, pieces) [m].
-
-        Args:
-            starts: a point of each line, from which is measured, shape (lines, 3).
-            direction: of all of them, of length one.
-
-        Returns:
-            Where they enter and where they leave; what is never inside leaves before it enters.
-        """
-        _, _, enter, leave = self._cut(starts, direction)
-        return enter, leave
-
-    def stretches(self, start: Array, direction: Array) -> list[InnerStretch]:
-        """Return the stretches of one line inside of the shape, in order."""
-        low, high, enters, leaves = self._cut(start[None], direction)
-        normals, offsets, first = self._planes
-        enter, leave = enters[0], leaves[0]
-        ends = np.append(first[1:], len(offsets))
-        found: list[InnerStretch] = []
-        inside = np.flatnonzero(leave > enter)
-        for k in inside[np.argsort(enter[inside], kind="stable")].tolist():
-            own = slice(first[k], ends[k])
-            end, end_normal = float(leave[k]), normals[own][high[0, own].argmin()]
-            if not found or enter[k] > found[-1].end + _JOINED:
-                normal = normals[own][low[0, own].argmax()]
-                found.append(InnerStretch(float(enter[k]), end, normal, end_normal))
-            elif end > found[-1].end:
-                found[-1] = replace(found[-1], end=end, end_normal=end_normal)
-        return found
-
-    def tops(self, starts: Array, direction: Array) -> Array:
-        """Return where lines first meet the shape, infinite where they do not, shape (lines,)."""
-        enter, leave = self.spans(starts, direction)
-        return np.asarray(np.where(leave > enter, enter, np.inf).min(axis=1))
-
-    def _cut(
-        self, starts: Array, direction: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Return where lines pass each plane, on either side, and where each piece."""
-        normals, offsets, first = self._planes
-        along = normals @ direction
-        height = starts @ normals.T + offsets
-        parallel = np.abs(along) < _PARALLEL
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = -height / along
-        never = parallel & (height > 0.0)
-        low = np.where(along < -_PARALLEL, at, -np.inf)
-        high = np.where(along > _PARALLEL, at, np.inf)
-        low, high = np.where(never, np.inf, low), np.where(never, -np.inf, high)
-        enter = np.maximum.reduceat(low, first, axis=1)
-        leave = np.minimum.reduceat(high, first, axis=1)
-        return low, high, enter, leave

@@ -1,25 +1,14 @@
-"""Workcell (static: robots, fixtures, objects) and world state (one instant of it).
-
-What never moves, as far as a plan has to know: carriers without travel, and machines.
-
-A machine is something whose tasks take time and wait for others, as those of a robot do. It has
-no body: what it brings, works at or takes are objects at rest, and the user's fixtures stand for
-its frame. So is its door, for as long as it works.
-"""
+"""Workcell (static: robots, fixtures, objects) and world state (one instant of it)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import combinations
-from pathlib import Path
 
-import numpy as np
-
-from planning.cell.cover import ConvexBody
-from planning.cell.robot_model import KinematicChain, LinkPart, MotionLimits, RobotModel
+from planning.cell.motion_limits import MotionLimits
+from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
-from planning.transforms import Array, Transform, readonly
+from planning.transforms import Array, Transform
 
 
 @dataclass(frozen=True)
@@ -279,40 +268,3 @@ def start_state(cell: Workcell) -> WorldState:
         {r.name: r.home for r in cell.robots},
         {o.name: Attachment(None, o.start) for o in cell.objects if not o.later},
     )
-
-
-def immovable(name: str, bodies: Sequence[ConvexBody] = ()) -> RobotModel:
-    """Return the model of a slide without travel.
-
-    Args:
-        name: of the model.
-        bodies: what it carries, in the frame of its base.
-    """
-    return RobotModel(
-        name=name,
-        urdf=Path(name),
-        package_dirs=(),
-        joint_names=("none",),
-        lower=readonly(np.zeros(1)),
-        upper=readonly(np.zeros(1)),
-        velocity=readonly(np.ones(1)),
-        chain=KinematicChain(
-            readonly(np.eye(4)[None]),
-            readonly(np.array([[1.0, 0.0, 0.0]])),
-            np.ones(1, dtype=np.bool_),
-        ),
-        flange=readonly(np.eye(4)),
-        frames={},
-        parts=tuple(LinkPart(0, "arm", body) for body in bodies),
-        never_collide=frozenset(combinations(range(len(bodies)), 2)),
-        home=readonly(np.zeros(1)),
-    )
-
-
-MODEL = immovable("machine")
-"""A slide that never moves and carries nothing."""
-
-
-def machine(name: str) -> PlacedRobot:
-    """Return the machine of a name."""
-    return PlacedRobot(name, MODEL, readonly(np.eye(4)), MODEL.home)

@@ -17,8 +17,9 @@ import numpy as np
 
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
-from planning.construction.problem.problem import Hold, KeyframeSettings, Part
+from planning.construction.problem.problem import Hold, Part
 from planning.construction.problem.reach_bounds import ReachBounds
+from planning.construction.problem.settings import KeyframeSettings
 from planning.construction.step_scenes import StepScenes
 from planning.construction.world.timeline import SkillMotion, skill_motion
 from planning.transforms import Array, Transform

@@ -33,7 +33,7 @@ from planning.construction.world.timeline import (
 )
 from planning.construction.world.tracks import build_tracks, sweep_track
 from planning.errors import PlanInvariantError
-from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.steps.skill import NOTHING, gripped
 from planning.tasks.task import TRANSIT, AllowedContact, Task
 from planning.transforms import Array, Indices

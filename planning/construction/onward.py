@@ -16,13 +16,9 @@ from planning.cell.workcell import Attachment
 from planning.construction.candidates import Skeleton, rank_next, skeletons
 from planning.construction.held_parts import let_go, place_held, secure, way_out
 from planning.construction.keyframes import TURNS
-from planning.construction.problem.problem import (
-    ConstructionProblem,
-    Hold,
-    Part,
-    PlannerSettings,
-)
+from planning.construction.problem.problem import ConstructionProblem, Hold, Part
 from planning.construction.problem.reach_bounds import reach_bounds
+from planning.construction.problem.settings import PlannerSettings
 from planning.construction.subproblem import (
     Attempt,
     LegPlanner,

@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.workcell import Workcell
-from planning.construction.world.tracks import (
+from planning.construction.world.fleet import (
     Carrier,
     Fleet,
-    Tracks,
     bodies_of,
     make_fleet,
     set_motion,
 )
+from planning.construction.world.tracks import Tracks
 from planning.geometry.distance import boxes_apart
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.moving_pairs import near_pairs, pairs_apart

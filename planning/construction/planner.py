@@ -12,13 +12,9 @@ import numpy as np
 
 from planning.construction.candidates import Skeleton, rank_next, skeletons
 from planning.construction.held_parts import place_held
-from planning.construction.problem.problem import (
-    ConstructionProblem,
-    Part,
-    PlannerSettings,
-    SearchSettings,
-)
+from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import reach_bounds
+from planning.construction.problem.settings import PlannerSettings, SearchSettings
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.fixed_world import Building, nothing_built
 from planning.errors import ConstructionError

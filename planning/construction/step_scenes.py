@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from planning.cell.machine import immovable
 from planning.cell.shape import Shape
-from planning.cell.workcell import Attachment, PlacedRobot, WorldState, immovable
+from planning.cell.workcell import Attachment, PlacedRobot, WorldState
 from planning.construction.checks.checker import SpaceTimeChecker, straight_runs
 from planning.construction.problem.problem import ConstructionProblem, Hold, Part
 from planning.construction.world.fixed_world import FixedWorld, lying_at

@@ -20,14 +20,9 @@ from planning.construction.keyframes import (
     common,
 )
 from planning.construction.paths.rrt import space_time_rrt
-from planning.construction.problem.problem import (
-    ConstructionProblem,
-    Hold,
-    Part,
-    RrtSettings,
-    SubproblemSettings,
-)
+from planning.construction.problem.problem import ConstructionProblem, Hold, Part
 from planning.construction.problem.reach_bounds import ReachBounds
+from planning.construction.problem.settings import RrtSettings, SubproblemSettings
 from planning.construction.step_scenes import StepScenes
 from planning.construction.world.fixed_world import Building, FixedWorld, Keeping
 from planning.construction.world.timeline import RobotTimeline, SkillMotion

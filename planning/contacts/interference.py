@@ -17,7 +17,8 @@ import coal
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from planning.cell.cover import Capsules, ConvexBody
+from planning.caches import KeptAnswers
+from planning.cell.body import Capsules, ConvexBody
 from planning.cell.shape import Box, Capsule, Cylinder, Element, Form, Mesh, Shape
 from planning.contacts.surface_depth import (
     ConvexSolid,
@@ -26,7 +27,6 @@ from planning.contacts.surface_depth import (
     winding,
 )
 from planning.contacts.surface_gap import surface_gap
-from planning.files import KeptAnswers
 from planning.geometry.exact import hull_shape
 from planning.geometry.touching import Lying, near_to
 from planning.transforms import Array, Transform, inverse, readonly, translation

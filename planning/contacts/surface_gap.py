@@ -7,9 +7,9 @@ from typing import Any
 import coal
 import numpy as np
 
+from planning.caches import KeptAnswers
 from planning.cell.shape import Element, Mesh
 from planning.contacts.surface_depth import winding
-from planning.files import KeptAnswers
 from planning.transforms import Array, Transform, inverse
 
 _MEETS = 1e-6

@@ -12,10 +12,10 @@ import numpy as np
 
 from planning.geometry.distance import boxes_apart
 from planning.geometry.exact import TOLERANCE
+from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import (
     APART,
     CONFLICT,
-    HullTable,
     Scratch,
     judge_hulls,
     pose_segments,

@@ -15,8 +15,8 @@ from typing import Any
 import coal
 import numpy as np
 
-from planning.cell.cover import ConvexBody
-from planning.files import KeptAnswers
+from planning.caches import KeptAnswers
+from planning.cell.body import ConvexBody
 from planning.kernels import kernel
 from planning.kinematics.chain import JointTable, joint_axis, pose_joints
 from planning.transforms import Array, Transform

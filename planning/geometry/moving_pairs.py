@@ -8,6 +8,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell, WorldState
 from planning.geometry.distance import boxes_apart, segment_segment
+from planning.geometry.hull_table import HullTable
 from planning.geometry.robot_bodies import (
     cell_entities,
     held_by,
@@ -16,7 +17,6 @@ from planning.geometry.robot_bodies import (
 )
 from planning.geometry.separation import (
     APART,
-    HullTable,
     Scratch,
     judge_hulls,
     make_scratch,

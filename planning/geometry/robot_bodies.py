@@ -12,6 +12,7 @@ from itertools import chain, permutations
 
 import numpy as np
 
+from planning.caches import KeptAnswers
 from planning.cell.workcell import (
     Attachment,
     CellObject,
@@ -19,9 +20,8 @@ from planning.cell.workcell import (
     PoseError,
     Workcell,
 )
-from planning.files import KeptAnswers
 from planning.geometry.exact import Solid
-from planning.geometry.separation import HullTable, hull_table
+from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.swept import SKIP
 from planning.kinematics.chain import placed_joints
 from planning.kinematics.kinematics import joint_poses_of

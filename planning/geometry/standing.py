@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.cover import ConvexBody
+from planning.caches import KeptAnswers
+from planning.cell.body import ConvexBody
 from planning.cell.shape import Placed
 from planning.cell.workcell import Attachment, CellObject, Fixture, PlacedRobot
-from planning.files import KeptAnswers
 from planning.geometry.exact import Solid, resting_solid
+from planning.geometry.hull_table import AT_REST, HullTable
 from planning.geometry.robot_bodies import (
     AllowedPairs,
     Held,
@@ -27,7 +28,6 @@ from planning.geometry.robot_bodies import (
     places_of,
     skip_allowed,
 )
-from planning.geometry.separation import AT_REST, HullTable
 from planning.geometry.swept import SKIP
 from planning.kinematics.chain import NO_JOINTS
 from planning.kinematics.kinematics import joint_poses_of

@@ -11,14 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planning.geometry.deviation_bounds import stray, strays_with_base
 from planning.geometry.distance import BETWEEN, FAR, gap_class
-from planning.geometry.separation import (
-    AT_REST,
-    HullTable,
-    place_corners,
-    stray,
-    strays_with_base,
-)
+from planning.geometry.hull_table import AT_REST, HullTable, place_corners
 from planning.kernels import ZERO, inner_kernel
 from planning.kinematics.chain import pose_joints
 from planning.packed import packed

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.geometry.distance import boxes_apart, segment_near_box, segment_segment
-from planning.geometry.separation import HullTable
+from planning.geometry.hull_table import HullTable
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.kinematics.chain import joint_axis, pose_joints
 from planning.packed import packed

@@ -9,8 +9,9 @@ import numpy as np
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
-from planning.grips.grip import USUAL_CUP, CupPoints, GripRules, part_grips
+from planning.grips.grip import USUAL_CUP, CupPoints, GripRules
 from planning.grips.pads import TO_CUP, finger_sides, own_bodies
+from planning.grips.shape_grips import part_grips
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.transforms import Array, Transform
 

@@ -19,11 +19,12 @@ from typing import Literal
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from planning.cell.cover import ConvexBody, capsule_cover, hull_vertices
+from planning.caches import KeptAnswers
+from planning.cell.body import ConvexBody
+from planning.cell.cover import capsule_cover, hull_vertices
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell, WorldState
-from planning.files import KeptAnswers
 from planning.geometry.scene_checker import SceneChecker
 from planning.grips.grip import Grip
 from planning.grips.pads import finger_sides, pads_at

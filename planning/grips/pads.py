@@ -16,10 +16,10 @@ from typing import Any
 import coal
 import numpy as np
 
-from planning.cell.cover import ConvexBody
+from planning.caches import KeptAnswers
+from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
-from planning.files import KeptAnswers
 from planning.geometry.exact import hull_shape
 from planning.transforms import Array, Transform, inverse
 

@@ -8,15 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.cell.cover import ConvexBody
+from planning.caches import KeptAnswers
+from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.files import KeptAnswers
 from planning.geometry.exact import Solid, distance, place, resting_solid
 from planning.grips.cups import too_wide, with_cup
-from planning.grips.grip import Grip, GripRules, part_grips
+from planning.grips.grip import Grip, GripRules
 from planning.grips.pads import own_bodies, why_not_held
+from planning.grips.shape_grips import part_grips
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.steps.skill import Obstruction
 from planning.transforms import Array, Transform, inverse, translation

@@ -10,10 +10,10 @@ from functools import cache
 
 import numpy as np
 
+from planning.caches import KeptAnswers
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
-from planning.files import KeptAnswers
 from planning.kinematics.chain import joint_table, placed_joints, pose_joints
 from planning.kinematics.damped_least_squares import follow_targets, solve_from
 from planning.transforms import Array, Transform, identity, inverse

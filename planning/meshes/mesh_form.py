@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from planning.caches import Arrays, KeptAnswers, remembered
 from planning.cell import cover
 from planning.cell.shape import Mesh
 from planning.errors import ShapeError
-from planning.files import Arrays, KeptAnswers, remembered
 from planning.meshes import convex_pieces, holes, mesh_file, prisms
 from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
 from planning.meshes.mesh_file import MeshTriangles, read_mesh_bytes, read_triangles

@@ -15,7 +15,7 @@ import numpy as np
 from planning.cell.workcell import Workcell, WorldState
 from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
-from planning.motion.known_motions import TaskMotion
+from planning.motion.motion_plan import TaskMotion
 from planning.motion.speed import SpeedModel
 from planning.tasks.task import AllowedContact, allowed_pairs
 from planning.transforms import Array

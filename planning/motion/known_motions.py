@@ -4,8 +4,6 @@ A way depends on what moves, from where to where, and on what stands around, by 
 which objects these are, and at which step of which plan, does not matter. A straight way, and a
 skill, stays as it is wherever all that stands has been found to be clear of it; what was found by a
 search holds where just the same stands around.
-
-Motion plans as data: a timed path for every task, from either planning route.
 """
 
 from __future__ import annotations
@@ -14,11 +12,11 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 
+from planning.caches import KeptAnswers
 from planning.cell.workcell import Attachment, CellObject, Workcell, WorldState
 from planning.errors import TransitError
-from planning.files import KeptAnswers
-from planning.tasks.task import AllowedContact, Handling, Task, TimeWindow
-from planning.transforms import Array, Indices
+from planning.tasks.task import Handling
+from planning.transforms import Array
 
 Pairs = frozenset[frozenset[str]]
 """Unordered pairs of entities that may touch."""
@@ -211,38 +209,3 @@ class KnownMotions:
         if known is None and len(self._clear) >= _MOST_ANSWERS:
             self._clear.clear()
         self._clear[alike] = way, of if known is None else known[1] | of
-
-
-@dataclass(frozen=True)
-class TaskMotion:
-    """The path of one task.
-
-    Attributes:
-        path: waypoints, shape (w, n), the first being the configuration the task starts from.
-            Consecutive waypoints are joined by straight lines in joint space.
-        time: planned time of each waypoint, shape (w,), from the start of the plan [s].
-    """
-
-    path: Array
-    time: Array
-
-
-@dataclass(frozen=True)
-class MotionPlan:
-    """Paths of all tasks, with the planned times that fix who goes first where.
-
-    Attributes:
-        cell: the static cell.
-        tasks: in order of their index.
-        motions: one per task, same order. A skill's ``path[k]`` is waypoint k of its handlings.
-        dependencies: pairs (a, b), shape (e, 2): task a must be complete before b starts.
-        allowed: who may touch whom, and when.
-        windows: of time between tasks.
-    """
-
-    cell: Workcell
-    tasks: tuple[Task, ...]
-    motions: tuple[TaskMotion, ...]
-    dependencies: Indices
-    allowed: tuple[AllowedContact, ...]
-    windows: tuple[TimeWindow, ...] = ()

@@ -13,16 +13,11 @@ import numpy as np
 from planning.cell.workcell import Workcell, WorldState, start_state
 from planning.errors import TransitError
 from planning.geometry.scene_checker import Contact, SceneChecker
-from planning.motion.known_motions import (
-    FoundWay,
-    KnownMotions,
-    MotionPlan,
-    Pairs,
-    TaskMotion,
-    Way,
-)
+from planning.motion.full_turns import take_near_turns
+from planning.motion.known_motions import FoundWay, KnownMotions, Pairs, Way
+from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.speed import SpeedModel, cut_path
-from planning.motion.transit import TransitPlanner, take_near_turns
+from planning.motion.transit import TransitPlanner
 from planning.progress import Progress, no_progress
 from planning.tasks.task import (
     TRANSIT,

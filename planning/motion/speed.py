@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.motion_limits import MotionLimits
 from planning.timing.smooth_path import smooth_path
 from planning.timing.stretch import straight_seconds
 from planning.transforms import Array

@@ -29,7 +29,7 @@ from planning.parts.assembly import AnyStep, PartAssembly, PlacePart
 from planning.parts.candidates import PartCandidates
 from planning.parts.part_skills import SkillTry, ToolSkills
 from planning.parts.part_steps import PartStep, part_steps
-from planning.steps.handovers import CandidateCollector
+from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import Obstruction, joint_distance
 from planning.steps.tool_changes import (
     find_tool_changes,

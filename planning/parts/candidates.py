@@ -28,7 +28,7 @@ from planning.parts.part_steps import (
 from planning.parts.relays import find_relays
 from planning.parts.step_paths import Candidate, Pairing, StepPaths
 from planning.statics.build_order import Waits
-from planning.steps.handovers import CandidateCollector
+from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import Obstruction, SkillPath, joint_distance
 from planning.steps.tool_changes import (
     ToolChanges,

@@ -17,17 +17,17 @@ from planning.parts.part_skills import held_pose, process_targets
 from planning.parts.part_steps import KnownStep, PartStep
 from planning.parts.spares import as_chosen
 from planning.steps.handovers import Handover
-from planning.steps.skill import SkillPath, handled, tool_entity, touching
-from planning.steps.step_writer import (
+from planning.steps.placement import (
     PlannedHandover,
     PlannedPlacement,
     PlannedSkill,
     PlannedSupport,
-    StepWriter,
     write_placement,
     write_release,
     write_support,
 )
+from planning.steps.skill import SkillPath, handled, tool_entity, touching
+from planning.steps.step_writer import StepWriter
 from planning.steps.tool_changes import with_tools
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import (

@@ -13,7 +13,7 @@ from planning.grips.grip import Grip
 from planning.parts.part_skills import PartSkills, SkillTry
 from planning.parts.part_steps import KnownStep, PartStep
 from planning.parts.relays import Relay
-from planning.steps.handovers import CandidateCollector
+from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import (
     NOTHING,
     Obstruction,

@@ -11,7 +11,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pinocchio
 
-from planning.cell.cover import Capsules, ConvexBody, capsule_covers, hull_vertices
+from planning.cell.body import Capsules, ConvexBody
+from planning.cell.cover import capsule_covers, hull_vertices
 from planning.cell.robot_model import (
     DriveLimits,
     KinematicChain,

@@ -14,7 +14,8 @@ from planning.cell.robot_model import RobotModel
 from planning.robots.descriptions.empty_shapes import EMPTY
 from planning.robots.descriptions.fitting import written_options
 from planning.robots.descriptions.urdf_file import tip_link
-from planning.robots.descriptions.xml_files import joint_link, pose_in_root, read_xml
+from planning.robots.descriptions.urdf_geometry import joint_link, pose_in_root
+from planning.robots.descriptions.xml_files import read_xml
 from planning.transforms import Transform
 
 

@@ -279,8 +279,8 @@ def _fitted(
     path: Path, options: UrdfOptions, fitting: Fitting, dirs: tuple[Path, ...]
 ) -> RobotModel:
     """Return a robot as a cell fits it out, under a name that says so."""
+    from planning.robots.descriptions.description_files import keep_description
     from planning.robots.descriptions.mounting import fitted_description
-    from planning.robots.descriptions.xml_files import keep_description
 
     root = fitted_description(path, options, fitting, dirs)
     name = options.name or path.stem

@@ -1,7 +1,4 @@
-"""Pairs of a robot's own parts that need no collision check.
-
-Shape of a tool apart from the robot that carries it, for where it lies in its rack.
-"""
+"""Pairs of a robot's own parts that need no collision check."""
 
 from __future__ import annotations
 
@@ -11,16 +8,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull
 
-from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
-from planning.cell.shape import Element, Mesh, Shape, shape_of
-from planning.files import Arrays, remembered
+from planning.caches import Arrays, remembered
+from planning.cell.robot_model import KinematicChain, LinkPart
 from planning.geometry import exact
 from planning.geometry.exact import Solid, distance_at
 from planning.kinematics import chain as kinematic_chain
 from planning.kinematics.chain import chain_table
-from planning.transforms import Array, Transform, inverse, readonly
+from planning.transforms import Array
 
 _SAMPLES = 60
 """Random configurations that are looked at before anything is proved."""
@@ -160,41 +155,3 @@ class _Pairs:
             speeds[k] = 1.0 if slides[k] else reach
             reach += float(np.linalg.norm(self._chain.placement[k, :3, 3])) + slide
         return speeds
-
-
-def tool_shape(name: str, model: RobotModel, mount: Transform) -> Shape:
-    """Return the shape of the tool of a robot: the hulls that stand for its bodies.
-
-    Args:
-        name: of the tool.
-        model: the robot with the tool on it.
-        mount: pose of the tool in the flange frame.
-    """
-    own = inverse(model.flange @ mount)
-    elements = (
-        Element(_hull_form(part.body.vertices, own, name), readonly(np.eye(4)))
-        for part in model.parts
-        if part.group == "tool"
-    )
-    return shape_of(name, tuple(elements))
-
-
-def _hull_form(vertices: Array, pose: Transform, source: str) -> Mesh:
-    corners = vertices @ pose[:3, :3].T + pose[:3, 3]
-    hull = ConvexHull(corners)
-    middle = corners.mean(axis=0)
-    faces = hull.simplices.astype(np.int64)
-    a, b, c = (corners[faces[:, k]] - middle for k in range(3))
-    outwards = np.einsum("ij,ij->i", np.cross(a, b), c)
-    faces[outwards < 0.0] = faces[outwards < 0.0][:, ::-1]
-    weights = np.abs(outwards)
-    centre = middle + (weights @ (a + b + c)) / (4.0 * weights.sum())
-    faces.setflags(write=False)
-    return Mesh(
-        readonly(corners),
-        faces,
-        (readonly(corners),),
-        float(hull.volume),
-        readonly(centre),
-        source=source,
-    )

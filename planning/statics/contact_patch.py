@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from planning.cell.cover import ConvexBody
+from planning.cell.body import ConvexBody
 from planning.transforms import Array, Transform, readonly
 
 SLACK = 5e-4

@@ -20,7 +20,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
-from planning.cell.cover import ConvexBody
+from planning.cell.body import ConvexBody
 from planning.cell.standing_rules import Joint, StandingRules
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.statics.contact_patch import ContactPatch, contact_patch

@@ -9,7 +9,7 @@ from planning.cell.workcell import Workcell, start_state
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.motion.sequential import MARGIN
-from planning.steps.handovers import CandidateCollector
+from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import Obstruction, joint_distance
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import PrimaryCandidate, TaskPlan

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.motion_limits import MotionLimits
 from planning.kernels import kernel
 from planning.timing.rounded_path import curve_points
 from planning.timing.smooth_path import (

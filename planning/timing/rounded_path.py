@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.motion_limits import MotionLimits
 from planning.kernels import kernel
 from planning.timing.path_bounds import HEAD_ROOM
 from planning.transforms import Array

@@ -22,7 +22,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.motion_limits import MotionLimits
 from planning.kernels import inner_kernel, kernel
 from planning.timing.rounded_path import STRAY, RoundedPath, curve_points, rounded_path
 from planning.timing.stretch import LEAST_BUILD_UP

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.motion_limits import MotionLimits
 from planning.kernels import inner_kernel, kernel
 from planning.timing.path_bounds import (
     HEAD_ROOM,

@@ -15,7 +15,8 @@ from itertools import product
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.motion.known_motions import KnownMotions, MotionPlan
+from planning.motion.known_motions import KnownMotions
+from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.tasks.assignment import (
     AssignmentProblem,

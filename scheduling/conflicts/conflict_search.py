@@ -18,10 +18,10 @@ from planning.geometry.distance import boxes_apart, segment_distance
 from planning.geometry.exact import come_close, distance_at
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Indices
+from scheduling.conflicts.allowed_contacts import ContactTable
 from scheduling.conflicts.close_bodies import (
     BLOCKS,
     PROVED,
-    ContactTable,
     Descent,
     keep_close_bodies,
     start_descent,

@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
+from planning.caches import KeptAnswers
 from planning.cell.workcell import PlacedRobot, PoseError
-from planning.files import KeptAnswers
 from planning.geometry.robot_bodies import entity_numbers
 from planning.parallel import side_by_side
 from planning.tasks.task import AllowedContact
 from planning.transforms import Indices
-from scheduling.conflicts.close_bodies import ContactTable, contact_table
+from scheduling.conflicts.allowed_contacts import ContactTable, contact_table
 from scheduling.conflicts.conflict_search import first_conflict, search_conflicts
 from scheduling.conflicts.object_spans import (
     Moment,
@@ -40,7 +40,7 @@ from scheduling.conflicts.occupancy import (
     rest_occupancy,
     standing_occupancy,
 )
-from scheduling.graph.dispatcher import Rollout, earliest_times
+from scheduling.graph.rollout import Rollout, earliest_times
 from scheduling.graph.temporal_plan_graph import Causes, NodeChain, TemporalPlanGraph
 from scheduling.graph.total_order import (
     FlatGraph,

@@ -17,17 +17,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.cover import ConvexBody
+from planning.cell.body import ConvexBody
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot, PoseError, Workcell
 from planning.geometry.exact import Solid, resting_solid
+from planning.geometry.hull_table import HullTable, hull_table, standing_hulls
 from planning.geometry.robot_bodies import how_far, robot_bodies
-from planning.geometry.separation import HullTable, hull_table, standing_hulls
 from planning.geometry.swept import bound_travel
 from planning.kinematics.chain import NO_JOINTS, placed_joints, standing_at
 from planning.packed import packed
 from planning.transforms import Array, Indices, Transform, inverse
-from scheduling.conflicts.close_bodies import ALWAYS
+from scheduling.conflicts.allowed_contacts import ALWAYS
 from scheduling.conflicts.object_spans import ObjectSpan, Rest
 from scheduling.conflicts.swept_sequence import LEAF, SweptSequence, swept_sequence
 from scheduling.graph.temporal_plan_graph import NodeChain

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from planning.geometry.separation import HullTable
+from planning.geometry.hull_table import HullTable
 from planning.geometry.stretches import (
     MIXED,
     PosedStretch,

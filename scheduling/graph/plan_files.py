@@ -33,13 +33,13 @@ from planning.errors import OutputError
 from planning.files import (
     NPZ_ERRORS,
     arrays_text,
-    parse_json,
     read_file,
     read_npz,
     replacing,
     require_own_files,
 )
-from planning.robots.descriptions.xml_files import copy_description
+from planning.json_files import parse_json
+from planning.robots.descriptions.description_files import copy_description
 from planning.tasks.task import EARLIER, Handling, Task
 from scheduling.graph.columns import require
 from scheduling.graph.document import (

@@ -28,7 +28,9 @@ from planning.bounds import (
     MOST_ROBOTS,
     THINNEST_M,
 )
-from planning.cell.robot_model import MotionLimits, RobotModel
+from planning.cell.machine import machine
+from planning.cell.motion_limits import MotionLimits
+from planning.cell.robot_model import RobotModel
 from planning.cell.shape import (
     Box,
     Capsule,
@@ -49,10 +51,9 @@ from planning.cell.workcell import (
     PlacedRobot,
     PoseError,
     Workcell,
-    machine,
 )
 from planning.errors import RobotModelError
-from planning.robots.descriptions.xml_files import description_sha256
+from planning.robots.descriptions.description_files import description_sha256
 from planning.robots.registry import ROBOTS, robot_model
 from planning.transforms import Array
 from scheduling.graph.columns import POSE, POSES, Arrays, Column, require

@@ -1,12 +1,4 @@
-"""The nodes of each task, and the type-2 edges that task dependencies ask for.
-
-Barriers between the slots of a synchronous plan, as edges of a graph (APEX-MR V-A).
-
-The order of nodes where one robot works at a time.
-
-The chains of a graph that belong to machines, see ``planning.cell.workcell``. The nodes in which
-robots stand while tools close and open.
-"""
+"""The nodes of each task, and the type-2 edges that task dependencies ask for."""
 
 from __future__ import annotations
 
@@ -18,10 +10,10 @@ from heapq import heapify, heappop, heappush
 import numpy as np
 
 from planning.errors import PlanInvariantError
-from planning.tasks.task import SUPPLY_KINDS, Actuation
 from planning.tasks.work import TaskGraph, task_graph
 from planning.transforms import Indices
 from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     NodeChain,
@@ -116,48 +108,7 @@ def _last_nodes(
     return ends
 
 
-def with_barriers(
-    tpg: TemporalPlanGraph, cause: int = TASK_DEPENDENCY
-) -> TemporalPlanGraph:
-    """Return the graph in which no robot enters a slot before everyone has left all earlier ones.
-
-    Every node that is the first of its robot in a slot waits for the last node of each other
-    robot in any earlier slot.
-
-    Args:
-        tpg: of a plan made in slots.
-        cause: of the waits that are added.
-
-    Raises:
-        PlanInvariantError: the plan was not made in slots, or a robot goes back to an earlier
-            slot.
-    """
-    if len(tpg.slots) != len(tpg.tasks):
-        raise PlanInvariantError(
-            "this plan was not made in slots, so robots have nothing to wait for together"
-        )
-    slot_of = np.full(max((t.index for t in tpg.tasks), default=0) + 1, -1)
-    slot_of[[task.index for task in tpg.tasks]] = tpg.slots
-    slots = [slot_of[chain.task] for chain in tpg.chains]
-    for chain, own in zip(tpg.chains, slots, strict=True):
-        if np.any(np.diff(own) < 0):
-            raise PlanInvariantError(f"robot {chain.robot!r} goes back to a slot")
-    edges = []
-    for k, own in enumerate(slots):
-        entries = np.flatnonzero(np.diff(own, prepend=-1) > 0)
-        for i, other in enumerate(slots):
-            if i == k:
-                continue
-            last = np.searchsorted(other, own[entries]) - 1
-            new = last >= 0
-            rows = np.empty((np.count_nonzero(new), 4), dtype=np.int64)
-            rows[:, 0], rows[:, 1] = i, last[new]
-            rows[:, 2], rows[:, 3] = k, entries[new]
-            edges.append(rows)
-    return _with_edges(tpg, edges, cause)
-
-
-def _with_edges(
+def add_edges(
     tpg: TemporalPlanGraph, edges: Sequence[Indices], cause: int
 ) -> TemporalPlanGraph:
     """Return the graph with more edges, each once, its own ones first."""
@@ -166,29 +117,6 @@ def _with_edges(
     causes = np.full(len(every), cause, dtype=np.uint8)
     causes[: len(tpg.edges)] = tpg.cause
     return replace(tpg, edges=unique, cause=causes[first])
-
-
-def machine_chains(tpg: TemporalPlanGraph) -> frozenset[int]:
-    """Return the indices of the chains whose tasks no robot does."""
-    machines = {item.name for item in tpg.cell.machines}
-    return frozenset(k for k, chain in enumerate(tpg.chains) if chain.robot in machines)
-
-
-def working_machines(tpg: TemporalPlanGraph) -> tuple[int, ...]:
-    """Return the indices of the chains of machines that work at parts, and bring or take none."""
-    kind = {task.robot: task.kind for task in tpg.tasks}
-    return tuple(
-        k
-        for k in sorted(machine_chains(tpg))
-        if kind.get(tpg.chains[k].robot) not in SUPPLY_KINDS
-    )
-
-
-def idle_robots(tpg: TemporalPlanGraph) -> tuple[str, ...]:
-    """Return the robots of the cell that have nothing to do in a graph, and are not out of service."""
-    out = () if tpg.cell.begun is None else tpg.cell.begun.out
-    working = {*out, *(chain.robot for chain in tpg.chains if len(chain))}
-    return tuple(r.name for r in tpg.cell.robots if r.name not in working)
 
 
 def sequential_order(tpg: TemporalPlanGraph) -> Iterator[int]:
@@ -229,30 +157,7 @@ def with_turns(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 
     So a robot knows how far it may go before it is another one's turn.
     """
-    return _with_edges(tpg, [turn_edges(tpg)], TASK_DEPENDENCY)
-
-
-def actuation_nodes(tpg: TemporalPlanGraph) -> list[dict[int, Actuation]]:
-    """Return what tools do in which nodes, chain by chain; of a contracted graph only nodes of their own."""
-    return [chain_actuations(tpg, k) for k in range(len(tpg.chains))]
-
-
-def chain_actuations(tpg: TemporalPlanGraph, index: int) -> dict[int, Actuation]:
-    """Return what a tool does in which nodes of a chain.
-
-    It is the node whose one waypoint is that at which the task says that it is over.
-    """
-    chain, found = tpg.chains[index], dict[int, Actuation]()
-    for nodes in task_nodes([chain])[0]:
-        acts = {a.waypoint: a for a in tpg.tasks[nodes.task].actuations}
-        if acts:
-            first = chain.first[nodes.first : nodes.stop + 1]
-            passed = (first[1:] - first[0]).tolist()
-            alone = np.diff(first) == 1
-            for k in np.flatnonzero(alone).tolist():
-                if passed[k] in acts:
-                    found[nodes.first + k] = acts[passed[k]]
-    return found
+    return add_edges(tpg, [turn_edges(tpg)], TASK_DEPENDENCY)
 
 
 def turn_order(tpg: TemporalPlanGraph) -> list[int]:

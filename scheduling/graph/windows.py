@@ -18,7 +18,7 @@ import numpy.typing as npt
 from planning.kernels import kernel
 from planning.tasks.task import EARLIER
 from planning.transforms import Indices
-from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import sequential_order
 from scheduling.graph.temporal_plan_graph import EVER, Causes, TemporalPlanGraph
 from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks

@@ -6,20 +6,12 @@ diagram of O'Donnell and Lozano-Perez (1989). A step of the way is allowed where
 safe one task after another: what the task depends on is done, and it keeps clear of robots that
 stand and objects that lie there now. It is rated by when everyone would be ready if all moved as
 early as the temporal plan graph of this order lets them.
-
-Reordering of the tasks of a temporal plan graph for a shorter makespan.
-
-Who goes first where two nodes conflict is what the input plan says (APEX-MR IV-C). A sequential
-plan was not made with robots in mind that work at once: it lets one place a brick before the
-other picks, though they might pick together. So its order is searched anew, and the edges are
-made again from the same nodes.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -27,10 +19,6 @@ import numpy as np
 
 from planning.tasks.task import EARLIER
 from planning.transforms import Array
-from scheduling.build_tpg import connect_nodes
-from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.graph.windows import worth
 from scheduling.ordering.relations import TaskRelations
 
 _WAITING = 0.1
@@ -207,7 +195,7 @@ class TaskOrderSearch:
             begin = float(ends[0] - self._cum[unit][1])
             for opens, most in self._windows.get(unit, ()):
                 opened = 0.0 if opens is None else _end_of(done, opens)
-                late += max(begin - opened - most - _APART, 0.0)
+                late += max(begin - opened - most - BLOCK_GAP_S, 0.0)
         bound = 0.0
         for chain, own in enumerate(self._relations.of_chain):
             rest = self._tail[own[counts[chain]]] if counts[chain] < len(own) else 0.0
@@ -343,106 +331,5 @@ class TaskOrderSearch:
         return tail
 
 
-_APART = 1e-6
+BLOCK_GAP_S = 1e-6
 """Planned time between blocks [s]: the order is that of planned starts."""
-
-_WIDTH = 24
-"""Ways followed at once; three times as many find nothing better in the shipped scenarios."""
-
-
-def reorder_tasks(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Return a graph of the same nodes with a shorter makespan, or the same graph.
-
-    Args:
-        tpg: a graph that keeps its invariant.
-
-    Raises:
-        PlanInvariantError: the result breaks the invariant, a fault of this program.
-    """
-    if len(tpg.chains) < 2:
-        return tpg
-    graph = DerivedTpg(tpg)
-    relations = TaskRelations(graph)
-    blocks = find_blocks(tpg.chains, relations)
-    order = TaskOrderSearch(relations, blocks).best_way(_WIDTH).order()
-    if order == list(range(len(blocks))):
-        return tpg
-    chains = put_in_order(tpg.chains, relations, [blocks[b] for b in order])
-    slots = np.empty(0, dtype=np.int64)
-    again = connect_nodes(DerivedTpg(replace(tpg, chains=chains, slots=slots)))
-    return again if worth(again) < worth(tpg) else tpg
-
-
-def find_blocks(
-    chains: Sequence[NodeChain], relations: TaskRelations
-) -> list[tuple[int, ...]]:
-    """Return the units that stay together, in the planned order.
-
-    Units whose planned times overlap, and that get into each other's way, take turns node by
-    node: none of them could be complete before the other starts.
-    """
-    units = relations.units
-    start = [float(chains[u.chain].planned_start[u.first]) for u in units]
-    end = [
-        float(
-            chains[u.chain].planned_start[u.stop - 1]
-            + chains[u.chain].duration[u.stop - 1]
-        )
-        for u in units
-    ]
-    by_start = sorted(range(len(units)), key=lambda u: (start[u], units[u].task))
-    group = {unit: [unit] for unit in by_start}  # one list for all units of a group
-    for position, a in enumerate(by_start):
-        for b in by_start[position + 1 :]:
-            if start[b] >= end[a] - _APART:
-                break
-            if units[a].chain == units[b].chain or group[a] is group[b]:
-                continue
-            if relations.stairs(a, b) is not None:
-                group[a] += group[b]
-                group.update(dict.fromkeys(group[b], group[a]))
-    groups = {id(group[unit]): group[unit] for unit in by_start}.values()
-    place = {unit: k for k, unit in enumerate(by_start)}
-    return _in_turns(relations, [sorted(g, key=place.__getitem__) for g in groups])
-
-
-def _in_turns(
-    relations: TaskRelations, groups: Sequence[Sequence[int]]
-) -> list[tuple[int, ...]]:
-    """Return groups one after another, those joined that are in each other's way for that."""
-    done: Counter[int] = Counter()
-    out: list[tuple[int, ...]] = []
-    joined: list[int] = []
-    for group in groups:
-        joined += group
-        units = [relations.units[unit] for unit in joined]
-        after = done + Counter(unit.chain for unit in units)
-        if all(unit.place < after[unit.chain] for unit in units):
-            out.append(tuple(joined))
-            done, joined = after, []
-    return out
-
-
-def put_in_order(
-    chains: Sequence[NodeChain],
-    relations: TaskRelations,
-    order: Sequence[tuple[int, ...]],
-) -> tuple[NodeChain, ...]:
-    """Return chains whose planned starts put blocks one after another, in this order."""
-    planned: list[Array] = [chain.planned_start.copy() for chain in chains]
-    clock = 0.0
-    for block in order:
-        parts = [relations.units[u] for u in block]
-        begin = min(float(chains[u.chain].planned_start[u.first]) for u in parts)
-        latest = clock
-        for u in parts:
-            chain, which = chains[u.chain], slice(u.first, u.stop)
-            planned[u.chain][which] = clock + (chain.planned_start[which] - begin)
-            latest = max(
-                latest, float(planned[u.chain][u.stop - 1] + chain.duration[u.stop - 1])
-            )
-        clock = latest + _APART
-    return tuple(
-        replace(chain, planned_start=start)
-        for chain, start in zip(chains, planned, strict=True)
-    )

@@ -10,14 +10,17 @@ from dataclasses import dataclass
 
 from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError, TransitError
-from planning.motion.known_motions import KnownMotions, MotionPlan
+from planning.motion.known_motions import KnownMotions
+from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.work import AssemblyWork, StepExpansions
-from scheduling.build_tpg import build_nodes
+from scheduling.build_nodes import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg, StretchConflicts
-from scheduling.ordering.beam_search import TaskOrderSearch, find_blocks, put_in_order
-from scheduling.ordering.relations import TaskRelations, connect_in_order
+from scheduling.ordering.beam_search import TaskOrderSearch
+from scheduling.ordering.known_edges import connect_in_order
+from scheduling.ordering.relations import TaskRelations
+from scheduling.ordering.reordering import find_blocks, put_in_order
 from scheduling.shortcuts.scenery import KnownWays
 from scheduling.shortcuts.shortcutting import smooth_runs
 

@@ -3,32 +3,17 @@
 Tasks with nodes are *units*, numbered robot by robot. A relation holds for the nodes as they are;
 only the order of the robots' tasks among each other is left open. Each is searched when it is
 first asked for, and remembered.
-
-Edges of a graph whose tasks are in a given order, from what is known of pairs of tasks.
-
-Robots planned as one beside skills: clear of all that these sweep, whenever they are done.
-
-A skill follows its reference path and takes a time that nobody knows before, so there is no lock
-step with it. What a motion and a skill occupy is compared as in the search for conflicts, which
-therefore finds none between them later.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from itertools import chain as joined
 
 import numpy as np
 
-from planning.motion.composite import CompositeChecker
-from planning.motion.known_motions import TaskMotion
-from planning.motion.sequential import MARGIN
-from planning.transforms import Array, Indices
-from scheduling.build_tpg import connect_nodes
-from scheduling.conflicts.close_bodies import contact_table
-from scheduling.conflicts.conflict_search import first_conflict
+from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import (
     DerivedTpg,
     GraphStretch,
@@ -39,16 +24,8 @@ from scheduling.conflicts.derived_tpg import (
     rest_stretch,
     standing_stretch,
 )
-from scheduling.conflicts.object_spans import Node, ObjectSpan, handlings_in_order
-from scheduling.conflicts.occupancy import chain_occupancy
-from scheduling.graph.task_edges import TaskNodes, dependency_edges, task_nodes
-from scheduling.graph.temporal_plan_graph import (
-    MOTION_CONFLICT,
-    TASK_DEPENDENCY,
-    NodeChain,
-    TemporalPlanGraph,
-    pose_nodes,
-)
+from scheduling.conflicts.object_spans import Node, handlings_in_order
+from scheduling.graph.task_edges import dependency_edges, task_nodes
 
 Stair = tuple[Indices, Indices]
 """Nodes of the later task, counted from its first one, and for each the node of the earlier
@@ -192,166 +169,3 @@ def _all_nodes(a: GraphStretch, b: GraphStretch) -> Window:
     """Return the window of a search that leaves nothing out."""
     floor = np.full(a.nodes, -1, dtype=np.int64)
     return floor, np.full(a.nodes, b.nodes, dtype=np.int64)
-
-
-def connect_in_order(
-    chains: Sequence[NodeChain],
-    relations: TaskRelations,
-    order: Sequence[tuple[int, ...]],
-) -> TemporalPlanGraph:
-    """Return the graph that ``connect_nodes`` makes of some chains, without checking it.
-
-    Args:
-        chains: with planned starts in that order, see ``put_in_order``.
-        relations: of their units.
-        order: blocks of units, one after another.
-
-    Raises:
-        PlanInvariantError: units that move at once get into each other's way.
-    """
-    tpg = replace(relations.graph.tpg, chains=tuple(chains))
-    if any(len(block) > 1 for block in order):
-        return connect_nodes(DerivedTpg(tpg))
-    tasks = dependency_edges(tpg)
-    motions = _motion_edges(relations, tasks, [block[0] for block in order])
-    causes = np.array([TASK_DEPENDENCY, MOTION_CONFLICT], dtype=np.uint8)
-    edges = np.concatenate([tasks, motions])
-    cause = np.repeat(causes, [len(tasks), len(motions)])
-    return DerivedTpg(tpg).with_edges(edges, cause).tpg
-
-
-def _motion_edges(
-    relations: TaskRelations, tasks: Indices, order: Sequence[int]
-) -> Indices:
-    """Return edges that imply all that conflicts of units ask for, given those of tasks."""
-    units, chains = relations.units, range(len(relations.of_chain))
-    needs: dict[int, list[int]] = defaultdict(list)
-    for i, u, k, v in tasks.tolist():
-        needs[relations.unit_of((k, v))].append(relations.unit_of((i, u)))
-    edges: list[tuple[int, int, int, int]] = []
-    # How many units of each chain are known to be complete before each unit starts.
-    complete: dict[int, list[int]] = {}
-    done = [0 for _ in chains]
-    last: dict[int, int] = {}
-
-    def follow(known: list[int], unit: int) -> None:
-        for chain, count in enumerate(complete[unit]):
-            known[chain] = max(known[chain], count)
-        chain, place = units[unit].chain, units[unit].place
-        known[chain] = max(known[chain], place + 1)
-
-    for unit in order:
-        own, known = units[unit], [0 for _ in chains]
-        for earlier in [
-            *needs[unit],
-            *([last[own.chain]] if own.chain in last else []),
-        ]:
-            follow(known, earlier)
-        for chain in chains:
-            if chain == own.chain:
-                continue
-            for place in range(done[chain] - 1, -1, -1):
-                if place < known[chain]:
-                    break
-                other = relations.of_chain[chain][place]
-                stairs = relations.stairs(other, unit)
-                if stairs is None:
-                    continue
-                u = units[other]
-                nodes, after = stairs
-                edges += [
-                    (chain, u.first + a, own.chain, own.first + b)
-                    for b, a in zip(nodes.tolist(), after.tolist(), strict=True)
-                ]
-                if nodes[0] == 0 and u.first + after[0] == u.stop - 1:
-                    follow(known, other)
-        complete[unit], last[own.chain] = known, unit
-        done[own.chain] += 1
-    return np.array(edges, dtype=np.int64).reshape(-1, 4)
-
-
-class BesideSkills:
-    """Collision checks of robots that move as one while others do skills.
-
-    Args:
-        checker: of the robots that move, without those that do skills.
-        graph: of the sequential plan.
-        transits: the nodes of each moving robot's task there; what it carries follows from them.
-        skills: what is done meanwhile.
-    """
-
-    def __init__(
-        self,
-        checker: CompositeChecker,
-        graph: DerivedTpg,
-        transits: Mapping[str, TaskNodes],
-        skills: Sequence[GraphStretch],
-    ) -> None:
-        self.speed = checker.speed
-        self._checker, self._graph, self._transits = checker, graph, transits
-        self._skills = skills
-        cell = graph.tpg.cell
-        wider = replace(
-            cell.clearances,
-            robot_robot=cell.clearances.robot_robot + MARGIN,
-            robot_object=cell.clearances.robot_object + MARGIN,
-        )
-        self._table = contact_table(
-            graph.entities, len(cell.robots), graph.tpg.allowed, wider
-        )
-        self._held = {name: _in_hand(graph, nodes) for name, nodes in transits.items()}
-
-    def configuration_free(self, q: Array) -> bool:
-        """Tell whether all robots may stand at composite ``q`` during the skills, shape (n,)."""
-        return self._checker.configuration_free(q) and self._clear(q, q)
-
-    def motion_free(self, q_a: Array, q_b: Array) -> bool:
-        """Tell whether the composite line from ``q_a`` to ``q_b`` is free, shape (n,)."""
-        return self._checker.motion_free(q_a, q_b) and self._clear(q_a, q_b)
-
-    def seems_free(self, q_a: Array, q_b: Array) -> bool:
-        """Tell whether some configurations of the line are free, and all of it of the skills."""
-        return self._checker.seems_free(q_a, q_b) and self._clear(q_a, q_b)
-
-    def motions(self, path: Array) -> dict[str, TaskMotion] | None:
-        """Return the motion of each robot on a composite polyline; see ``CompositeChecker``."""
-        found = self._checker.motions(path)
-        if found is None or not all(
-            self._clear_of_skills(name, motion.path) for name, motion in found.items()
-        ):
-            return None
-        return found
-
-    def _clear(self, q_a: Array, q_b: Array) -> bool:
-        return all(
-            self._clear_of_skills(name, np.stack([q_a[own], q_b[own]]))
-            for name, own in zip(
-                self._checker.robots, self._checker.joints, strict=True
-            )
-        )
-
-    def _clear_of_skills(self, robot: str, path: Array) -> bool:
-        """Tell whether a robot on a polyline, shape (w, n), is clear of what the skills sweep."""
-        path = path if len(path) > 1 else np.repeat(path, 2, axis=0)
-        count = len(path) - 1
-        task = self._transits[robot].task
-        nodes = pose_nodes(robot, path[0], path[1:], task, 0.0)
-        held = [replace(span, end=(count, 0)) for span in self._held[robot]]
-        own = chain_occupancy(self._graph.tpg.cell, nodes, held, self._graph.entities)
-        floor = np.full(count, -1, dtype=np.int64)
-        return all(
-            first_conflict(
-                own, skill.occupancy, floor, np.full(count, skill.nodes), self._table
-            )
-            is None
-            for skill in self._skills
-        )
-
-
-def _in_hand(graph: DerivedTpg, nodes: TaskNodes) -> list[ObjectSpan]:
-    """Return what a robot carries all through a transit, as spans from its first node on."""
-    return [
-        replace(span, start=(0, 0))
-        for span in graph.spans[nodes.chain]
-        if span.carried and span.start <= (nodes.first, 0) < span.end
-    ]

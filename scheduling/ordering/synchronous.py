@@ -18,7 +18,7 @@ import numpy as np
 from planning.cell.workcell import WorldState, start_state
 from planning.errors import TransitError
 from planning.motion.composite import CompositeChecker, without_robots
-from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.sequential import MARGIN, MotionSettings
 from planning.motion.speed import path_duration
 from planning.motion.transit import RrtConnect
@@ -26,9 +26,10 @@ from planning.progress import Progress, no_progress
 from planning.tasks.task import TRANSIT, apply_handlings, move_robot
 from planning.tasks.work import task_graph
 from planning.transforms import Indices
-from scheduling.build_tpg import build_nodes
+from scheduling.build_nodes import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.ordering.relations import BesideSkills, TaskRelations
+from scheduling.ordering.beside_skills import BesideSkills
+from scheduling.ordering.relations import TaskRelations
 
 _SHORTEST = 1e-3
 """A slot in which nobody moves takes this long, so that slots do not start at once [s]."""

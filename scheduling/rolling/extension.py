@@ -25,7 +25,7 @@ from planning.tasks.task import (
 from planning.transforms import Indices, readonly
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.task_edges import machine_chains
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import (
     NO_EDGES,
     Drive,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.transforms import Array
-from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 
 

@@ -12,7 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.cell.workcell import Begun, CellObject, Workcell, machine
+from planning.cell.machine import machine
+from planning.cell.workcell import Begun, CellObject, Workcell
 from planning.tasks.task import BROUGHT, DOOR, GOES_ON, STILL, TRANSIT, Handling, Task
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import (

@@ -14,10 +14,10 @@ from planning.timing.rounded_path import BlendedPath, longest_window, ordered_wi
 from planning.timing.stretch import RoundedStretch
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, RoundedCorners
-from scheduling.motion_times import node_ends
 from scheduling.pace import Pace
 from scheduling.shortcuts.candidates import Span
-from scheduling.shortcuts.replacement_check import Swap
+from scheduling.shortcuts.rewiring import Swap
+from scheduling.stretch_times import node_ends
 
 _APART = 1e-3
 """Zones of corners that are nearer to each other are of one bend [s]."""

@@ -9,7 +9,7 @@ import numpy as np
 from planning.motion.speed import SpeedModel, path_duration
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg, StretchConflicts, nodes_stretch
-from scheduling.graph.dispatcher import latest_ends
+from scheduling.graph.rollout import latest_ends
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.shortcuts.candidates import (
     CORNER,
@@ -20,17 +20,9 @@ from scheduling.shortcuts.candidates import (
     find_spans,
     new_nodes,
 )
-from scheduling.shortcuts.replacement_check import (
-    EARLY,
-    IN_PLACE,
-    LATE,
-    GraphPieces,
-    Rivals,
-    Swap,
-    in_order,
-    rewire,
-    stands_stay_clear,
-)
+from scheduling.shortcuts.graph_pieces import GraphPieces
+from scheduling.shortcuts.replacement_check import Rivals, stands_stay_clear
+from scheduling.shortcuts.rewiring import EARLY, IN_PLACE, LATE, Swap, in_order, rewire
 from scheduling.shortcuts.scenery import KnownWays, Scenery
 
 _LATER = 1e-9

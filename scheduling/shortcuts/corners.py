@@ -17,23 +17,15 @@ from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg, nodes_stretch
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
-from scheduling.motion_times import (
-    nominal_durations,
-    stretch_drive,
-    stretch_numbers,
-    within_limits,
-)
+from scheduling.motion_times import nominal_durations, stretch_numbers, within_limits
 from scheduling.pace import paces
 from scheduling.shortcuts.bends import BentNodes, NodesLeft, Run, find_runs
 from scheduling.shortcuts.candidates import find_spans
-from scheduling.shortcuts.replacement_check import (
-    GraphPieces,
-    Rivals,
-    Swap,
-    rewire,
-    stands_stay_clear,
-)
+from scheduling.shortcuts.graph_pieces import GraphPieces
+from scheduling.shortcuts.replacement_check import Rivals, stands_stay_clear
+from scheduling.shortcuts.rewiring import Swap, rewire
 from scheduling.shortcuts.scenery import Scenery
+from scheduling.stretch_times import stretch_drive
 
 _SHORTER = 0.6
 """A window that is in somebody's way is next tried that much shorter."""

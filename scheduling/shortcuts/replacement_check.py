@@ -4,181 +4,22 @@ New nodes are checked against every node of another robot that is not ordered wi
 already, against robots that stand meanwhile and objects at rest; ``scenery`` knows what never
 moves. Of two that conflict, the one that is earlier in the total order goes first; a new node has
 the place of the one that it replaces.
-
-Edges and chains after nodes were replaced (APEX-MR IV-C, extended to N robots).
-
-In-edges of the replaced nodes go to the last new node, out-edges of all but the last one start
-at the node before. An order u -> a_p ... a_q -> w with p <= q held through the replaced nodes;
-with the edges moved apart it would be lost, so u -> w is added.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
-
 import numpy as np
-import numpy.typing as npt
 
 from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import (
     DerivedTpg,
     GraphStretch,
-    StretchConflicts,
     holds_stretch,
-    nodes_stretch,
     rest_stretch,
 )
 from scheduling.conflicts.object_spans import while_at_rest
-from scheduling.graph.temporal_plan_graph import (
-    MOTION_CONFLICT,
-    Causes,
-    NodeChain,
-    TemporalPlanGraph,
-    joined_corners,
-)
-from scheduling.graph.total_order import planned_ranks, reduce_again, with_edges
-from scheduling.shortcuts.candidates import Span
-
-Edge = tuple[int, int, int, int]
-"""Robot and node that must be complete, robot and node that may then start."""
-
-
-@dataclass(frozen=True)
-class Swap:
-    """Nodes ``first`` to ``last`` of a chain become as many others.
-
-    There is a node before ``first``. The last new node stands for the last replaced one: it
-    ends where that ended. The replaced nodes handle nothing.
-    """
-
-    chain: int
-    first: int
-    last: int
-
-    @property
-    def count(self) -> int:
-        """Number of the nodes."""
-        return self.last - self.first + 1
-
-
-def rewire(
-    graph: DerivedTpg, swap: Swap, new: NodeChain, edges: Sequence[Edge]
-) -> DerivedTpg:
-    """Return the graph with nodes replaced by as many others; what stays is not worked out again.
-
-    Args:
-        graph: the graph before.
-        swap: which nodes of which chain.
-        new: the nodes that take their place.
-        edges: that these need, the new nodes numbered from ``swap.first``; they follow the total
-            order, which stays as it is.
-    """
-    tpg, extra = graph.tpg, np.array(edges, dtype=np.int64).reshape(-1, 4)
-    moved, cause = splice_edges(tpg.edges, tpg.cause, swap)
-    wanted = np.concatenate([moved, extra])
-    cause = np.append(cause, np.full(len(extra), MOTION_CONFLICT, dtype=np.uint8))
-    chains = list(tpg.chains)
-    chains[swap.chain] = _replaced(chains[swap.chain], swap, new)
-    flat = with_edges(graph.flat, wanted)
-    order, keep = reduce_again(flat, graph.order, _changed_nodes(graph, wanted))
-    kept = wanted[keep]
-    after = replace(tpg, chains=tuple(chains), edges=kept, cause=cause[keep])
-    same = ("ranks", "history", "spans")
-    return graph.derive(after, *same, order=order, flat=with_edges(flat, kept))
-
-
-IN_PLACE, LATE, EARLY = "in place", "late", "early"
-"""Where new nodes stand in the total order: where those that they replace did, right before the
-last of these, or right after the first."""
-
-
-def in_order(graph: DerivedTpg, chain: int, run: range, place: str) -> DerivedTpg:
-    """Return the graph with some nodes of a chain elsewhere in the total order.
-
-    They are to be replaced, and so have no edges that matter; the first and the last of them stay.
-
-    Args:
-        graph: the graph.
-        chain: the chain.
-        run: its nodes.
-        place: IN_PLACE, LATE or EARLY.
-    """
-    if place == IN_PLACE:
-        return graph
-    nodes, first, last = graph.tpg.chains[chain], run[0], run[-1]
-    planned = nodes.planned_start.copy()
-    planned[first:last] = planned[last] if place == LATE else planned[first]
-    chains = list(graph.tpg.chains)
-    chains[chain] = replace(nodes, planned_start=planned)
-    ranks = planned_ranks(chains)
-    flat = graph.flat._replace(order=np.argsort(np.concatenate(ranks)))
-    same = ("history", "spans", "order", "rollout")
-    moved = replace(graph.tpg, chains=tuple(chains))
-    return graph.derive(moved, *same, ranks=ranks, flat=flat)
-
-
-def _replaced(chain: NodeChain, swap: Swap, new: NodeChain) -> NodeChain:
-    """Return a chain with as many other pose nodes in the place of some."""
-    begin, stop = swap.first, swap.last + 1
-    low, high = int(chain.first[begin]), int(chain.first[stop])
-    shift = len(new.waypoints) - (high - low)
-    duration = chain.duration.copy()
-    duration[begin:stop] = new.duration
-    kept = None if chain.corners is None else chain.corners.outside(begin, stop)
-    return replace(
-        chain,
-        waypoints=np.vstack(
-            [chain.waypoints[:low], new.waypoints, chain.waypoints[high:]]
-        ),
-        fraction=np.concatenate(
-            [chain.fraction[:low], new.fraction, chain.fraction[high:]]
-        ),
-        first=np.concatenate(
-            [chain.first[:begin], low + new.first, chain.first[stop + 1 :] + shift]
-        ),
-        duration=duration,
-        corners=joined_corners((kept, 0), (new.corners, begin)),
-    )
-
-
-def _changed_nodes(graph: DerivedTpg, edges: Indices) -> npt.NDArray[np.bool_]:
-    """Return which nodes, chain by chain, may have other edges into them than in a graph before."""
-    first, old = graph.flat.first, graph.tpg.edges
-    changed = np.zeros(len(graph.flat.chain), dtype=np.bool_)
-    moved = np.any(edges[: len(old)] != old, axis=1)
-    for rows in (old[moved], edges[: len(old)][moved], edges[len(old) :]):
-        changed[first[rows[:, 2]] + rows[:, 3]] = True
-    return changed
-
-
-def splice_edges(edges: Indices, cause: Causes, swap: Swap) -> tuple[Indices, Causes]:
-    """Return the edges after nodes were replaced.
-
-    Args:
-        edges: type-2 edges, shape (e, 4).
-        cause: of each, shape (e,).
-        swap: the nodes.
-    """
-    first, last = swap.first, swap.last
-    out = edges.copy()
-    into = (edges[:, 2] == swap.chain) & (first <= edges[:, 3]) & (edges[:, 3] <= last)
-    out[into, 3] = last
-    outof = (edges[:, 0] == swap.chain) & (first <= edges[:, 1]) & (edges[:, 1] < last)
-    out[outof, 1] = first - 1
-    added = [
-        (*edges[i, :2].tolist(), *edges[o, 2:].tolist())
-        for i in np.flatnonzero(into).tolist()
-        for o in np.flatnonzero(outof).tolist()
-        if edges[i, 3] <= edges[o, 1] and edges[i, 0] != edges[o, 2]
-    ]
-    if not added:
-        return out, cause
-    return (
-        np.concatenate([out, np.array(added, dtype=np.int64)]),
-        np.append(cause, np.full(len(added), MOTION_CONFLICT, dtype=np.uint8)),
-    )
+from scheduling.shortcuts.graph_pieces import GraphPieces
+from scheduling.shortcuts.rewiring import Edge, Swap
 
 
 class Rivals:
@@ -347,66 +188,3 @@ def _gifts_stay_clear(
         if not pieces.conflicts.are_clear(graph, lying, new, window):
             return False
     return True
-
-
-_LONGEST = 128
-"""Nodes in a piece."""
-
-
-class GraphPieces:
-    """All chains of a graph, cut so that every run that may be shortened is pieces of its own.
-
-    Args:
-        tpg: the graph.
-        spans: the runs.
-        conflicts: searches conflicts between pieces and others, or knows them already.
-    """
-
-    def __init__(
-        self,
-        tpg: TemporalPlanGraph,
-        spans: Sequence[Span],
-        conflicts: StretchConflicts | None = None,
-    ) -> None:
-        self.conflicts = conflicts or StretchConflicts()
-        self._starts: list[Indices] = []
-        self._built: list[list[GraphStretch | None]] = []
-        for k, chain in enumerate(tpg.chains):
-            cuts = {0, len(chain)}
-            for span in spans:
-                if span.chain == k:
-                    cuts |= {span.first, span.last + 1}
-            starts = [0]
-            for low, high in pairwise(sorted(cuts)):
-                parts = -(-(high - low) // _LONGEST)
-                starts += np.linspace(low, high, parts + 1).astype(int)[1:].tolist()
-            self._starts.append(np.array(starts, dtype=np.int64))
-            self._built.append([None] * (len(starts) - 1))
-
-    def between(
-        self, graph: DerivedTpg, chain: int, first: int, stop: int
-    ) -> Iterator[tuple[int, GraphStretch]]:
-        """Yield the first node of every piece with nodes in a range, and the piece.
-
-        Args:
-            graph: as it is now.
-            chain: the chain.
-            first, stop: its nodes ``range(first, stop)``.
-        """
-        starts = self._starts[chain]
-        lo = int(np.searchsorted(starts, first, side="right")) - 1
-        for piece, (at, end) in enumerate(pairwise(starts[lo:].tolist()), lo):
-            if at >= stop:
-                return
-            built = self._built[chain][piece]
-            if built is None:
-                built = nodes_stretch(graph, chain, at, end)
-                self._built[chain][piece] = built
-            yield at, built
-
-    def splice(self, swap: Swap) -> None:
-        """Forget the pieces around nodes that were replaced."""
-        starts = self._starts[swap.chain]
-        lo = int(np.searchsorted(starts, swap.first, side="right")) - 1
-        hi = int(np.searchsorted(starts, swap.last, side="right"))
-        self._built[swap.chain][lo:hi] = [None] * (hi - lo)

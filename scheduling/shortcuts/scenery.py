@@ -12,8 +12,8 @@ from zlib import crc32
 import numpy as np
 import numpy.typing as npt
 
+from planning.caches import KeptAnswers
 from planning.cell.workcell import Attachment, Workcell, WorldState
-from planning.files import KeptAnswers
 from planning.geometry.scene_checker import SceneChecker
 from planning.motion.known_motions import KnownScenes, Pairs
 from planning.motion.sequential import MARGIN

@@ -11,13 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from planning.errors import OutputError
-from planning.files import (
-    MOST_VALUES,
-    parse_json,
-    read_file,
-    read_npz,
-    require_own_files,
-)
+from planning.files import read_file, read_npz, require_own_files
+from planning.json_files import MOST_VALUES, parse_json
 from planning.parquet import read_parquet
 
 

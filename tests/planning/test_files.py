@@ -11,18 +11,12 @@ import pytest
 from trimesh.creation import extrude_triangulation
 
 import planning
-from planning import errors, files, packed, transforms
+from planning import caches, errors, files, packed, transforms
+from planning.caches import Arrays, cache_folder, remembered
 from planning.cell import cover, shape
 from planning.cell.cover import capsule_cover, capsule_covers
 from planning.errors import ShapeError
-from planning.files import (
-    Arrays,
-    cache_folder,
-    file_named,
-    is_file,
-    read_file,
-    remembered,
-)
+from planning.files import file_named, is_file, read_file
 from planning.meshes import mesh_form
 from planning.robots import self_collision
 from planning.robots.registry import robot_model
@@ -117,7 +111,7 @@ NAMES = frozenset({"a", "b"})
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(files, "WORTH", 0.0)
+    monkeypatch.setattr(caches, "WORTH", 0.0)
     return cache_folder("tried")
 
 
@@ -177,7 +171,7 @@ def test_what_another_source_found_is_no_answer(tmp_path: Path) -> None:
     times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
 
     def in_another_process() -> None:
-        files._hash_of.cache_clear()
+        caches._hash_of.cache_clear()
         for _ in range(2):
             remembered("tried", b"one", NAMES, find, sources)
 
@@ -208,7 +202,7 @@ def test_sources_are_read_once_a_process_and_when_they_are_first_needed(
 def test_what_is_found_quickly_is_not_written(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(files, "WORTH", 60.0)
+    monkeypatch.setattr(caches, "WORTH", 60.0)
     times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
     for _ in range(2):
         remembered("tried", b"one", NAMES, find, [])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from planning.files import KeptAnswers
+from planning.caches import KeptAnswers
 from planning.kernels import (
     files_of_kernels,
     inner_kernel,

@@ -10,7 +10,8 @@ import coal
 import numpy as np
 import pytest
 
-from planning.cell.cover import ConvexBody, box_body
+from planning.cell.body import ConvexBody
+from planning.cell.cover import box_body
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import frame_pose, joint_poses_of

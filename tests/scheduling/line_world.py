@@ -4,18 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from planning.cell.machine import machine
 from planning.cell.shape import box_shape
-from planning.cell.workcell import (
-    CellObject,
-    Clearances,
-    PlacedRobot,
-    Workcell,
-    machine,
-)
-from planning.motion.known_motions import MotionPlan
+from planning.cell.workcell import CellObject, Clearances, PlacedRobot, Workcell
+from planning.motion.motion_plan import MotionPlan
 from planning.tasks.task import ARRIVE, GONE, LEAVE, PRESENT, AllowedContact, Handling
 from planning.transforms import Array, rotation, translation
-from scheduling.repeat import Pattern
+from scheduling.copies import Pattern
 from tests.scheduling.mini_world import PlanWriter, planar_arm
 
 HOME = np.array([1.2, 2.3])

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.cover import ConvexBody, box_body
+from planning.cell.body import ConvexBody
+from planning.cell.cover import box_body
 from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
 from planning.cell.shape import box_shape
 from planning.cell.workcell import (
@@ -22,7 +23,7 @@ from planning.cell.workcell import (
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import frame_pose
-from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task import AllowedContact, Handling, Task
 from planning.transforms import Array, inverse, rotation, translation
 

@@ -15,13 +15,15 @@ from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Clearances, PlacedRobot, Workcell
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
-from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task import LEAVE, AllowedContact, Handling, Task
 from planning.transforms import Array, rotation, translation
-from scheduling.build_tpg import build_nodes, build_tpg, connect_nodes
+from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import build_tpg, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.dispatcher import earliest_times
+from scheduling.copies import Pattern, copied_nodes
 from scheduling.graph.plan_files import load_plan, save_plan
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -30,7 +32,7 @@ from scheduling.graph.temporal_plan_graph import (
 )
 from scheduling.graph.total_order import planned_ranks
 from scheduling.invariant import check_invariant
-from scheduling.repeat import Pattern, copied_nodes, repeat_graph
+from scheduling.repeat import repeat_graph
 from tests.scheduling.algorithm_one import PlainGraph, order_of
 from tests.scheduling.line_world import line_plan
 from tests.scheduling.mini_world import planar_arm, random_plan

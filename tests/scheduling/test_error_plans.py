@@ -13,10 +13,11 @@ from planning.errors import PlanInvariantError
 from planning.geometry.exact import place
 from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
-from planning.motion.known_motions import MotionPlan
+from planning.motion.motion_plan import MotionPlan
 from planning.tasks.task import AllowedContact
 from planning.transforms import Array, translation
-from scheduling.build_tpg import build_nodes, build_tpg
+from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import build_tpg
 from scheduling.conflicts.derived_tpg import DerivedTpg, nodes_stretch
 from scheduling.conflicts.occupancy import rest_occupancy
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan

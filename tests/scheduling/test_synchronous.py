@@ -13,15 +13,15 @@ from planning.errors import PlanInvariantError, TransitError
 from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
 from planning.motion.composite import CompositeChecker
-from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
 from planning.tasks.task import Task
 from planning.transforms import Array
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.dispatcher import earliest_times
-from scheduling.graph.task_edges import with_barriers
+from scheduling.graph.barriers import with_barriers
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.synchronous import (
     SynchronousPlan,

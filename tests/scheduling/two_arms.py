@@ -15,7 +15,7 @@ from planning.cell.workcell import (
     start_state,
 )
 from planning.geometry.scene_checker import SceneChecker
-from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.robots.registry import robot_model
 from planning.tasks.task import Handling, Task
 from planning.transforms import Array, Transform, from_rpy, translation

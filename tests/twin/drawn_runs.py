@@ -7,7 +7,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.measured import packaged_timings
-from twin.durations.model import Nanoseconds
+from twin.durations.nanoseconds import Nanoseconds
 from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from hypothesis import strategies as st
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import PlacedRobot
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -17,7 +17,7 @@ from scheduling.motion_times import stretch_numbers, within_limits
 from scheduling.pace import paces
 from scheduling.shortcuts.bends import NodesLeft, Run, find_runs
 from scheduling.shortcuts.candidates import Span
-from scheduling.shortcuts.replacement_check import rewire
+from scheduling.shortcuts.rewiring import rewire
 from tests.twin.twin_toys import random_tpg
 
 

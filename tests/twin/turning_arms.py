@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task import TRANSIT, Task
 from planning.transforms import Array
 from scheduling.build_tpg import build_tpg

@@ -13,7 +13,7 @@ from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import MemoryRecorder
 from twin.registry import HOOKS
-from twin.run.events import POLICIES
+from twin.run.execution_record import POLICIES
 from twin.run.folder import run_folder
 from twin.run.policies import NAMED_POLICIES, policy_named
 from twin.scenario.variations import plain_key

@@ -13,7 +13,7 @@ from twin.audit.run_auditor import audit_execution
 from twin.audit.worlds.engines import engine_named
 from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
-from twin.recorders.observers import write_motion
+from twin.recorders.run_tables import write_motion
 from twin.trial.loaded_scenario import PathOrName
 from twin.trial.run_result import RunResult, read_run
 

@@ -20,6 +20,7 @@ from planning.files import require_own_files
 from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.audit.balance import balance_violations
 from twin.audit.case import (
     AuditCase,
     NodeSpans,
@@ -52,8 +53,9 @@ from twin.audit.places import (
     tool_violations,
 )
 from twin.audit.processes import process_violations
-from twin.audit.resting import balance_violations, hanging_violations, rest_violations
+from twin.audit.resting import hanging_violations
 from twin.audit.supports import support_violations
+from twin.audit.work_places import rest_violations
 from twin.audit.worlds.engines import (
     Engine,
     engine_and_version,
@@ -61,7 +63,7 @@ from twin.audit.worlds.engines import (
     second_world,
 )
 from twin.audit.worlds.world import AuditWorld, overlapping_at_home
-from twin.host.guard import finite
+from twin.host.atomic_files import finite
 from twin.host.progress import Report, report_nothing
 
 _EVENTS = "events.jsonl"

@@ -18,9 +18,10 @@ from planning.cell.robot_model import ToolGrip
 from planning.cell.workcell import PlacedRobot
 from planning.errors import OutputError
 from planning.expectations import ChangedTool, Expectations
-from planning.files import parse_json, read_file
+from planning.files import read_file
+from planning.json_files import parse_json
 from planning.transforms import Array, Transform
-from scheduling.graph.task_edges import machine_chains
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.motion.executed import Recording, ReplayedRun, RobotRows
 from twin.audit.worlds.world import AuditWorld, WatchedShape, shapes_by_entity

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.motion_limits import MotionLimits
 from planning.transforms import Array
 from twin.audit.case import Violation, ViolationKind
 from twin.audit.limit_readings import BEYOND, TICKS, LimitReadings

@@ -12,8 +12,9 @@ from planning.expectations import WantedProcess
 from planning.transforms import Array, Indices, Transform
 from twin.audit.case import AuditCase, Violation, tool_frames
 from twin.audit.motion.executed import RobotRows
-from twin.audit.resting import machine_work
-from twin.audit.supports import keeping_violations, nearest_hand
+from twin.audit.part_holding import keeping_violations
+from twin.audit.supports import nearest_hand
+from twin.audit.work_places import machine_work
 from twin.audit.worlds.world import FAR
 
 NEAR = 0.001

@@ -25,8 +25,8 @@ from twin.check.tools import (
     check_openings,
     check_suction,
     check_tool_frames,
-    check_units,
 )
+from twin.check.units import check_units
 from twin.check.usual import check_physics, check_rates, check_usual
 from twin.document.validation import FileProblem, InvalidScenarioError
 from twin.document.yaml_text import KeyPath, YamlDocument

@@ -13,7 +13,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from planning.cell.robot_model import DriveLimits, RobotModel, limits_of
+from planning.cell.motion_limits import limits_of
+from planning.cell.robot_model import DriveLimits, RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import FittingError, RobotModelError
 from planning.files import file_named

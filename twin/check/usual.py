@@ -17,7 +17,7 @@ from twin.document.yaml_text import KeyPath
 from twin.durations.model import DurationModel
 from twin.durations.normal import TruncatedNormal
 from twin.durations.usual_range import UsualRange, usual_duration
-from twin.planning.build_workcell import fitted_model
+from twin.planning.fitted_robots import fitted_model
 from twin.scenario.sections.cell import LimitsSection
 
 _RANGES: Mapping[str, UsualRange] = {

@@ -10,9 +10,10 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from planning.errors import RequestError, TwinError, listed
-from twin.cluster.certificates import Certificates, Cluster
+from twin.cluster.address import Cluster
+from twin.cluster.certificates import Certificates
 from twin.host.extras import extra_module
-from twin.host.guard import versions
+from twin.host.versions import versions
 
 ANSWER_WITHIN_S = 10.0
 """A scheduler that has not answered by then is taken to be absent [s]."""

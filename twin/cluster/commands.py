@@ -9,13 +9,8 @@ import typer
 
 from planning.errors import RequestError
 from planning.parallel import usable_cores
-from twin.cluster.certificates import (
-    DEFAULT_PORT,
-    Cluster,
-    certificates_in,
-    encrypted,
-    make_certificates,
-)
+from twin.cluster.address import DEFAULT_PORT, Cluster, encrypted
+from twin.cluster.certificates import certificates_in, make_certificates
 from twin.host.guard import guarded
 
 Certificates = Annotated[

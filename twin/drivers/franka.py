@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import PlacedRobot
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrder

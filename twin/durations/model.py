@@ -1,7 +1,4 @@
-"""Base class of distributions of durations: scenario section, quantiles, mean.
-
-Integer nanoseconds, the unit of time inside the twin: sums do not depend on their order.
-"""
+"""Base class of distributions of durations: scenario section, quantiles, mean."""
 
 from __future__ import annotations
 
@@ -9,12 +6,10 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
-import numpy.typing as npt
 from pydantic import ConfigDict, Field
 
-from planning.bounds import LATEST_S, LONGEST_RUN_S, LONGEST_S
-from planning.errors import RequestError, ScenarioError
+from planning.bounds import LATEST_S, LONGEST_S
+from planning.errors import ScenarioError
 from planning.transforms import Array
 from twin.document.section import Name, Section
 
@@ -119,32 +114,4 @@ def require_pair(
     if given not in ({*first}, {*second}):
         raise ValueError(
             f"give {first[0]} and {first[1]}, or {second[0]} and {second[1]}"
-        )
-
-
-Nanoseconds = npt.NDArray[np.int64]
-"""Times or durations [ns]."""
-
-NANOSECONDS = 1_000_000_000
-"""Nanoseconds in a second."""
-
-
-def to_nanoseconds(seconds: npt.ArrayLike) -> Nanoseconds:
-    """Return times in whole nanoseconds, rounded to the nearest, at most LATEST_S."""
-    exact = np.minimum(np.asarray(seconds, dtype=float), LATEST_S) * NANOSECONDS
-    return np.asarray(np.rint(exact), dtype=np.int64)
-
-
-def require_within_longest_run(t_ns: float) -> None:
-    """Refuse a time that no run comes to.
-
-    Args:
-        t_ns: a time of a run, or the time for which robots work and stand in it [ns]; infinite for never.
-
-    Raises:
-        RequestError: it is greater than LONGEST_RUN_S.
-    """
-    if LONGEST_RUN_S * NANOSECONDS < t_ns < np.inf:
-        raise RequestError(
-            f"the run takes longer than {LONGEST_RUN_S:.0e} s: check durations, repair times and stalls"
         )

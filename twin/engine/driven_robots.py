@@ -12,14 +12,14 @@ from simpy.events import EventPriority
 
 from planning.timing.braking import StoppedPath
 from planning.transforms import Array
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution import Execution
 from twin.engine.passage import Passage, drive_times
 from twin.engine.ports import RobotPort, Steps
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.run.events import EventKind
 from twin.uncertainty.node_times import NodeTimes, Standstill
-from twin.uncertainty.stops import stopped_skill
+from twin.uncertainty.stopped_skills import stopped_skill
 
 _AFTER_MESSAGES = EventPriority(8)
 """Priority of decisions at borders: what arrives at the same time counts."""

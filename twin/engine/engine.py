@@ -14,18 +14,20 @@ from types import MappingProxyType
 import numpy as np
 
 from planning.errors import TwinError
-from scheduling.graph.dispatcher import Dispatcher, earliest_times
-from scheduling.graph.task_edges import with_barriers, with_turns
+from scheduling.graph.barriers import with_barriers
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.rollout import earliest_times
+from scheduling.graph.task_edges import with_turns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
-from twin.durations.model import Nanoseconds
+from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.driven_robots import DrivenRobots
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.engine.narrator import failure_text
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.recorders.observers import Observers, Recorder
-from twin.run.events import POLICIES, DeadlockError, ExecutionRecord
+from twin.run.execution_record import POLICIES, DeadlockError, ExecutionRecord
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler

@@ -15,15 +15,17 @@ import simpy
 from simpy.events import EventPriority
 
 from scheduling.graph.dispatcher import Dispatcher, Node, timed_edges
-from scheduling.graph.task_edges import machine_chains, turn_order
+from scheduling.graph.machine_chains import machine_chains
+from scheduling.graph.task_edges import turn_order
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.model import Nanoseconds, require_within_longest_run
+from twin.durations.nanoseconds import Nanoseconds, require_within_longest_run
 from twin.engine.ending import Ending
 from twin.engine.execution_model import Messages
 from twin.engine.narrator import Narrator
 from twin.engine.ports import Audience, Replanner, RobotPort, Steps, SupplyPort
 from twin.recorders.observers import Observers
-from twin.run.events import EventCode, Outcome
+from twin.run.events import EventCode
+from twin.run.execution_record import Outcome
 from twin.uncertainty.node_times import NodeTimes
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from planning.errors import TwinError
-from twin.durations.model import to_nanoseconds
-from twin.run.events import Policy
+from twin.durations.nanoseconds import to_nanoseconds
+from twin.run.execution_record import Policy
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations
 

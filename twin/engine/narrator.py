@@ -8,9 +8,10 @@ from planning.tasks.task import DOOR, EARLIER, GONE, TimeWindow
 from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_nodes
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.recorders.observers import Observers
-from twin.run.events import Event, EventKind, waypoint_offsets_ns
+from twin.run.events import Event, EventKind
+from twin.run.execution_record import waypoint_offsets_ns
 from twin.run.windows import broken_words
 from twin.uncertainty.node_times import NodeTimes, Standstill
 from twin.uncertainty.stops import Stops

@@ -11,7 +11,7 @@ import numpy as np
 from planning.timing.stretch import braked, exit_bound, pass_through
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
-from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.uncertainty.node_times import Standstill
 from twin.uncertainty.stops import Stops
 

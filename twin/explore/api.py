@@ -35,14 +35,14 @@ from twin.explore.singles import (
 )
 from twin.explore.summary import ExploreSummary, summary_of
 from twin.host.arguments import checks_arguments
-from twin.host.guard import write_json
+from twin.host.atomic_files import write_json
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder
-from twin.study.replications.workload import check_cluster, open_executor, parallelism
+from twin.study.replications.executors import check_cluster, open_executor, parallelism
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 
 if TYPE_CHECKING:
-    from twin.cluster.certificates import Cluster
+    from twin.cluster.address import Cluster
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,6 @@ def begin_named_design(target: Path, source: str) -> Path | None:
     if "#" not in source and not (Path(source) / "journal.jsonl").is_file():
         return None
     # Slow to import; most scenarios are begun with others.
-    from twin.explore.folder import begin_design
+    from twin.explore.design_scenario import begin_design
 
     return begin_design(target, source)

@@ -25,13 +25,9 @@ from twin.explore.rungs import Climb, Setting, judged, keys_of, replicated_resul
 from twin.explore.section import REPLICATED
 from twin.host.progress import Report
 from twin.scenario.variations import Variant, varied
-from twin.study.gains.gains import PairedQuantiles
-from twin.study.replications.statistics import (
-    Block,
-    Interval,
-    mean_interval,
-    paired_interval,
-)
+from twin.study.gains.paired_quantiles import PairedQuantiles
+from twin.study.replications.experiment import Block
+from twin.study.replications.statistics import Interval, mean_interval, paired_interval
 from twin.study.replications.workload import compute_block
 
 RACING, UNDOING = "best designs told apart", "what changes are worth"

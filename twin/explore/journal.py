@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, get_args
 
 from planning.errors import OutputError
-from planning.files import parse_json, read_file
+from planning.files import read_file
+from planning.json_files import parse_json
 from twin.explore.dimensions import Values
 from twin.explore.rungs import Evaluation, Outcome
 

@@ -34,7 +34,7 @@ from twin.explore.page_words import (
 )
 from twin.explore.rungs import Setting
 from twin.explore.summary import ExploreSummary, RankedDesign
-from twin.host.guard import write_text
+from twin.host.atomic_files import write_text
 from twin.host.pictures import INK, bar_chart, legend_below, one_chart
 from twin.host.progress import Report
 from twin.scenario.variations import varied

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from planning.errors import TwinError, in_a_line
-from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.check.check import quick_findings, reach_findings
@@ -27,7 +27,7 @@ from twin.reading.checks import find_problems
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import Variant, layout_of, value_of, varied
 from twin.study.plans import workload
-from twin.study.replications.statistics import Block
+from twin.study.replications.experiment import Block
 from twin.study.replications.workload import Engines, Workload, pack
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario

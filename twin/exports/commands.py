@@ -87,7 +87,7 @@ def export(
 
 def _export_scenario(file: Path, out: Path | None) -> Path:
     """Write what a scenario builds as a model of LDraw; return the file."""
-    from twin.host.guard import replacing
+    from planning.files import replacing
     from twin.kinds.lego.ldraw import ldraw_of_scenario
     from twin.reading.scenario_file import load_scenario
 

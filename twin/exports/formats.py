@@ -7,7 +7,7 @@ from inspect import signature
 from pathlib import Path
 
 from planning.errors import OutputError
-from twin.host.guard import replacing
+from planning.files import replacing
 from twin.registry import EXPORTS
 from twin.trial.run_result import RunResult
 

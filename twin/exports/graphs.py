@@ -23,7 +23,7 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.run.activities import CAUSES, SAME_ROBOT
 from twin.trial.run_result import RunResult
 

@@ -23,10 +23,10 @@ import numpy.typing as npt
 from planning.errors import OutputError
 from planning.tasks.task import Task
 from planning.transforms import Array, Indices
-from scheduling.graph.dispatcher import Rollout, earliest_times
-from twin.durations.model import NANOSECONDS, Nanoseconds, to_nanoseconds
+from scheduling.graph.rollout import Rollout, earliest_times
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.run.activities import CAUSES, SAME_ROBOT
-from twin.run.events import waypoint_offsets_ns
+from twin.run.execution_record import waypoint_offsets_ns
 from twin.run.trajectory import Trajectory
 from twin.trial.run_result import RunResult
 from twin.uncertainty.contraction import Contraction, contract

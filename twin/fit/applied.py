@@ -9,11 +9,11 @@ from typing import Any
 import yaml
 
 from planning.errors import OutputError, RequestError
+from planning.files import replacing
 from twin.document.validation import InvalidScenarioError
 from twin.document.yaml_text import read_yaml, scenario_text
 from twin.fit.fitting import Fit, fitted_execution, write_sample
 from twin.fit.samples import FitSample
-from twin.host.guard import replacing
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.manifest import file_hashes
 from twin.scenario.sections.scenario import Scenario

@@ -105,9 +105,11 @@ def fit(
     durations into a scenario, which plans and executes with them.
     """
     from twin.fit.applied import apply_fits, require_skills
-    from twin.fit.fitting import Fit, draw_fit, fit_candidates, write_snippet
+    from twin.fit.candidates import fit_candidates
+    from twin.fit.chart import draw_fit
+    from twin.fit.fitting import Fit, write_snippet
     from twin.fit.samples import read_samples, unit_notes
-    from twin.host.guard import write_json
+    from twin.host.atomic_files import write_json
     from twin.host.progress import StageDisplay, of_stage
     from twin.reading.scenario_file import load_scenario
     from twin.run.folder import EVENTS, prepare_run_folder

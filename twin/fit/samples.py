@@ -16,7 +16,8 @@ from planning.tasks.task import SKILLS, STRAIGHT, TRANSIT
 from planning.transforms import Array, readonly
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.document.section import NAME
-from twin.durations.measured import (
+from twin.durations.nanoseconds import NANOSECONDS
+from twin.durations.timing_files import (
     UNITS,
     Columns,
     column_unit,
@@ -24,7 +25,6 @@ from twin.durations.measured import (
     named_unit,
     read_durations,
 )
-from twin.durations.model import NANOSECONDS
 from twin.durations.usual_range import usual_duration
 from twin.run.activities import RobotProgress
 from twin.run.events import Event, EventLogError, parse_event, read_log

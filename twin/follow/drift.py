@@ -18,7 +18,7 @@ from scipy.special import ndtri, stdtrit
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
-from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.follow.state import FollowedRun

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from planning.errors import OutputError
 from planning.files import open_regular
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.follow.drift import Drift
 from twin.follow.forecast import Forecast, Forecaster
 from twin.follow.state import FollowedRun, ForbiddenEvent

@@ -17,7 +17,8 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import Exponential
 from twin.durations.measured import MeasuredTimes
-from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
+from twin.durations.model import DurationModel
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.execution_model import ExecutionModel
@@ -25,8 +26,9 @@ from twin.follow.drift import FEWEST, Drift, DriftWatch
 from twin.follow.state import FollowedRun
 from twin.run.activities import RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
+from twin.uncertainty.least_durations import least_ns
 from twin.uncertainty.node_times import NodeTimeSampler
-from twin.uncertainty.skill_durations import drawn_nodes, least_ns
+from twin.uncertainty.skill_durations import drawn_nodes
 
 SAMPLES = 200
 """Futures that are drawn; fewer where a plan is so large that they would not fit."""

@@ -11,13 +11,14 @@ import rerun as rr
 from planning.errors import OutputError
 from planning.tasks.task import GONE
 from planning.transforms import Array
-from scheduling.graph.task_edges import with_barriers
+from scheduling.graph.barriers import with_barriers
 from scheduling.graph.temporal_plan_graph import NodeHandling
-from twin.durations.model import Nanoseconds
+from twin.durations.nanoseconds import Nanoseconds
 from twin.follow.drift import Drift
 from twin.follow.follow import News, Silence, UnreadableLine
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, ForbiddenEvent
+from twin.recorders.rerun import entities
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.bodies import (
     RobotNames,
@@ -29,8 +30,9 @@ from twin.recorders.rerun.bodies import (
     place_object,
     unseen,
 )
-from twin.recorders.rerun.event_rows import EventBacklog, PlanWords
-from twin.recorders.rerun.layout import entity_path
+from twin.recorders.rerun.entities import entity_path
+from twin.recorders.rerun.event_rows import EventBacklog
+from twin.recorders.rerun.plan_words import PlanWords
 from twin.recorders.rerun.recorder import draw_lane
 from twin.recorders.rerun.viewer import TIMELINE
 from twin.run.activities import (
@@ -43,7 +45,7 @@ from twin.run.activities import (
     plan_colours,
 )
 from twin.run.events import Event
-from twin.run.gantt import team_colours
+from twin.run.team_colours import team_colours
 from twin.run.trajectory import Placement, Trajectory
 
 _STATES = {
@@ -141,7 +143,7 @@ class LiveRecording:
                 for name, (p, _) in _QUANTILES.items():
                     value = news.quantile(p)
                     if not math.isnan(value):
-                        entity = entity_path(layout.FORECAST, name)
+                        entity = entity_path(entities.FORECAST, name)
                         self._rec.log(entity, rr.Scalars(value))
                 self._flush()
             case Drift():
@@ -159,7 +161,7 @@ class LiveRecording:
 
     def _say(self, name: str, text: str, level: str) -> None:
         """Keep a sentence among the events."""
-        self._rec.log(f"{layout.EVENTS}/{name}", rr.TextLog(text, level=level))
+        self._rec.log(f"{entities.EVENTS}/{name}", rr.TextLog(text, level=level))
 
     def _keep(self, event: Event) -> None:
         """Keep an event and what it says about motion and objects."""
@@ -223,7 +225,7 @@ class LiveRecording:
             place_object(rec, item.name, [unseen(item)])
         for name, (_, colour) in _QUANTILES.items():
             rec.log(
-                entity_path(layout.FORECAST, name),
+                entity_path(entities.FORECAST, name),
                 rr.SeriesLines(names=[name], colors=[colour]),
                 static=True,
             )

@@ -12,13 +12,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.tasks.task import LEFT_OUT
+from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
-from scheduling.graph.task_edges import with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.passage import DriveTimes, drive_times
 from twin.run.activities import CAUSES, STOPPED, RobotProgress
-from twin.run.events import Event, Policy
+from twin.run.events import Event
+from twin.run.execution_record import Policy
 from twin.uncertainty.disturbances import Speed
 from twin.uncertainty.draws import LEAST_UNIFORM
 

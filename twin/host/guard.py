@@ -1,23 +1,16 @@
-"""Exit codes of commands, and what they print: errors become messages, never tracebacks.
-
-Versions of Python and of the packages that results depend on.
-
-Atomic writing of files: they are there whole or not at all.
-"""
+"""Exit codes of commands, and what they print: errors become messages, never tracebacks."""
 
 from __future__ import annotations
 
 import errno
 import functools
 import json
-import math
 import platform
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, ParamSpec
 
@@ -33,39 +26,7 @@ from planning.errors import (
     TwinError,
     printable,
 )
-from planning.files import replacing as replacing
-
-_PACKAGES = (
-    "assembly-twin",
-    "coal",
-    "numba",
-    "numpy",
-    "ompl",
-    "pin",
-    "pybullet",
-    "pulp",
-    "pyarrow",
-    "rerun-sdk",
-    "scipy",
-    "simpy",
-)
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that results depend on."""
-    return {"python": platform.python_version(), **versions_of(_PACKAGES)}
-
-
-def versions_of(packages: Iterable[str]) -> dict[str, str]:
-    """Return the versions of some packages."""
-    found = {}
-    for package in packages:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
-
+from twin.host.versions import versions
 
 COMPLETED, FAILED, BAD_INPUT, UNFORESEEN, INTERRUPTED = 0, 1, 2, 70, 130
 """Exit codes: done and whole; the work failed or violates a guarantee; input is at fault; an error
@@ -191,20 +152,3 @@ def unforeseen(error: BaseException) -> str:
     path = write_error_report(error)
     where = f"the report is in {path}" if path else "no report could be written"
     return f"this should not happen, please tell us: {what} ({where})"
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a UTF-8 text file; OutputError when the file system refuses."""
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def write_json(path: Path, value: Any) -> None:
-    """Write a value as indented JSON with a final newline; NaN and infinity are refused."""
-    text = json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    write_text(path, text)
-
-
-def finite(value: float) -> float | None:
-    """Return a number as JSON can hold it: None for NaN and infinity."""
-    return value if math.isfinite(value) else None

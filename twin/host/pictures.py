@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
-from twin.host.guard import replacing
+from planning.files import replacing
 
 _LETTER = 0.6
 """Width of a letter over its size."""

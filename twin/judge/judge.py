@@ -22,7 +22,7 @@ from twin.audit.worlds.engines import (
 )
 from twin.audit.worlds.world import AuditWorld
 from twin.durations.model import DurationModel
-from twin.host.guard import finite
+from twin.host.atomic_files import finite
 from twin.host.progress import Report, report_nothing
 from twin.judge.delays import CircularWaitsError, delayed_spans
 from twin.judge.foreign_execution import (

@@ -17,7 +17,8 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from planning.bounds import FASTEST, LONGEST_S
-from planning.files import parse_json, read_file
+from planning.files import read_file
+from planning.json_files import parse_json
 from twin.document.section import Section, Several
 from twin.document.validation import (
     FileProblem,

@@ -14,7 +14,8 @@ from typing import Protocol
 import numpy as np
 
 from twin.drivers.driver import Driver, DriverState, Sample
-from twin.live.wire_format import MOST_SAMPLES, Command, Report
+from twin.live.messages import Command, Report
+from twin.live.wire_format import MOST_SAMPLES
 
 _AGAIN_S = 0.5
 """After so long, samples that have not been heard of are told again [s]."""

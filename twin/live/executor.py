@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from planning.errors import TwinError
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.live.measured import History, history_of
 from twin.live.session import Session
 from twin.operate.executor import operate_plan, plan_again, require_unanswered

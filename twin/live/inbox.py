@@ -6,7 +6,7 @@ import queue
 import threading
 from collections import Counter
 
-from twin.live.wire_format import Report
+from twin.live.messages import Report
 
 _REPORT_WEIGHT = 50
 """Memory of a report without samples, in samples."""

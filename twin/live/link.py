@@ -13,6 +13,7 @@ from planning.motion.near_path import near_path
 from planning.tasks.task import FAILED
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Sample, ToolOrder
+from twin.live.messages import Command, Report
 from twin.live.report_checks import (
     Clearance,
     ReportFault,
@@ -21,7 +22,7 @@ from twin.live.report_checks import (
     plain_text,
     report_fault,
 )
-from twin.live.wire_format import LARGEST_NUMBER, Command, Report
+from twin.live.wire_format import LARGEST_NUMBER
 
 _SAME_CLOCK_S = 1.0
 """A clock on this machine that is so near to that of the dispatcher is the same one [s]."""

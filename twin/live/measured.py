@@ -26,8 +26,9 @@ from planning.transforms import Array
 from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.drivers.driver import ClearedNode, Sample
-from twin.durations.model import NANOSECONDS
-from twin.run.events import Event, EventCode, Measured
+from twin.durations.nanoseconds import NANOSECONDS
+from twin.run.events import Event, EventCode
+from twin.run.execution_record import Measured
 from twin.run.folder import LARGEST_RESULT
 
 

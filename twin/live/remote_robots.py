@@ -21,7 +21,7 @@ import simpy
 
 from planning.errors import RequestError
 from twin.drivers.driver import DriverState
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.ending import Ending, EndingCode, PendingNode
 from twin.engine.execution import Execution
 from twin.engine.ports import Replanner, RobotPort, T
@@ -29,9 +29,10 @@ from twin.live.driver_end import Wire
 from twin.live.inbox import Inbox
 from twin.live.link import Link
 from twin.live.measured import History, MeasuredLog
+from twin.live.messages import Report
 from twin.live.reported_nodes import ReportedNodes
-from twin.live.wire_format import Report
-from twin.run.events import EventCode, EventKind, Measured
+from twin.run.events import EventCode, EventKind
+from twin.run.execution_record import Measured
 from twin.uncertainty.node_times import NodeTimes
 
 _TICK_S = 0.02

@@ -15,7 +15,8 @@ import numpy as np
 from planning.tasks.task import TRANSIT
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, Mode
-from twin.live.wire_format import LARGEST_NUMBER, MOST_SAMPLES, Report
+from twin.live.messages import Report
+from twin.live.wire_format import LARGEST_NUMBER, MOST_SAMPLES
 
 FaultCode = Literal[
     "other-session",

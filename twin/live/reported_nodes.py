@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import simpy
 
-from scheduling.graph.task_edges import actuation_nodes
+from scheduling.graph.actuations import actuation_nodes
 from twin.drivers.driver import DriverState, Sample, cleared_node, order_of
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution import Execution
 from twin.engine.ports import Steps
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.live.link import AwaitedAct, Link, see_to_tools
 from twin.live.measured import History, MeasuredLog, MeasuredRows, samples_between
-from twin.live.wire_format import Report
-from twin.run.events import Measured
+from twin.live.messages import Report
+from twin.run.execution_record import Measured
 from twin.uncertainty.node_times import NodeTimes
 
 _SAME_CLOCK_S = 60.0

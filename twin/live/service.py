@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from planning.errors import RequestError
-from twin.cluster.certificates import Certificates, on_this_machine
+from twin.cluster.address import on_this_machine
+from twin.cluster.certificates import Certificates
 from twin.host.extras import extra_module
 from twin.live.driver_end import Deliver, DriverEnd
+from twin.live.messages import Command, Report
 from twin.live.report_checks import plain_text
 from twin.live.wire_format import (
     MOST_BYTES,
-    Command,
     MessageError,
-    Report,
     command_bytes,
     message_class,
     read_command,

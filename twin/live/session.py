@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planning.cell.workcell import PlacedRobot, Workcell
-from twin.cluster.certificates import on_this_machine
+from twin.cluster.address import on_this_machine
 from twin.drivers.driver import Driver
 from twin.drivers.drivers_file import (
     DriversSection,

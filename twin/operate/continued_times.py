@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from planning.transforms import Array
-from twin.durations.model import Nanoseconds
+from twin.durations.nanoseconds import Nanoseconds
 from twin.operate.committed import PlanRevision
 from twin.uncertainty.node_times import NodeTimes, Standstill
 from twin.uncertainty.stops import Stops

@@ -20,7 +20,7 @@ from scheduling.motion_times import at_full_speed, is_driven
 from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import state_at
 from scheduling.rolling.supply import supply_waits, with_supply, without_chains
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.driven_robots import DrivenRobots
 from twin.engine.ending import Ending
@@ -35,7 +35,7 @@ from twin.operate.recovery import Recovery
 from twin.operate.replanner import Keep, RollingReplanner
 from twin.recorders.observers import Observers, Recorder
 from twin.registry import RECOVERIES
-from twin.run.events import ExecutionRecord
+from twin.run.execution_record import ExecutionRecord
 from twin.scenario.sections.execution import AskSection
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import Scenario

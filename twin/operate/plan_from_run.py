@@ -11,7 +11,7 @@ from planning.tasks.task import BROUGHT
 from scheduling.graph.temporal_plan_graph import NodeChain
 from scheduling.graph.windows import opened_at
 from scheduling.rolling.cut import Counts, cut_after
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import Report, StageWatch
 from twin.operate.committed import Failure
 from twin.operate.operation import require_rolling

@@ -17,7 +17,7 @@ from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.extension import committed_part, extended
 from scheduling.rolling.supply import brought_in, renamed, supply_waits
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.operate.committed import (
     CommittedPrefix,
     Draw,

@@ -18,7 +18,7 @@ from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import opened_at
 from scheduling.rolling.forecast import Clock
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution import Execution
 from twin.engine.ports import Replanner, Steps
 from twin.engine.supply import LateSupply

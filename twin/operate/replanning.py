@@ -8,14 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.motion.known_motions import KnownMotions, MotionPlan
+from planning.motion.known_motions import KnownMotions
+from planning.motion.motion_plan import MotionPlan
 from planning.tasks.task import Task
 from planning.worlds.onward import Onward, Situation, plan_onward
 from planning.worlds.world import World, in_world, taken_up, windows_from
-from scheduling.build_tpg import build_nodes, connect_nodes
+from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.ordering.beam_search import reorder_tasks
+from scheduling.ordering.reordering import reorder_tasks
 from scheduling.planned_motions import PlannedMotions
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.host.progress import StageWatch

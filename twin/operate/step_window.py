@@ -10,7 +10,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from planning.tasks.assignment import TaskPlan
-from scheduling.graph.task_edges import machine_chains
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.scenario.sections.execution import StepWindowSection

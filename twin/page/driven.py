@@ -11,7 +11,8 @@ from twin.drivers.drivers_file import read_drivers
 from twin.live.executor import LiveExecutor
 from twin.live.session import Session
 from twin.operate.person import Says
-from twin.page.attended import AttendedSession, Panel
+from twin.page.attended import AttendedSession
+from twin.page.panel import Panel
 from twin.page.server import PageServer
 from twin.run.folder import EVENTS
 from twin.trial.loaded_scenario import LoadedScenario

@@ -21,8 +21,8 @@ from twin.engine.execution_model import ExecutionModel
 from twin.follow.drift import Drift
 from twin.follow.follow import POLL_S, growing_file
 from twin.follow.forecast import Forecast, Forecaster
-from twin.host.guard import finite
-from twin.page.attended import Action, NodesSoFar, Order, Panel
+from twin.host.atomic_files import finite
+from twin.page.panel import Action, NodesSoFar, Order, Panel
 
 try:
     from tornado.httpserver import HTTPServer

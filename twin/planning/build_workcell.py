@@ -1,7 +1,4 @@
-"""Construction of a cell from a scenario.
-
-Robot models as a scenario fits them out: with tools, flanges, limits and joints that are held.
-"""
+"""Construction of a cell from a scenario."""
 
 from __future__ import annotations
 
@@ -12,10 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from planning.bounds import HOME_SLACK, LIMIT_SLACK
-from planning.cell.robot_model import RobotModel, limits_of
-from planning.cell.shape import (
-    Element,
-)
+from planning.cell.machine import machine
+from planning.cell.motion_limits import limits_of
 from planning.cell.workcell import (
     CellObject,
     Clearances,
@@ -23,20 +18,15 @@ from planning.cell.workcell import (
     PlacedRobot,
     RackTool,
     Workcell,
-    machine,
 )
-from planning.errors import FittingError, RobotModelError, ShapeError
-from planning.files import file_named
 from planning.kinematics.kinematics import frame_pose
-from planning.robots.descriptions.fitting import Fitting, Tool
-from planning.robots.descriptions.urdf_file import BY_JOINT, GivenLimits
-from planning.robots.registry import robot_model, with_tool
 from planning.transforms import readonly
+from twin.planning.fitted_robots import fitted_model
 from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import FixtureSection, Scenario
-from twin.scenario.sections.shapes import ShapeSection, as_planned, build_transform
+from twin.scenario.sections.shapes import as_planned, build_transform
 
 _TOOL_COLOUR = (88, 92, 98)
 """Colour of tools that are objects."""
@@ -147,7 +137,7 @@ def _rack_tool(
     folder: Path,
 ) -> RackTool:
     """Return a tool that a robot changes; the one that it has on it is where its hand is."""
-    from planning.robots.self_collision import tool_shape
+    from planning.robots.tool_shape import tool_shape
 
     name = str(section.tool)
     own = tools[name]
@@ -166,73 +156,3 @@ def _rack_tool(
 def _fixture(section: FixtureSection, folder: Path) -> Fixture:
     shape = build_shape(section.name, section.described, folder)
     return as_planned(Fixture, section, shape=shape)
-
-
-def fitted_model(
-    robot: RobotSection, tools: Mapping[str, ToolSection], folder: Path
-) -> RobotModel:
-    """Return the type of a robot with what the cell adds to it; of one that changes tools, bare.
-
-    Args:
-        robot: of the cell.
-        tools: of the cell, by name.
-        folder: where relative paths start.
-
-    Raises:
-        FittingError: what is added does not fit; it says which key is at fault.
-        RobotModelError: the description of the robot cannot be used.
-    """
-    if robot.tools:
-        return robot_model(robot.model, folder, _fitting(robot, bare=True))
-    own = tools.get(robot.tool or "")
-    if own is None and robot.tool is not None:
-        robot_model(robot.model, folder)  # a model that there is not is said first
-    model = robot.model if own else with_tool(robot.model, robot.tool, tuple(tools))
-    tool = build_tool(str(robot.tool), own, folder) if own else None
-    return robot_model(model, folder, _fitting(robot, tool))
-
-
-def _fitting(
-    robot: RobotSection, tool: Tool | None = None, *, bare: bool = False
-) -> Fitting:
-    return Fitting(
-        tool=tool,
-        bare=bare,
-        flange=robot.flange,
-        held=robot.joints,
-        limits=build_limits(robot.limits),
-    )
-
-
-def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
-    """Return a tool of a cell as planning knows it.
-
-    Raises:
-        FittingError: its description is not there, or one of its shapes cannot be used.
-    """
-    description, shapes = None, tuple[Element, ...]()
-    try:
-        if section.description is not None:
-            file = file_named(section.description, folder, RobotModelError)
-            description = file.resolve()
-        if section.shapes:
-            whole = ShapeSection(compound=section.shapes)
-            shapes = build_shape(name, whole, folder).elements
-    except (RobotModelError, ShapeError) as error:
-        raise FittingError(f"the tool {name!r}: {error}", key="tool") from None
-    return as_planned(
-        Tool,
-        section,
-        name=name,
-        description=description,
-        shapes=shapes,
-        held=section.joints,
-        grip=section.grip(name),
-    )
-
-
-def build_limits(section: LimitsSection) -> GivenLimits:
-    """Return the limits of a robot as planning knows them."""
-    own = {key: getattr(section, key) for key in BY_JOINT}
-    listed = {k: (v,) if isinstance(v, float) else v for k, v in own.items()}
-    return GivenLimits(payload=section.payload_kg, **listed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from scheduling.graph.task_edges import idle_robots
+from scheduling.graph.machine_chains import idle_robots
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.scenario.sections.kind import AssemblyKind, IdleReason

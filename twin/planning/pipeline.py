@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.cell.robot_model import limits_of
+from planning.cell.motion_limits import limits_of
 from planning.cell.workcell import Workcell
 from planning.errors import ScenarioError
-from planning.motion.known_motions import MotionPlan
+from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import JointSpeed, L1Speed, LimitedSpeed, SpeedModel
 from planning.transforms import Indices
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import worth
-from scheduling.ordering.beam_search import reorder_tasks
+from scheduling.ordering.reordering import reorder_tasks
 from scheduling.ordering.synchronous import (
     SynchronousPlan,
     TaskConflicts,

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from planning.errors import PlanInvariantError
+from scheduling.copies import Pattern
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.repeat import Pattern, repeat_graph
+from scheduling.repeat import repeat_graph
 from twin.host.progress import StageWatch
 from twin.run.policies import IN_TURNS, SHORTENED
 

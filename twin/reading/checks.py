@@ -191,7 +191,7 @@ def _unlike_robots(cell: CellSection) -> Iterator[tuple[int, RobotSection]]:
 
 
 def _check_robots(cell: CellSection, folder: Path) -> Found:
-    from twin.planning.build_workcell import fitted_model
+    from twin.planning.fitted_robots import fitted_model
 
     for i, robot in _unlike_robots(cell):
         own = robot

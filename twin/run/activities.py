@@ -22,13 +22,13 @@ from planning.tasks.task import (
     STRAIGHT,
     TRANSIT,
 )
-from scheduling.graph.task_edges import chain_actuations
+from scheduling.graph.actuations import chain_actuations
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
-from twin.durations.model import Nanoseconds
+from twin.durations.nanoseconds import Nanoseconds
 from twin.run.events import Event
 
 WAITING = "waiting"

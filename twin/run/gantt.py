@@ -1,10 +1,4 @@
-"""The Gantt chart of a run: one lane a robot, wrapped into rows like lines of text.
-
-Colours of a team: one a robot, the same in the recording and in the Gantt chart.
-
-They are those of Okabe and Ito, which stay apart for colour-blind eyes; a ninth robot has the
-first colour again, darker.
-"""
+"""The Gantt chart of a run: one lane a robot, wrapped into rows like lines of text."""
 
 from __future__ import annotations
 
@@ -19,7 +13,7 @@ from matplotlib.patches import Patch, Rectangle
 from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_nodes
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.pictures import INK, fitted, style_axes
 from twin.run.activities import (
     HOLDING,
@@ -29,41 +23,11 @@ from twin.run.activities import (
     plan_colours,
     robot_activities,
 )
-from twin.run.events import Event, ExecutionRecord
+from twin.run.events import Event
+from twin.run.execution_record import ExecutionRecord
 from twin.run.policies import IN_TURNS, policy_name
+from twin.run.team_colours import team_colours
 from twin.run.windows import window_summary
-
-_COLOURS = (
-    "#0072b2",
-    "#e69f00",
-    "#009e73",
-    "#cc79a7",
-    "#d55e00",
-    "#56b4e9",
-    "#f0e442",
-    "#6b6b6b",
-)
-_DARKER = 0.62
-"""Factor by which the colours of a round are darker than those of the round before."""
-
-
-def team_colours(robots: Sequence[str]) -> dict[str, str]:
-    """Return the colour of each robot, #rrggbb, in the order of the cell."""
-    return {robot: _colour(k) for k, robot in enumerate(robots)}
-
-
-def _colour(k: int) -> str:
-    rounds, own = divmod(k, len(_COLOURS))
-    return "#" + "".join(
-        f"{round(channel * _DARKER**rounds):02x}" for channel in rgb(_COLOURS[own])
-    )
-
-
-def rgb(colour: str) -> tuple[int, int, int]:
-    """Return red, green and blue of a colour #rrggbb, 0 to 255."""
-    red, green, blue = bytes.fromhex(colour[1:])
-    return red, green, blue
-
 
 _TASKS_A_ROW = 36
 """Tasks of a lane in a row: their parts can be read."""

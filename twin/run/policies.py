@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from planning.errors import RequestError
 
 if TYPE_CHECKING:
-    from twin.run.events import Policy
+    from twin.run.execution_record import Policy
 
 IN_TURNS = "in turns"
 SHORTENED = "shortened"

@@ -14,18 +14,18 @@ from rich.table import Table
 from rich.text import Text
 
 from planning.errors import printable
-from scheduling.graph.dispatcher import earliest_times
-from scheduling.graph.task_edges import (
-    actuation_nodes,
-    dependency_edges,
+from scheduling.graph.actuations import actuation_nodes
+from scheduling.graph.machine_chains import (
     idle_robots,
     machine_chains,
     working_machines,
 )
+from scheduling.graph.rollout import earliest_times
+from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
-from scheduling.pace import slowed_motions
-from twin.durations.model import NANOSECONDS
-from twin.run.events import ExecutionRecord
+from scheduling.slowed_motions import slowed_motions
+from twin.durations.nanoseconds import NANOSECONDS
+from twin.run.execution_record import ExecutionRecord
 from twin.run.header import RunHeader
 from twin.run.policies import ASYNCHRONOUS, SEQUENTIAL, policy_name
 from twin.run.throughput import line_summary

@@ -11,8 +11,8 @@ import numpy as np
 from planning.tasks.task import SUPPLY_KINDS, TRANSIT, is_done_to_a_product
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.model import NANOSECONDS, Nanoseconds
-from twin.run.events import ExecutionRecord
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
+from twin.run.execution_record import ExecutionRecord
 
 _START_UP = 0.1
 """Share of the products that do not count for throughput and takt where nothing else is said."""

@@ -11,8 +11,8 @@ from planning.kinematics.kinematics import frame_pose
 from planning.motion.near_path import near_path
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.durations.model import Nanoseconds
-from twin.run.events import Measured
+from twin.durations.nanoseconds import Nanoseconds
+from twin.run.execution_record import Measured
 
 
 class TrackingError(NamedTuple):

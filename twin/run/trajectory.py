@@ -8,9 +8,10 @@ import numpy as np
 
 from planning.transforms import Array, Indices, Transform
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.durations.model import NANOSECONDS, Nanoseconds
-from twin.run.driven_motion import cubic_at, driven_rows, stopped_motion
-from twin.run.events import ExecutionRecord, Measured, waypoint_offsets_ns
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
+from twin.run.cubic_motion import cubic_at
+from twin.run.driven_motion import driven_rows, stopped_motion
+from twin.run.execution_record import ExecutionRecord, Measured, waypoint_offsets_ns
 
 
 @dataclass(frozen=True)

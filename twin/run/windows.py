@@ -10,8 +10,8 @@ import numpy as np
 from planning.tasks.task import EARLIER, TimeWindow
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import least_gaps, window_gaps, window_nodes
-from twin.durations.model import NANOSECONDS
-from twin.run.events import ExecutionRecord
+from twin.durations.nanoseconds import NANOSECONDS
+from twin.run.execution_record import ExecutionRecord
 
 
 def window_summary(

@@ -12,11 +12,12 @@ from typing import Any
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import OutputError, RequestError, ScenarioError, listed
 from planning.files import read_file, read_object, require_own_files
-from planning.robots.descriptions.xml_files import description_sha256
+from planning.robots.descriptions.description_files import description_sha256
 from planning.transforms import Transform, quat_wxyz
 from twin.document.section import parts_of
 from twin.durations.measured import Empirical
-from twin.host.guard import versions, write_json
+from twin.host.atomic_files import write_json
+from twin.host.versions import versions
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 
 MANIFEST = "manifest.json"

@@ -18,11 +18,11 @@ from typing import Any, get_args
 import numpy as np
 
 from planning.errors import ScenarioError
-from planning.files import parse_json
+from planning.json_files import parse_json
 from planning.tasks.task import HOLD, SKILLS
 from twin.document.validation import InvalidScenarioError, parsed, validated
 from twin.document.yaml_text import KeyPath, read_yaml
-from twin.durations.lifetimes import Distribution
+from twin.durations.composed import Distribution
 from twin.scenario.schema import scenario_schema
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolved

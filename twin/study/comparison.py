@@ -16,14 +16,14 @@ import numpy as np
 
 from planning.motion.speed import SpeedModel
 from planning.transforms import Array, Indices
-from scheduling.build_tpg import build_nodes
+from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_motions, require_sequential
 from twin.planning.time_parameterization import timed
-from twin.run.events import ExecutionRecord
+from twin.run.execution_record import ExecutionRecord
 from twin.run.policies import (
     NAMED_POLICIES,
     OPEN_LOOP,

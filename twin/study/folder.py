@@ -17,12 +17,12 @@ from pydantic import TypeAdapter
 
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
+from planning.files import replacing
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.bulk.bulk_engine import bulk_contraction
 from twin.engine.bulk.max_plus import OTHER, policy_graph
-from twin.host.guard import replacing
-from twin.recorders.observers import write_table
+from twin.recorders.run_tables import write_table
 from twin.scenario.manifest import (
     MANIFEST,
     read_manifest,
@@ -32,7 +32,7 @@ from twin.scenario.manifest import (
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import Variant
 from twin.study.replications.block_results import TaskTally, cell_blocks, task_groups
-from twin.study.replications.statistics import Experiment
+from twin.study.replications.experiment import Experiment
 from twin.study.replications.workload import Workload
 
 PLANS, BLOCKS, AUDITS, PREVENTED = "plans", "blocks", "audits", "prevented"

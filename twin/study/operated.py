@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.transforms import Array
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.operate.replicated.operating import RUNGS, SAME
 from twin.study.replications.block_results import cell_blocks, cell_makespans_s
+from twin.study.replications.experiment import Experiment
 from twin.study.replications.statistics import (
-    Experiment,
     Figures,
     Told,
     mean_interval,

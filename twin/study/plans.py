@@ -17,8 +17,8 @@ from twin.check.check import check_scenario
 from twin.document.validation import parsed
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.execution_model import ExecutionModel
-from twin.host.guard import versions
 from twin.host.progress import Report, StageWatch
+from twin.host.versions import versions
 from twin.operate.replicated.operating import Operated
 from twin.planning.pipeline import default_shortcuts, plan_motions, planned_shortcuts
 from twin.planning.repetition import repeated_plans
@@ -42,8 +42,9 @@ from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import Variant, layout_of, varied
 from twin.study.folder import Refused, StudyRequest
-from twin.study.replications.statistics import Experiment
-from twin.study.replications.workload import Workload, timing_graph
+from twin.study.replications.experiment import Experiment
+from twin.study.replications.timing_graph import timing_graph
+from twin.study.replications.workload import Workload
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import CoordinatedPlans, chooses_crew, shortest_plan

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.run.throughput import line_figures, start_up_of, takts_s
 from twin.study.replications.block_results import (
     UNKNOWN,

@@ -12,17 +12,12 @@ from scipy.stats import qmc
 
 from planning.parallel import side_by_side
 from planning.transforms import Array
-from scheduling.graph.task_edges import machine_chains
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.host.progress import Report, report_nothing
 from twin.study.gains.replays import replay_cost
-from twin.study.replications.statistics import (
-    Block,
-    Figures,
-    Interval,
-    Told,
-    paired_interval,
-)
+from twin.study.replications.experiment import Block
+from twin.study.replications.statistics import Figures, Interval, Told, paired_interval
 from twin.study.replications.workload import Engines, Workload
 from twin.uncertainty.chain_draws import moving_nodes
 

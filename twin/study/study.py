@@ -19,14 +19,14 @@ from twin.audit.motion.deviated import deviated
 from twin.audit.motion.executed import read_recording
 from twin.audit.worlds.engines import Engine, engine_named
 from twin.cluster.client import ClusterError, ClusterLostError
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine, held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import Messages
-from twin.host.guard import write_json
+from twin.host.atomic_files import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
-from twin.recorders.observers import write_motion
+from twin.recorders.run_tables import write_motion
 from twin.run.policies import NAMED_POLICIES, OPEN_LOOP
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
@@ -50,7 +50,8 @@ from twin.study.folder import (
     write_replications,
     write_request,
 )
-from twin.study.gains.gains import CellGains, study_gains, write_gains
+from twin.study.gains.files import write_gains
+from twin.study.gains.gains import CellGains, study_gains
 from twin.study.operated import (
     OperatedSummary,
     Prevention,
@@ -71,8 +72,8 @@ from twin.study.plans import (
 )
 from twin.study.products import product_columns, product_times
 from twin.study.replications.block_results import cell_tally
+from twin.study.replications.experiment import Experiment
 from twin.study.replications.runner import OpenExecutor, run_replications
-from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import Workload
 from twin.study.sensitivity import INFLUENCES, influences, sobol_indices
 from twin.study.summary import StudySummary, shown_cell, summarise_study

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from planning.transforms import Array
 from twin.audit.worlds.engines import engine_and_version, engine_named
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.run.policies import OPEN_LOOP, PLAIN_POLICIES, shown_policy
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.variations import Variant, is_of_execution, layout_of, varied
@@ -34,8 +34,8 @@ from twin.study.replications.block_results import (
     cell_makespans_s,
     cell_part,
 )
+from twin.study.replications.experiment import Experiment
 from twin.study.replications.statistics import (
-    Experiment,
     Figures,
     Interval,
     Told,

@@ -7,16 +7,16 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from scheduling.graph.machine_chains import idle_robots
 from scheduling.graph.plan_files import plan_sha256
-from scheduling.graph.task_edges import idle_robots
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.pace import overloads
+from scheduling.slowed_motions import overloads
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.planning.idle_robots import IdleRobot
 from twin.registry import AUDIT, AUDITORS, RECORDERS
-from twin.run.events import DeadlockError, ExecutionRecord, Policy
+from twin.run.execution_record import DeadlockError, ExecutionRecord, Policy
 from twin.run.header import RunHeader
 from twin.run.policies import SHORTENED
 from twin.run.summary import summarise

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from planning.cell.differences import cell_differences
 from planning.errors import OutputError, RequestError, ScenarioError, listed
 from planning.files import read_object
-from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.host.arguments import checks_arguments

@@ -19,7 +19,7 @@ from planning.tasks.task import (
     TAKE_TOOL,
     TRANSIT,
 )
-from scheduling.build_tpg import build_nodes
+from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import Report, StageWatch, report_nothing

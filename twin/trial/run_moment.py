@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from planning.errors import RequestError
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.trial.run_result import RunResult, read_run
 
 

@@ -13,9 +13,10 @@ from planning.errors import OutputError, RequestError, TwinError
 from planning.files import read_object, require_own_files
 from planning.parquet import read_parquet
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.host.arguments import checks_arguments
-from twin.run.events import Event, EventLogError, ExecutionRecord, parse_event, read_log
+from twin.run.events import Event, EventLogError, parse_event, read_log
+from twin.run.execution_record import ExecutionRecord
 from twin.run.folder import (
     EVENTS,
     GANTT,
@@ -175,7 +176,7 @@ class RunResult:
     @property
     def events(self) -> pa.Table:
         """A row an event: t_s, robot, kind, task, node, object, detail."""
-        from twin.recorders.observers import events_table
+        from twin.recorders.run_tables import events_table
 
         return events_table(self.history)
 
@@ -203,7 +204,7 @@ class RunResult:
         """Where each robot was when: t_s, robot, q_0 ... q_k, node."""
         if self.record is None:
             return self._table(TRAJECTORY)
-        from twin.recorders.observers import trajectory_table
+        from twin.recorders.run_tables import trajectory_table
         from twin.run.trajectory import robot_trajectories
 
         moved = robot_trajectories(self.tpg, self.record)
@@ -214,7 +215,7 @@ class RunResult:
         """Where each object was from when on: t_s, object, parent, xyz, quat_wxyz."""
         if self.record is None:
             return self._table(OBJECTS)
-        from twin.recorders.observers import objects_table
+        from twin.recorders.run_tables import objects_table
         from twin.run.trajectory import object_placements
 
         return objects_table(object_placements(self.tpg, self.record))

@@ -9,14 +9,11 @@ from pathlib import Path
 
 from planning.errors import OutputError
 from scheduling.graph.plan_files import plan_sha256, save_plan
-from twin.host.guard import write_json
+from twin.host.atomic_files import write_json
 from twin.host.pictures import save_png
 from twin.host.progress import Report, report_nothing
-from twin.recorders.observers import (
-    JsonlRecorder,
-    MemoryRecorder,
-    write_motion,
-)
+from twin.recorders.observers import JsonlRecorder, MemoryRecorder
+from twin.recorders.run_tables import write_motion
 from twin.registry import RECORDERS
 from twin.run.events import Event
 from twin.run.folder import (

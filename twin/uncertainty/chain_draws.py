@@ -17,10 +17,11 @@ import numpy.typing as npt
 from planning.kernels import kernel
 from planning.tasks.task import HANDLING, STRAIGHT
 from planning.transforms import Array, Indices
-from scheduling.graph.task_edges import chain_actuations
+from scheduling.graph.actuations import chain_actuations
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.lifetimes import Exponential
-from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
+from twin.durations.model import DurationModel
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.uncertainty.disturbances import Disturbances, SkillFailure, Stalls
 from twin.uncertainty.draws import TaskName, uniforms
 

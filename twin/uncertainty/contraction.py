@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import EVER, NodeChain, TemporalPlanGraph
-from twin.durations.model import NANOSECONDS, Nanoseconds, to_nanoseconds
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.uncertainty.stops import Stops
 
 

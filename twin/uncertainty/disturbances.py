@@ -12,7 +12,7 @@ from planning.bounds import LONGEST_S
 from planning.cell.workcell import PlacedRobot, PoseError, Workcell
 from twin.document.section import Name, Section, Two
 from twin.durations.bounded import Fixed, Uniform
-from twin.durations.lifetimes import AnyDuration
+from twin.durations.composed import AnyDuration
 from twin.durations.model import DurationModel, Factor, Skill
 from twin.durations.normal import Lognormal
 from twin.uncertainty.base_errors import PoseErrorSection

@@ -16,15 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.transforms import Array, Indices
-from scheduling.graph.task_edges import machine_chains
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
-from twin.durations.model import Nanoseconds, require_within_longest_run
+from twin.durations.nanoseconds import Nanoseconds, require_within_longest_run
 from twin.uncertainty.chain_draws import Cause, ChainDraws, RobotTaskNodes, Standstills
 from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances, Speed
 from twin.uncertainty.draws import TaskName
-from twin.uncertainty.skill_durations import SkillDurations, least_ns, nominal_ns
+from twin.uncertainty.least_durations import least_ns
+from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
 from twin.uncertainty.stops import Stops, sample_stops
 
 _MOST_VALUES = 4_000_000

@@ -14,10 +14,10 @@ from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     TemporalPlanGraph,
 )
-from scheduling.motion_times import node_ends
+from scheduling.stretch_times import node_ends
 from twin.uncertainty.chain_draws import ChainDraws, RobotTaskNodes
 from twin.uncertainty.disturbances import Disturbances
-from twin.uncertainty.skill_durations import least_seconds
+from twin.uncertainty.least_durations import least_seconds
 
 _SAME = 1.0 + 1e-9
 """Times that differ by a smaller factor are the same."""

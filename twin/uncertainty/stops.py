@@ -3,23 +3,19 @@
 When a robot stops does not depend on what happens in the run, so its stops are known as
 intervals. A robot that is stopped stands wherever it is, also in the middle of a node, and goes
 on where it stopped. At the instant a stop begins nothing else happens to the robot any more.
-
-Skills that stops by the clock interrupt: robots brake along their paths within limits.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from planning.timing.braking import StoppedPath, stopped_path
-from scheduling.graph.task_edges import machine_chains
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import skill_motion
-from twin.durations.model import (
+from twin.durations.nanoseconds import (
     NANOSECONDS,
     Nanoseconds,
     require_within_longest_run,
@@ -243,51 +239,3 @@ def sample_stops(
         name = (seed, replication, chain.robot)
         found.append(Stops(fixed, by_clock, name=name))
     return tuple(found)
-
-
-NextStop = Callable[[int], tuple[int, int]]
-"""Begin and end of the first stop of a robot that is not over at a time, all in nanoseconds."""
-
-
-def stops_of(intervals: Sequence[tuple[int, int]]) -> NextStop:
-    """Return stops by their begins and ends, in order [ns]."""
-
-    def after(t_ns: int) -> tuple[int, int]:
-        later = (span for span in intervals if span[1] > t_ns)
-        return next(later, (NEVER, NEVER))
-
-    return after
-
-
-def stopped_skill(
-    tpg: TemporalPlanGraph,
-    node: tuple[int, int],
-    duration_ns: int,
-    begin_ns: int,
-    stops: NextStop,
-) -> StoppedPath | None:
-    """Return the motion of a skill in which the clock stops the robot; None where it does not.
-
-    Args:
-        tpg: what is executed.
-        node: the chain of a robot with limits, and a node of it.
-        duration_ns: how long the motion takes without stops [ns].
-        begin_ns: when it begins [ns].
-        stops: of the robot.
-    """
-    chain = tpg.chains[node[0]]
-    limits = tpg.cell.robot(chain.robot).limits
-    if limits is None or not chain.skill[node[1]]:
-        return None
-    if stops(begin_ns)[0] > begin_ns + duration_ns:
-        return None
-    motion = skill_motion(tpg, *node, limits)
-    if motion.seconds <= 0.0:
-        return None
-
-    def in_seconds(t: float) -> tuple[float, float]:
-        begin, end = stops(round(t * NANOSECONDS))
-        return begin / NANOSECONDS, end / NANOSECONDS
-
-    slower = duration_ns / NANOSECONDS / motion.seconds
-    return stopped_path(limits, motion, slower, begin_ns / NANOSECONDS, in_seconds)

@@ -134,7 +134,7 @@ def _millimetres(report: VerificationReport) -> str:
 def _content(
     ok: bool, report: VerificationReport, standing: AdversaryReport | None
 ) -> dict[str, object]:
-    from twin.host.guard import finite
+    from twin.host.atomic_files import finite
 
     content: dict[str, object] = {
         "ok": ok,

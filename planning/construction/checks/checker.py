@@ -15,8 +15,8 @@ from planning.construction.checks.moving_checks import (
 )
 from planning.construction.checks.scene import Limits, StillBoxes, lay_out
 from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.world.fleet import make_carrier
 from planning.construction.world.timeline import HandChange
-from planning.construction.world.tracks import make_carrier
 from planning.geometry.robot_bodies import (
     RobotBodies,
     cell_entities,

@@ -12,10 +12,11 @@ from numba import boolean, float64
 
 from planning.construction.checks.scene import Checks, MoverScene, own_at, sweep_stretch
 from planning.construction.checks.still_checks import STILL, still_clear
-from planning.construction.world.tracks import bodies_of, pieces_at, set_motion
+from planning.construction.world.fleet import bodies_of, set_motion
+from planning.construction.world.tracks import pieces_at
 from planning.geometry.distance import boxes_apart
+from planning.geometry.hull_table import HullTable
 from planning.geometry.moving_pairs import pieces_apart
-from planning.geometry.separation import HullTable
 from planning.geometry.swept import go_along, sweep_piece
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.packed import ROW, SharedKernel

@@ -7,9 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planning.construction.world.fleet import Carrier, Fleet, make_fleet
 from planning.construction.world.timeline import STEP
-from planning.construction.world.tracks import Carrier, Fleet, Tracks, make_fleet
-from planning.geometry.separation import HullTable, Scratch, room_for
+from planning.construction.world.tracks import Tracks
+from planning.geometry.hull_table import HullTable
+from planning.geometry.separation import Scratch, room_for
 from planning.geometry.swept import (
     SweepRoom,
     Sweeps,

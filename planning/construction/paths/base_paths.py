@@ -14,7 +14,7 @@ import numpy as np
 
 from planning.construction.checks.scene import MoverScene
 from planning.construction.checks.still_checks import still_clear
-from planning.construction.paths.direct_paths import Query, chain_to
+from planning.construction.paths.query import Query, chain_to
 from planning.kernels import copy_row, inner_kernel, kernel
 from planning.transforms import Array
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from planning.construction.checks.moving_checks import motion_clear
 from planning.construction.checks.scene import MoverScene, own_at
-from planning.construction.paths.direct_paths import (
+from planning.construction.paths.query import (
     Query,
     arrive,
     chain_to,
@@ -22,7 +22,7 @@ from planning.construction.paths.direct_paths import (
     random_share,
     sample_between,
 )
-from planning.construction.problem.problem import RrtSettings
+from planning.construction.problem.settings import RrtSettings
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.packed import packed
 from planning.transforms import Array, Indices

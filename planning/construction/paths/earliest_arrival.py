@@ -14,12 +14,7 @@ import numpy as np
 from planning.construction.checks.moving_checks import left_by_robots, met_by_robots
 from planning.construction.checks.scene import MoverScene
 from planning.construction.checks.still_checks import still_clear
-from planning.construction.paths.direct_paths import (
-    Query,
-    arrive,
-    chain_to,
-    next_arrival,
-)
+from planning.construction.paths.query import Query, arrive, chain_to, next_arrival
 from planning.construction.paths.roadmap import (
     SPANS,
     Motions,
@@ -31,7 +26,7 @@ from planning.construction.paths.roadmap import (
     pop,
     push,
 )
-from planning.construction.problem.problem import RrtSettings
+from planning.construction.problem.settings import RrtSettings
 from planning.kernels import ZERO, copy_row, inner_kernel, kernel
 from planning.transforms import Array
 

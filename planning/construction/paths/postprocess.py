@@ -14,12 +14,7 @@ from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.moving_checks import motion_clear
 from planning.construction.checks.scene import MoverScene
 from planning.construction.checks.time_windows import spans_of, strike_out
-from planning.construction.paths.direct_paths import (
-    Query,
-    SpaceTimePath,
-    arrive,
-    next_arrival,
-)
+from planning.construction.paths.query import Query, SpaceTimePath, arrive, next_arrival
 from planning.kernels import copy_row, inner_kernel, kernel
 from planning.transforms import Array, Indices
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from planning.construction.checks.scene import MoverScene
 from planning.construction.checks.still_checks import still_clear
 from planning.construction.checks.time_windows import spans_of, strike_out
-from planning.construction.paths.direct_paths import (
+from planning.construction.paths.query import (
     Query,
     arrive,
     random_normal,

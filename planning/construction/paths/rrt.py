@@ -10,15 +10,11 @@ import numpy as np
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.paths.base_paths import base_path
 from planning.construction.paths.bidirectional_search import grow
-from planning.construction.paths.direct_paths import (
-    Query,
-    SpaceTimePath,
-    direct_paths,
-    next_arrival,
-)
+from planning.construction.paths.direct_paths import direct_paths
 from planning.construction.paths.earliest_arrival import search_roadmap
 from planning.construction.paths.postprocess import delayed, retimed, shorten
-from planning.construction.problem.problem import RrtSettings
+from planning.construction.paths.query import Query, SpaceTimePath, next_arrival
+from planning.construction.problem.settings import RrtSettings
 from planning.packed import packed
 from planning.stopwatch import Stopwatch
 from planning.transforms import Array

@@ -14,6 +14,7 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.construction.problem.problem import ConstructionProblem
+from planning.construction.world.fleet import Carrier
 from planning.construction.world.timeline import (
     STEP,
     HandChange,
@@ -24,7 +25,6 @@ from planning.construction.world.timeline import (
     hands,
 )
 from planning.construction.world.tracks import (
-    Carrier,
     SweptTrack,
     Tracks,
     build_tracks,

@@ -1,7 +1,4 @@
-"""Robots on fixed timelines as obstacles: what they sweep, piece by piece.
-
-Carriers, robots with what they hold, and their bodies for compiled code.
-"""
+"""Robots on fixed timelines as obstacles: what they sweep, piece by piece."""
 
 from __future__ import annotations
 
@@ -11,9 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.workcell import Attachment, CellObject, PlacedRobot
+from planning.construction.world.fleet import (
+    Carrier,
+    Fleet,
+    bodies_of,
+    make_carrier,
+    make_fleet,
+)
 from planning.construction.world.timeline import HandChange, MotionPieces, pose_of
-from planning.geometry.robot_bodies import Held, RobotBodies, robot_bodies
-from planning.geometry.separation import HullTable
 from planning.geometry.swept import (
     SweepRoom,
     Sweeps,
@@ -22,64 +24,8 @@ from planning.geometry.swept import (
     sweep_piece,
 )
 from planning.kernels import inner_kernel, kernel
-from planning.packed import packed, packed_at
+from planning.packed import packed
 from planning.transforms import Array, Indices
-
-
-class Carrier(NamedTuple):
-    """A robot with something in its hand.
-
-    Attributes:
-        bodies: the robot's parts, then what it holds.
-        hulls: these bodies on a motion of one segment, packed.
-    """
-
-    bodies: RobotBodies
-    hulls: HullTable
-
-
-def make_carrier(robot: PlacedRobot, held: Sequence[Held] = ()) -> Carrier:
-    """Return a robot with what it holds."""
-    bodies = robot_bodies(robot, held)
-    return Carrier(bodies, bodies.hulls.on_a_motion())
-
-
-class Fleet(NamedTuple):
-    """Many carriers. It keeps none of them alive.
-
-    Attributes:
-        hulls: addresses of their bodies, shape (carriers,).
-        one: the bodies of one of them.
-        body_first: bodies of carrier v are ``range(body_first[v], body_first[v + 1])``.
-    """
-
-    hulls: Indices
-    one: HullTable
-    body_first: Indices
-
-
-def make_fleet(carriers: Sequence[Carrier]) -> Fleet:
-    """Return carriers, at least one, for compiled code; they must outlive what is returned."""
-    hulls = [carrier.hulls for carrier in carriers]
-    addresses = np.array([h.address for h in hulls], dtype=np.int64)  # type: ignore[attr-defined]
-    return packed(
-        Fleet(addresses, hulls[0], np.cumsum([0, *(len(h.joint) for h in hulls)]))
-    )
-
-
-@inner_kernel
-def bodies_of(fleet: Fleet, v: int) -> HullTable:
-    """Return the bodies of a carrier."""
-    hulls: HullTable = packed_at(fleet.hulls, v, fleet.one)
-    return hulls
-
-
-@inner_kernel
-def set_motion(hulls: HullTable, q_a: Array, q_b: Array) -> None:
-    """Let a carrier's bodies be on a straight motion, whose ends have its joints first."""
-    for j in range(hulls.q_a.shape[1]):
-        hulls.q_a[0, j] = q_a[j]
-        hulls.q_b[0, j] = q_b[j]
 
 
 class SweptTrack(NamedTuple):

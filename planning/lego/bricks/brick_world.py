@@ -28,15 +28,9 @@ from planning.lego.bricks.assembly import (
     Press,
     StockBrick,
 )
-from planning.lego.bricks.grid import (
-    MOST_OFFSETS,
-    BrickTiles,
-    box_pose,
-    box_size,
-    bricks_above,
-    presses,
-    top_pose,
-)
+from planning.lego.bricks.brick_grips import MOST_OFFSETS, presses
+from planning.lego.bricks.brick_tiles import BrickTiles
+from planning.lego.bricks.grid import box_pose, box_size, bricks_above, top_pose
 from planning.transforms import Transform, readonly, translation
 
 

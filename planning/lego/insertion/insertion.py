@@ -28,7 +28,8 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import level_height, press_cell, presses
+from planning.lego.bricks.brick_grips import press_cell, presses
+from planning.lego.bricks.grid import level_height
 from planning.lego.insertion.design_room import (
     DesignRoom,
     Point,

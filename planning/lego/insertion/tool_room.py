@@ -14,8 +14,8 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from planning.caches import KeptAnswers
 from planning.cell.cover import cut_across
-from planning.files import KeptAnswers
 from planning.kernels import kernel
 from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
@@ -25,7 +25,8 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import box_size, brick_height, grip_pose, top_pose
+from planning.lego.bricks.brick_grips import grip_pose
+from planning.lego.bricks.grid import box_size, brick_height, top_pose
 from planning.lego.skills.targets import (
     APPROACH_HEIGHT,
     STUD_HEIGHT,

@@ -4,162 +4,29 @@ Assembly by disassembly: from the finished structure, bricks are removed one at 
 what remains stands, and such that the removed brick could be put back. Reversed, the removals are
 the assembly sequence. Before the search, bricks that block each other are looked for: where there
 are any, no order exists, and they are the proof.
-
-Search for an assembly sequence: depth first, again and again with what dead ends have taught.
-
-Each try goes depth first, up to a number of partial structures. At a dead end the bricks that
-nothing but the press keeps from going in have lost what would have borne it: they become urgent
-and are removed earlier in the next try. No partial structure that led nowhere is entered again,
-so tries without end would be a complete search, and the last one takes all that is left.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, product
 from textwrap import indent
-from typing import Generic, TypeVar
 
 from planning.errors import InfeasibleStepError, UndecidedError, told
 from planning.lego.bricks.assembly import LegoStep, PlacedBrick
-from planning.lego.insertion.insertion import MOST_SPOTS, Insertion, Insertions
+from planning.lego.insertion.insertion import MOST_SPOTS, Insertion
 from planning.lego.insertion.rules import InsertionWay, SequencingRules
 from planning.lego.sequencing.blocking import Refusal
-from planning.lego.sequencing.remedies import Design, ShutIn
+from planning.lego.sequencing.disassembly_search import (
+    DisassemblySearch,
+    Removals,
+    find_assembly_sequence,
+)
+from planning.lego.sequencing.remedies import Design
+from planning.lego.sequencing.removal import ShutIn
 from planning.lego.stability.partial_structures import Names
 from planning.progress import Progress, no_progress
-
-Part = TypeVar("Part", bound=Hashable)
-How = TypeVar("How")
-
-
-@dataclass(frozen=True)
-class Removal(Generic[Part, How]):
-    """Removal of one part; reversed, its insertion.
-
-    Attributes:
-        part: what is taken away.
-        how: whatever the caller wants to remember of it.
-    """
-
-    part: Part
-    how: How
-
-
-@dataclass(frozen=True)
-class DisassemblySearch(Generic[Part, How]):
-    """Result of a search for an assembly sequence.
-
-    Attributes:
-        steps: removals in the order of assembly, None when there is no sequence.
-        dead_end: a smallest set of parts, reached by removals, of which none can be removed;
-            None when the search never got stuck.
-        visited: number of sets of parts looked at.
-        complete: False when the search gave up because of its limit.
-    """
-
-    steps: tuple[Removal[Part, How], ...] | None
-    dead_end: frozenset[Part] | None
-    visited: int
-    complete: bool
-
-
-def find_assembly_sequence(
-    parts: Iterable[Part],
-    removals: Callable[[frozenset[Part]], Iterable[Removal[Part, How]]],
-    *,
-    limit: int = 100_000,
-    failed: set[frozenset[Part]] | None = None,
-) -> DisassemblySearch[Part, How]:
-    """Search for an order in which parts can be put together.
-
-    Args:
-        parts: the parts of the finished product.
-        removals: gives the parts that may be removed from a set of parts, and how, the
-            preferred ones first; it is only asked for as many as are needed. It must depend on
-            nothing but its argument, but for the order.
-        limit: largest number of sets of parts to look at.
-        failed: sets of parts that are known to lead nowhere, from which no search starts again;
-            those of this search are added.
-
-    Returns:
-        The first sequence in the order of preference: removals are tried depth first, and a set
-        of parts that once led nowhere is never tried again.
-    """
-    whole = frozenset(parts)
-    failed = set() if failed is None else failed
-    dead_end: frozenset[Part] | None = None
-    visited = 1
-    # Sets of parts, each with the removal that led there and those to try from there.
-    way: list[
-        tuple[
-            frozenset[Part],
-            tuple[Removal[Part, How], ...],
-            Iterator[Removal[Part, How]],
-        ]
-    ]
-    way = [(whole, (), iter(removals(whole) if whole else ()))]
-    while way and way[-1][0]:
-        here, _, pending = way[-1]
-        step = next((r for r in pending if here - {r.part} not in failed), None)
-        if step is None:
-            failed.add(here)
-            way.pop()
-            if dead_end is None or len(here) < len(dead_end):
-                dead_end = here
-        elif visited >= limit:
-            return DisassemblySearch(None, dead_end, visited, False)
-        else:
-            visited += 1
-            rest = here - {step.part}
-            way.append((rest, (step,), iter(removals(rest) if rest else ())))
-    steps = tuple(step for _, steps, _ in reversed(way) for step in steps)
-    return DisassemblySearch(steps if way else None, dead_end, visited, True)
-
-
-class Removals:
-    """Removal candidates of the partial structures of one design.
-
-    What assembly by disassembly asks at every partial structure (APEX-MR App. A): what remains
-    must stand, and the brick must go in again with room for the tools, the structure bearing the
-    press.
-
-    Args:
-        insertions: of the design.
-
-    Attributes:
-        urgency: how often a brick could not be removed any more at a dead end; the most urgent
-            bricks are removed first.
-    """
-
-    def __init__(self, insertions: Insertions) -> None:
-        self._insertions = insertions
-        self.urgency: Counter[str] = Counter()
-
-    def of(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
-        """Yield the bricks that may be removed from some (and what is fixed).
-
-        Urgent ones come first, then those at the top.
-        """
-        names = parts | self._insertions.fixed
-        bricks = self._insertions.structures.bricks
-
-        def order(name: str) -> tuple[int, int, int, int, str]:
-            cell = bricks[name].cell
-            return -self.urgency[name], -cell.level, -cell.x, -cell.y, name
-
-        ordered = sorted(parts, key=order)
-        for _, group in groupby(ordered, key=lambda name: order(name)[:2]):
-            for way, brick in product(InsertionWay, tuple(group)):
-                if way not in self._insertions.rules.ways_of(brick):
-                    continue
-                insertion = self._insertions.last(names, brick, way)
-                if insertion is not None:
-                    yield Removal(brick, insertion)
-
 
 _FIRST_TRY = 30
 """Partial structures that the first try may look at beyond one for each brick."""

@@ -12,7 +12,7 @@ from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld, press_of
 from planning.lego.skills.brick_skills import BrickSkills
-from planning.steps.handovers import CandidateCollector
+from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import Obstruction, joint_distance
 from planning.steps.skill_trial import ResolvedSkill
 from planning.tasks.assignment import (

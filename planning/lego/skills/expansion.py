@@ -25,16 +25,16 @@ from planning.lego.skills.targets import (
     supporting,
 )
 from planning.steps.handovers import Handover
-from planning.steps.skill import NOTHING, Obstruction, Pairs, gripped, touching
-from planning.steps.skill_trial import ResolvedSkill
-from planning.steps.step_writer import (
+from planning.steps.placement import (
     PlannedHandover,
     PlannedPlacement,
     PlannedSkill,
     PlannedSupport,
-    StepWriter,
     write_placement,
 )
+from planning.steps.skill import NOTHING, Obstruction, Pairs, gripped, touching
+from planning.steps.skill_trial import ResolvedSkill
+from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task
 from planning.tasks.work import AssemblyWork, TaskHistory

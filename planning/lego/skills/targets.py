@@ -31,15 +31,8 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import (
-    box_from_top,
-    brick_height,
-    grip_pose,
-    lever_cell,
-    plate_corner,
-    side_contact_pose,
-    top_pose,
-)
+from planning.lego.bricks.brick_grips import grip_pose, lever_cell, side_contact_pose
+from planning.lego.bricks.grid import box_from_top, brick_height, plate_corner, top_pose
 from planning.steps.skill import Pairs, SkillTargets, Subgoal, gripped, touching
 from planning.transforms import Transform, inverse, rotation, translation
 

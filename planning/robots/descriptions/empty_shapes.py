@@ -9,8 +9,8 @@ from xml.etree.ElementTree import Element
 
 from planning.errors import RobotModelError
 from planning.files import read_file
+from planning.robots.descriptions.description_files import MESH_BYTES
 from planning.robots.descriptions.xml_files import (
-    MESH_BYTES,
     SHAPES,
     SIZES,
     find_mesh_of_package,

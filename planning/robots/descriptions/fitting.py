@@ -17,14 +17,13 @@ from planning.cell.robot_model import ToolGrip
 from planning.cell.shape import Element as PlacedForm
 from planning.errors import RobotModelError
 from planning.robots.descriptions.urdf_file import GivenLimits, UrdfOptions
-from planning.robots.descriptions.xml_files import (
+from planning.robots.descriptions.urdf_geometry import (
     TURNING,
     joint_motion,
-    number,
     pose_of,
-    vector,
     write_pose,
 )
+from planning.robots.descriptions.xml_files import number, vector
 from planning.transforms import Array, Transform, identity, readonly
 
 

@@ -19,6 +19,7 @@ from scipy.spatial import ConvexHull
 from planning.cell.shape import Box, Capsule, Cylinder, Form, Mesh, Shape
 from planning.cell.shape import Element as PlacedForm
 from planning.errors import FittingError, RobotModelError, ShapeError
+from planning.robots.descriptions.description_files import kept_folder
 from planning.robots.descriptions.fitting import (
     Fitting,
     Tool,
@@ -39,16 +40,17 @@ from planning.robots.descriptions.urdf_file import (
     serial_chain,
     tip_link,
 )
-from planning.robots.descriptions.xml_files import (
-    find_mesh_of_package,
+from planning.robots.descriptions.urdf_geometry import (
     joint_link,
-    kept_folder,
     numbers_text,
     pose_in_root,
     pose_of,
+    write_pose,
+)
+from planning.robots.descriptions.xml_files import (
+    find_mesh_of_package,
     search_folders,
     without_prefixes,
-    write_pose,
 )
 from planning.transforms import (
     Array,

@@ -23,16 +23,18 @@ from planning.robots.descriptions.empty_shapes import (
     leave_out_empty_shapes,
 )
 from planning.robots.descriptions.mjcf_settings import MjcfSettings, turn_from_z
-from planning.robots.descriptions.xml_files import (
-    find_mesh,
+from planning.robots.descriptions.urdf_geometry import (
     joint_motion,
-    number,
     numbers_text,
     pose_of,
+    write_pose,
+)
+from planning.robots.descriptions.xml_files import (
+    find_mesh,
+    number,
     read_xml,
     search_folders,
     vector,
-    write_pose,
 )
 from planning.transforms import Transform, identity, translation
 

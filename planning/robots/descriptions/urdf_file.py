@@ -12,12 +12,11 @@ from xml.etree.ElementTree import Element
 from planning.bounds import FARTHEST, FASTEST_DESCRIBED, SLOWEST
 from planning.cell.robot_model import ToolGrip
 from planning.errors import FittingError, RobotModelError
+from planning.robots.descriptions.urdf_geometry import joint_axis, joint_link
 from planning.robots.descriptions.xml_files import (
     attribute,
     check_meshes,
     check_numbers,
-    joint_axis,
-    joint_link,
     number,
     search_folders,
 )

@@ -1,33 +1,16 @@
-"""Robot descriptions as XML files: read leniently, their meshes found, their numbers checked.
-
-The files of a robot's description: their hash, a copy for a plan, and those that are made here.
-"""
+"""Robot descriptions as XML files: read leniently, their meshes found, their numbers checked."""
 
 from __future__ import annotations
 
-import atexit
-import hashlib
 import math
-import os
 import re
-import shutil
-import tempfile
-import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cache, lru_cache
-from hashlib import sha256
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement, TreeBuilder
+from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
-from planning.cell.robot_model import RobotModel
-from planning.errors import OutputError, RobotModelError
+from planning.errors import RobotModelError
 from planning.files import is_file, read_file, ros_folders
-from planning.transforms import Array, Transform, from_rpy
 
 # Some files begin with comments, and say only then that they are XML.
 _DECLARATION = re.compile(rb"\A((?:\s+|<!--.*?-->)+)<\?xml[^>]*\?>", re.DOTALL)
@@ -200,215 +183,9 @@ def vector(text: str, where: str, count: int = 3) -> tuple[float, ...]:
     return values
 
 
-def numbers_text(values: Iterable[float]) -> str:
-    """Return numbers as descriptions have them."""
-    return " ".join(repr(float(value)) for value in values)
-
-
-def pose_of(element: Element | None, where: str) -> Transform:
-    """Return the pose that an ``<origin>`` stands for; none stands for no offset."""
-    if element is None:
-        return np.eye(4)
-    xyz = vector(element.get("xyz", "0 0 0"), f"{where}, xyz of <origin>")
-    rpy = vector(element.get("rpy", "0 0 0"), f"{where}, rpy of <origin>")
-    return from_rpy(xyz, rpy)
-
-
-def write_pose(parent: Element, pose: Transform) -> None:
-    """Give an element an ``<origin>`` in place of what it has."""
-    for old in parent.findall("origin"):
-        parent.remove(old)
-    turned = np.asarray(pose)[:3, :3]
-    level = np.array_equal(turned, np.eye(3))
-    with warnings.catch_warnings(action="ignore"):  # where two angles say the same
-        rpy = np.zeros(3) if level else Rotation.from_matrix(turned).as_euler("xyz")
-    xyz = np.asarray(pose)[:3, 3]
-    SubElement(parent, "origin", xyz=numbers_text(xyz), rpy=numbers_text(rpy))
-
-
-TURNING = ("revolute", "continuous")
-"""Kinds of joints that turn; others that move slide."""
-
-
-def joint_axis(joint: Element, where: str) -> Array:
-    """Return the unit axis of a joint in its own frame, shape (3,)."""
-    element = joint.find("axis")
-    text = "1 0 0" if element is None else element.get("xyz", "1 0 0")
-    axis = np.array(vector(text, f"{where}, axis"))
-    length = math.hypot(*axis)
-    if length == 0.0:
-        raise RobotModelError(f"{where} has no direction: axis {text!r}")
-    return axis / length
-
-
-def joint_motion(joint: Element, value: float, where: str) -> Transform:
-    """Return what a joint that turns or slides moves its link by, at a value [rad or m]."""
-    along, move = joint_axis(joint, where) * value, np.eye(4)
-    if joint.get("type") in TURNING:
-        move[:3, :3] = Rotation.from_rotvec(along).as_matrix()
-    else:
-        move[:3, 3] = along
-    return move
-
-
-def joint_link(joint: Element, tag: str) -> str:
-    """Return the link at an end of a joint, ``parent`` or ``child``; empty where it names none."""
-    end = joint.find(tag)
-    return "" if end is None else str(end.get("link"))
-
-
-def pose_in_root(
-    link: str, above: Mapping[str, Element], values: Mapping[str, float], where: str
-) -> Transform:
-    """Return the pose of a link in the frame of the root of its description.
-
-    Args:
-        link: its name.
-        above: the joint that each link hangs on.
-        values: of the joints that are not at zero [rad or m].
-        where: description, for messages.
-    """
-    pose = np.eye(4)
-    while link in above:
-        joint = above[link]
-        name = str(joint.get("name"))
-        if name in values:
-            pose = joint_motion(joint, values[name], f"{where}: joint {name!r}") @ pose
-        pose = pose_of(joint.find("origin"), f"{where}: joint {name!r}") @ pose
-        link = joint_link(joint, "parent")
-    return pose
-
-
 def attribute(element: Element, key: str, path: Path) -> str:
     """Return an attribute that an element must have."""
     value = element.get(key)
     if not value:
         raise RobotModelError(f"{path}: a <{element.tag}> has no {key}")
     return value
-
-
-MESH_BYTES = 1 << 30
-"""Bytes of a mesh of a description."""
-
-
-def description_sha256(model: RobotModel) -> str | None:
-    """Return a hash of a robot's URDF and of all meshes that it collides with.
-
-    Returns:
-        None where the description is not in files, or not there any more.
-    """
-    if not is_file(model.urdf):
-        return None
-    stamps = tuple(path.stat().st_mtime_ns for _, path in _meshes(model, "collision"))
-    return _sha256(model, (model.urdf.stat().st_mtime_ns, *stamps))
-
-
-@lru_cache(maxsize=64)
-def _sha256(model: RobotModel, stamps: tuple[int, ...]) -> str:
-    """Hash what the files hold; ``stamps`` makes an edited file be read anew."""
-    digest = hashlib.sha256(read_file(model.urdf))
-    for _, path in _meshes(model, "collision"):
-        digest.update(hashlib.sha256(read_file(path, MESH_BYTES)).digest())
-    return digest.hexdigest()
-
-
-def copy_description(model: RobotModel, folder: Path) -> Path:
-    """Copy a robot's URDF and meshes to where they are found without the rest of the disk.
-
-    Args:
-        model: the robot, whose URDF stays as it is.
-        folder: where the files go, made where it is missing.
-
-    Returns:
-        The copy of the URDF.
-
-    Raises:
-        OutputError: a file cannot be copied.
-    """
-    target = folder / model.urdf.name
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        _copy(model.urdf, target)
-        for name, path in _meshes(model, ""):
-            place = folder / name
-            # What is named by its place on this disk, or above the URDF, is not brought along.
-            if place.resolve().is_relative_to(folder.resolve()):
-                place.parent.mkdir(parents=True, exist_ok=True)
-                _copy(path, place)
-    except OSError as error:
-        raise OutputError(f"{target}: cannot be written: {error}") from error
-    return target
-
-
-def _copy(source: Path, target: Path) -> None:
-    if source.resolve() != target.resolve():
-        shutil.copyfile(source, target)
-
-
-def _meshes(model: RobotModel, purpose: str) -> Iterator[tuple[str, Path]]:
-    """Yield the meshes of a description by their names without a scheme, each once."""
-    root = ElementTree.fromstring(read_file(model.urdf))
-    seen = set()
-    for mesh in root.findall(f".//{purpose}//mesh" if purpose else ".//mesh"):
-        name = mesh.get("filename", "")
-        found = find_mesh(name, model.package_dirs)
-        if found is not None and name not in seen:
-            seen.add(name)
-            yield name.removeprefix("file://").removeprefix("package://"), found
-
-
-def keep_description(root: Element, name: str) -> Path:
-    """Write a description to a file, with its meshes beside it; the same goes to the same file.
-
-    Args:
-        root: of a URDF whose meshes have absolute names; they are named anew here.
-        name: of the file, without a suffix.
-
-    Returns:
-        The file; it is gone when the program ends.
-    """
-    meshes: dict[str, str] = {}
-    for mesh in root.iter("mesh"):
-        source = mesh.get("filename", "")
-        number = len(meshes)
-        target = meshes.setdefault(source, f"meshes/{number:02d}-{Path(source).name}")
-        mesh.set("filename", target)
-    text = ElementTree.tostring(root)
-    digest = sha256(text)
-    for source in meshes:
-        stat = os.stat(source)
-        digest.update(f"{source} {stat.st_mtime_ns} {stat.st_size}".encode())
-    folder = kept_folder() / digest.hexdigest()[:16]
-    path = folder / f"{name}.urdf"
-    if not path.exists():
-        (folder / "meshes").mkdir(parents=True, exist_ok=True)
-        for source, target in meshes.items():
-            _link(Path(source), folder / target)
-        # Written last, and at once: who finds it finds its meshes too.
-        draft = folder / f"{name}.{os.getpid()}"
-        draft.write_bytes(text)
-        draft.replace(path)
-    return path
-
-
-@cache
-def kept_folder() -> Path:
-    """Return a folder that is there as long as the program runs."""
-    folder, owner = Path(tempfile.mkdtemp(prefix="assembly-twin-")), os.getpid()
-
-    def remove() -> None:
-        if os.getpid() == owner:  # a process that was forked has the same folder
-            shutil.rmtree(folder, ignore_errors=True)
-
-    atexit.register(remove)
-    return folder
-
-
-def _link(source: Path, target: Path) -> None:
-    """Put a file in a second place, without a copy where the file system can do that."""
-    try:
-        target.symlink_to(source)
-    except FileExistsError:
-        return
-    except OSError:
-        shutil.copyfile(source, target)

@@ -9,13 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from planning.cell import cover
-from planning.cell.cover import (
-    Capsules,
-    box_body,
-    capsule_cover,
-    cut_across,
-    hull_vertices,
-)
+from planning.cell.body import Capsules
+from planning.cell.cover import box_body, capsule_cover, cut_across, hull_vertices
 from planning.transforms import Array
 
 

@@ -25,9 +25,10 @@ from planning.construction.candidates import (
 from planning.construction.motion_plan_export import motion_plan
 from planning.construction.planner import Round, Rounds, plan_construction, plan_with
 from planning.construction.problem.models import tower
-from planning.construction.problem.problem import Part, PlannerSettings, SearchSettings
+from planning.construction.problem.problem import Part
 from planning.construction.problem.reach_bounds import ReachBounds
-from planning.construction.problem.site import Spiral
+from planning.construction.problem.settings import PlannerSettings, SearchSettings
+from planning.construction.problem.supply_layout import Spiral
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.fixed_world import Building, nothing_built
 from planning.contacts.precedence import PartGraph

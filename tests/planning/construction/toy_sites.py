@@ -14,12 +14,11 @@ from planning.construction.planner import ConstructionPlan, plan_construction
 from planning.construction.problem.models import ModelPart, tower
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.site import (
-    Spiral,
-    SupplyLayout,
     build_problem,
     ground_fixture,
     part_objects,
 )
+from planning.construction.problem.supply_layout import Spiral, SupplyLayout
 from planning.robots.registry import robot_model
 from planning.transforms import identity, readonly, translation
 

@@ -9,9 +9,9 @@ import numpy as np
 from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
-from planning.construction.paths.direct_paths import SpaceTimePath
+from planning.construction.paths.query import SpaceTimePath
 from planning.construction.paths.rrt import space_time_rrt
-from planning.construction.problem.problem import RrtSettings
+from planning.construction.problem.settings import RrtSettings
 from planning.construction.world.fixed_world import FixedWorld, PlannedTask
 from planning.tasks.task import TRANSIT
 from planning.transforms import Array

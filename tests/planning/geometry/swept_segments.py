@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planning.geometry.separation import HullTable
+from planning.geometry.hull_table import HullTable
 from planning.geometry.swept import place_capsules
 from planning.kernels import kernel
 from planning.transforms import Array

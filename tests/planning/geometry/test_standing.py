@@ -15,7 +15,7 @@ from planning.cell.workcell import (
     PlacedRobot,
     Workcell,
 )
-from planning.geometry.separation import AT_REST
+from planning.geometry.hull_table import AT_REST
 from planning.geometry.standing import sort_objects, stand_boxes
 from planning.transforms import from_rpy, readonly, translation
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from planning.cell.workcell import PlacedRobot
+from planning.geometry.hull_table import HullTable
 from planning.geometry.robot_bodies import robot_bodies
-from planning.geometry.separation import HullTable
 from planning.kinematics.chain import pose_joints
 from planning.transforms import Array
 from tests.planning.geometry.swept_segments import sweep_segments

@@ -12,12 +12,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, nnls
 
-from planning.cell.cover import ConvexBody
+from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Box, Cylinder, Element, Shape, box_shape, shape_of
 from planning.cell.workcell import PlacedRobot
-from planning.grips.grip import GripRules, box_grips, part_grips
+from planning.grips.grip import GripRules, box_grips
 from planning.grips.pads import BESIDE, cup_at, finger_sides, pads_at, why_not_held
+from planning.grips.shape_grips import part_grips
 from planning.grips.tool_grips import (
     beyond_part,
     own_grips,

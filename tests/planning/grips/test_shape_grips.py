@@ -17,7 +17,8 @@ from planning.cell.shape import (
     box_shape,
     shape_of,
 )
-from planning.grips.grip import GripRules, box_grips, part_grips
+from planning.grips.grip import GripRules, box_grips
+from planning.grips.shape_grips import part_grips
 from planning.meshes.convex_pieces import cut_convex
 from planning.meshes.mesh_file import MeshTriangles
 from planning.transforms import from_rpy, identity, translation

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planning.caches import KeptAnswers
 from planning.cell.robot_model import KinematicChain, RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
-from planning.files import KeptAnswers
 from planning.kinematics import kinematics
 from planning.kinematics.damped_least_squares import TOLERANCE
 from planning.kinematics.kinematics import (

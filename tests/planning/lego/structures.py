@@ -6,7 +6,7 @@ from types import MappingProxyType
 from hypothesis import strategies as st
 
 from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
-from planning.lego.bricks.grid import presses
+from planning.lego.bricks.brick_grips import presses
 from planning.lego.skills.targets import BrickGrip
 from planning.transforms import Transform, from_rpy
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from trimesh.creation import annulus, box, icosphere
 
-from planning import files
+from planning import caches
 from planning.errors import ShapeError
 from planning.meshes import mesh_form as module
 from planning.meshes.convex_pieces import _outside
@@ -22,8 +22,8 @@ from planning.transforms import Array, Indices, from_rpy
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(files, "WORTH", 0.0)
-    monkeypatch.setattr(module, "_FORMS", files.KeptAnswers(64))
+    monkeypatch.setattr(caches, "WORTH", 0.0)
+    monkeypatch.setattr(module, "_FORMS", caches.KeptAnswers(64))
 
 
 def written(mesh, path):
@@ -90,7 +90,7 @@ def test_pieces_of_a_ring_contain_it_and_leave_its_hole_open(tmp_path, monkeypat
         raise AssertionError("cut again")
 
     monkeypatch.setattr(module, "cut_convex", never)
-    monkeypatch.setattr(module, "_FORMS", files.KeptAnswers(64))
+    monkeypatch.setattr(module, "_FORMS", caches.KeptAnswers(64))
     again = mesh_form(written(mesh, tmp_path / "copy.stl"))
     for one, other in zip(form.hulls, again.hulls, strict=True):
         np.testing.assert_array_equal(one, other)

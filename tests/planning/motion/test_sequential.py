@@ -14,10 +14,11 @@ from planning.cell.workcell import CellObject, PlacedRobot, Workcell, start_stat
 from planning.errors import TransitError
 from planning.geometry.scene_checker import Contact, SceneChecker
 from planning.kinematics.kinematics import frame_pose
-from planning.motion.known_motions import MotionPlan
+from planning.motion.full_turns import take_near_turns
+from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings, plan_sequential, why_blocked
 from planning.motion.speed import L1Speed
-from planning.motion.transit import RrtConnect, take_near_turns
+from planning.motion.transit import RrtConnect
 from planning.robots.registry import robot_model
 from planning.tasks.task import TRANSIT, AllowedContact, Handling, StepTasks, Task
 from planning.transforms import Array, from_rpy, inverse, translation

@@ -32,7 +32,7 @@ from planning.parts.part_skills import (
 )
 from planning.parts.step_paths import Pairing
 from planning.parts.work import part_work
-from planning.steps.handovers import CandidateCollector
+from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import STRIDE, Obstruction, Phase, SkillTargets
 from planning.tasks.assignment import PrimaryCandidate, TaskPlan
 from planning.tasks.highs_solver import assign_steps

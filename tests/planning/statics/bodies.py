@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from planning.cell.cover import ConvexBody, box_body, capsule_cover
+from planning.cell.body import ConvexBody
+from planning.cell.cover import box_body, capsule_cover
 from planning.statics.standing import PlacedBody
 from planning.transforms import Transform, identity, readonly, translation
 

@@ -4,7 +4,8 @@ import numpy as np
 import pinocchio
 import pytest
 
-from planning.cell.robot_model import MotionLimits, RobotModel, limits_of
+from planning.cell.motion_limits import MotionLimits, limits_of
+from planning.cell.robot_model import RobotModel
 from planning.cell.shape import box_shape
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import frame_in_last_joint

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.motion_limits import MotionLimits
 from planning.timing.braking import StoppedPath, stopped_path
 from planning.timing.smooth_path import STRAY, SmoothPath, smooth_path
 from planning.timing.stretch import braked, exit_bound, pass_through, straight_stretch

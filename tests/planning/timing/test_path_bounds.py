@@ -8,15 +8,12 @@ from hypothesis import strategies as st
 from planning.kinematics.chain import joint_table
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.robots.registry import robot_model
-from planning.timing.path_bounds import (
-    PathBounds,
-    greatest_tool_speed,
-    tool_speed_along,
-)
+from planning.timing.path_bounds import PathBounds
 from planning.timing.rounded_path import BlendedPath, ordered_windows
 from planning.timing.stretch import RoundedStretch, rounded_stretch, straight_stretch
+from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along
 from tests.planning.timing.drawn_arm import MODELS, Drawn, PinocchioArm
-from twin.run.driven_motion import cubic_at
+from twin.run.cubic_motion import cubic_at
 
 
 def drawn_path(drawn: Drawn) -> BlendedPath:

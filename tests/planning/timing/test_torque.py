@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from planning.cell.robot_model import limits_of
+from planning.cell.motion_limits import limits_of
 from planning.cell.shape import box_shape
 from planning.cell.workcell import PlacedRobot
 from planning.robots.registry import robot_model
@@ -15,7 +15,7 @@ from planning.timing.smooth_path import smooth_path
 from planning.timing.stretch import Stretch, straight_stretch
 from planning.timing.torque import ArmDynamics, Payload, borne_stretch, why_unchecked
 from tests.planning.timing.drawn_arm import ARMS, MODELS, Drawn
-from twin.run.driven_motion import cubic_at
+from twin.run.cubic_motion import cubic_at
 
 
 def slower(stretch: Stretch, factor: float) -> Stretch:

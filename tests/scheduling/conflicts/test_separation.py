@@ -20,7 +20,7 @@ from planning.geometry.separation import (
     pose_segments,
 )
 from planning.transforms import Array
-from scheduling.build_tpg import build_nodes
+from scheduling.build_nodes import build_nodes
 from scheduling.conflicts.conflict_search import search_conflicts
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.occupancy import MOTION, Occupancy

@@ -8,7 +8,8 @@ import pytest
 
 from planning.errors import PlanInvariantError
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.dispatcher import Dispatcher, earliest_times
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.scheduling.mini_world import random_plan
 

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planning.cell.robot_model import MotionLimits, RobotModel
+from planning.cell.motion_limits import MotionLimits
+from planning.cell.robot_model import RobotModel
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.errors import OutputError, RobotModelError

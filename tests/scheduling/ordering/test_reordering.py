@@ -12,24 +12,21 @@ from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
-from planning.motion.known_motions import MotionPlan
+from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import L1Speed
 from planning.tasks.task import EARLIER, TRANSIT, TimeWindow
 from scheduling.build_tpg import build_tpg, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.dispatcher import earliest_times
-from scheduling.graph.task_edges import with_barriers
+from scheduling.graph.barriers import with_barriers
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.graph.windows import worth
 from scheduling.ordering import synchronous
-from scheduling.ordering.beam_search import (
-    TaskOrderSearch,
-    find_blocks,
-    put_in_order,
-    reorder_tasks,
-)
-from scheduling.ordering.relations import TaskRelations, connect_in_order
+from scheduling.ordering.beam_search import TaskOrderSearch
+from scheduling.ordering.known_edges import connect_in_order
+from scheduling.ordering.relations import TaskRelations
+from scheduling.ordering.reordering import find_blocks, put_in_order, reorder_tasks
 from scheduling.ordering.synchronous import (
     SynchronousPlan,
     TaskConflicts,

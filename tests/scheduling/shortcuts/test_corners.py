@@ -8,17 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.kinematics.kinematics import frame_pose
-from planning.motion.known_motions import MotionPlan
+from planning.motion.motion_plan import MotionPlan
 from planning.transforms import translation
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import chain_bends, within_limits
+from scheduling.motion_times import within_limits
 from scheduling.shortcuts.corners import round_corners
+from scheduling.stretch_times import chain_bends
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import check_conflicts_are_ordered
 from tests.scheduling.mini_world import PlanWriter, planar_cell, random_plan

@@ -18,19 +18,19 @@ from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
-from planning.motion.known_motions import MotionPlan
+from planning.motion.motion_plan import MotionPlan
 from planning.motion.speed import L1Speed
 from scheduling.build_tpg import build_tpg
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Rest
-from scheduling.graph.dispatcher import earliest_times, latest_ends
 from scheduling.graph.plan_files import load_plan, save_plan
+from scheduling.graph.rollout import earliest_times, latest_ends
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.shortcuts import replacement_check as shortcut_check
 from scheduling.shortcuts import scenery
 from scheduling.shortcuts.board import Board
-from scheduling.shortcuts.replacement_check import Swap, splice_edges
+from scheduling.shortcuts.rewiring import Swap, splice_edges
 from scheduling.shortcuts.shortcutting import runs_beside_waits, shorten_tpg, waits
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import (

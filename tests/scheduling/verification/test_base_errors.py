@@ -15,7 +15,8 @@ from planning.cell.workcell import PoseError, Workcell
 from planning.robots.registry import robot_model
 from planning.tasks.task import AllowedContact
 from planning.transforms import Array, Transform, rotation, translation
-from scheduling.build_tpg import build_nodes, build_tpg
+from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.survived_errors import SurvivedErrors
 from scheduling.verification.verify import verify_plan

@@ -10,7 +10,8 @@ import pytest
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.tasks.task import AllowedContact, Handling
 from planning.transforms import Array, inverse, rotation, translation
-from scheduling.build_tpg import build_nodes, build_tpg
+from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.graph_structure import find_precedence
 from scheduling.verification.problems import Problem

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.kinematics.kinematics import frame_pose

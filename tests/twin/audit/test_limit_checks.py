@@ -11,7 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError
 from planning.transforms import Array
@@ -27,7 +27,7 @@ from twin.audit.joint_limits import joint_violations
 from twin.audit.motion.executed import Recording, ReplayedRun, RobotRows
 from twin.audit.motion_limits import limit_violations
 from twin.durations.measured import packaged_timings
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.run.trajectory import robot_trajectories
 from twin.uncertainty.disturbances import Disturbances, EmergencyStop, Stalls
 from twin.uncertainty.skill_durations import SkillDurations

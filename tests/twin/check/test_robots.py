@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 import twin
-from planning.cell.robot_model import limits_of
+from planning.cell.motion_limits import limits_of
 from planning.cell.shape import Box, Cylinder, Element
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool

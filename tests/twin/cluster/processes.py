@@ -6,7 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from twin.cluster.certificates import Cluster, make_certificates
+from twin.cluster.address import Cluster
+from twin.cluster.certificates import make_certificates
 
 ROOT = Path(__file__).parents[3]
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from planning.errors import RequestError, TwinError
-from twin.cluster.certificates import Cluster, certificates_in, make_certificates
+from twin.cluster.address import Cluster
+from twin.cluster.certificates import certificates_in, make_certificates
 from twin.cluster.client import ClusterError, require_same_versions
 
 

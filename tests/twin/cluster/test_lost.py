@@ -15,13 +15,13 @@ import pytest
 from tests.twin.cluster.processes import ROOT, start, up
 from tests.twin.program import invoke
 from tests.twin.study.study_toys import toy_workload
-from twin.cluster.certificates import Cluster
+from twin.cluster.address import Cluster
 from twin.cluster.client import ClusterError, ClusterExecutor, ClusterLostError
 from twin.study.folder import write_replications
 from twin.study.replications import runner
+from twin.study.replications.executors import open_executor
+from twin.study.replications.experiment import Experiment
 from twin.study.replications.runner import run_replications
-from twin.study.replications.statistics import Experiment
-from twin.study.replications.workload import open_executor
 
 distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")

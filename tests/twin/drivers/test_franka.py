@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planning.cell.robot_model import MotionLimits, limits_of
+from planning.cell.motion_limits import MotionLimits, limits_of
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import robot_model
 from planning.transforms import Array, identity

@@ -15,11 +15,12 @@ from planning.errors import ScenarioError
 from planning.transforms import Array
 from tests.twin.durations.known_distributions import KNOWN
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
-from twin.durations.lifetimes import Exponential, Gamma, Retries, Shifted, Weibull
+from twin.durations.composed import Retries, Shifted
+from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.measured import Empirical, MeasuredTimes
 from twin.durations.model import DurationModel
 from twin.durations.normal import Lognormal, TruncatedNormal
-from twin.fit.fitting import section_model
+from twin.fit.candidates import section_model
 
 U = (np.arange(2000) + 0.5) / 2000
 SECONDS = st.floats(0.01, 1000)

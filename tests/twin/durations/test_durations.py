@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from benchmarks.packaged_timings import PACKAGED, SPREAD_S, SPREAD_SHARE, write_timings
 from planning.errors import ScenarioError
 from planning.tasks.task import SKILLS, TRANSIT
-from scheduling.build_tpg import build_nodes
+from scheduling.build_nodes import build_nodes
 from tests.twin.drawn_runs import sample
 from tests.twin.program import invoke
 from tests.twin.twin_toys import random_tpg, with_cut_skill
 from tests.twin.written import loaded, written
-from twin.durations.lifetimes import Retries
+from twin.durations.composed import Retries
 from twin.durations.measured import Empirical, MeasuredTimes, Packaged, packaged_timings
-from twin.durations.model import to_nanoseconds
+from twin.durations.nanoseconds import to_nanoseconds
 from twin.durations.normal import Lognormal
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_motions

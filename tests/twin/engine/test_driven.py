@@ -9,26 +9,22 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from scheduling.graph.dispatcher import Dispatcher, earliest_times
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.motion_times import (
-    at_full_speed,
-    blended_path,
-    chain_bends,
-    node_path,
-    within_limits,
-)
+from scheduling.motion_times import at_full_speed, node_path, within_limits
+from scheduling.stretch_times import blended_path, chain_bends
 from tests.twin.drawn_runs import ANYTHING, VARIED
 from tests.twin.driven_toys import BENT_TPGS, DRIVEN_TPGS, bent_tpg, driven_tpg
 from tests.twin.simulated import NOMINAL, simulate, stopped, watched
 from twin.durations.bounded import Fixed, Uniform
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.driven_robots import DrivenRobots
 from twin.engine.engine import Simulator
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.run.events import ExecutionRecord, Policy
+from twin.run.execution_record import ExecutionRecord, Policy
 from twin.run.trajectory import Trajectory, object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (
     Breakdowns,

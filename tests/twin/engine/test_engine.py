@@ -11,11 +11,11 @@ from typer.testing import Result
 
 from planning.cell.workcell import Workcell
 from planning.errors import TwinError
-from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task import TRANSIT, Task
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.plan_files import save_plan
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED, sample, sample_node_times
 from tests.twin.program import invoke
@@ -28,7 +28,8 @@ from twin.engine.execution_model import ExecutionModel, Messages
 from twin.planning.build_workcell import build_workcell
 from twin.reading.scenario_file import load_scenario
 from twin.recorders.observers import MemoryRecorder
-from twin.run.events import DeadlockError, Event, ExecutionRecord
+from twin.run.events import Event
+from twin.run.execution_record import DeadlockError, ExecutionRecord
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import Disturbances, Stalls
 

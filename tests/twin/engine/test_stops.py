@@ -18,7 +18,7 @@ from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations.bounded import Fixed, Uniform
 from twin.recorders.observers import MemoryRecorder
 from twin.run.activities import FAILED, STOPPED
-from twin.run.events import ExecutionRecord
+from twin.run.execution_record import ExecutionRecord
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (
     Breakdowns,

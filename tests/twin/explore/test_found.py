@@ -12,9 +12,10 @@ from tests.twin.explore.bench import Bench, exploration_of, sliders_explored
 from tests.twin.explore.sliders import EXPLORE, LEFT, RIGHT, slider_file
 from tests.twin.program import invoke
 from twin.explore.crew import DesignTask
+from twin.explore.design_scenario import scenario_text
 from twin.explore.dimensions import Dimension
 from twin.explore.finals import Finals
-from twin.explore.folder import scenario_text, write_sample
+from twin.explore.folder import write_sample
 from twin.explore.influence import front, importances
 from twin.explore.journal import SEARCH, Tried
 from twin.explore.page_words import verdict, worth_words

@@ -9,15 +9,11 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.durations.bounded import Fixed
 from twin.durations.measured import packaged_timings
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.exports.formats import exported_files
-from twin.recorders.observers import (
-    JsonlRecorder,
-    objects_table,
-    trajectory_table,
-    write_table,
-)
-from twin.run.events import ExecutionRecord
+from twin.recorders.observers import JsonlRecorder
+from twin.recorders.run_tables import objects_table, trajectory_table, write_table
+from twin.run.execution_record import ExecutionRecord
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import (

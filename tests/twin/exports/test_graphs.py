@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from planning.cell.workcell import Workcell
-from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task import Handling, Task
 from planning.transforms import identity, translation
-from scheduling.build_tpg import build_nodes
+from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.exports.exported_runs import exported, toy_run
 from tests.twin.twin_toys import toy_cell

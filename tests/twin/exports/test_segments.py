@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planning.errors import OutputError
-from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.rollout import earliest_times
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.exports.exported_runs import (
     DISTURBED,
@@ -19,8 +19,8 @@ from tests.twin.exports.exported_runs import (
     stamp_ns,
     toy_run,
 )
-from twin.durations.model import NANOSECONDS, to_nanoseconds
-from twin.run.events import ExecutionRecord
+from twin.durations.nanoseconds import NANOSECONDS, to_nanoseconds
+from twin.run.execution_record import ExecutionRecord
 from twin.run.trajectory import Trajectory, robot_trajectories
 from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import Disturbances, EmergencyStop

@@ -14,7 +14,7 @@ from twin.durations.bounded import Pert, Triangular, Uniform
 from twin.durations.fittable import Family, ShiftedFamily, golden_section
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.normal import Lognormal, TruncatedNormal
-from twin.fit.fitting import (
+from twin.fit.candidates import (
     FAMILIES,
     LEVEL,
     Candidate,

@@ -8,7 +8,7 @@ from planning.errors import RequestError
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.durations.bounded import Uniform
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.fit.samples import skills_in_log
 from twin.recorders.observers import JsonlRecorder
 from twin.uncertainty.disturbances import Disturbances

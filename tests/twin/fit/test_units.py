@@ -7,7 +7,8 @@ import pytest
 
 from planning.errors import ScenarioError
 from tests.twin import program
-from twin.durations.measured import Empirical, named_unit, read_durations
+from twin.durations.measured import Empirical
+from twin.durations.timing_files import named_unit, read_durations
 from twin.fit.samples import read_samples
 
 SECONDS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}

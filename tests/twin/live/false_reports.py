@@ -13,7 +13,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain
 from twin.drivers.driver import Sample
 from twin.live.driver_end import DriverEnd
 from twin.live.inbox import Inbox
-from twin.live.wire_format import Command, Report
+from twin.live.messages import Command, Report
 
 MANY = 2**32 - 1
 LETTERS = "\x1b[2J\x1b]0;owned\x07\n\u202e" * 20_000

@@ -21,8 +21,8 @@ from mcap.reader import make_reader
 
 import twin
 from planning.errors import OutputError, RequestError, TwinError
+from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.plan_files import load_plan
-from scheduling.graph.task_edges import actuation_nodes
 from scheduling.verification.verify import verify_plan
 from tests.twin.live.handed_bar import BAR
 from tests.twin.operate.operated import STACK, stack
@@ -33,8 +33,8 @@ from twin.exports.ros.mcap_file import mcap_files
 from twin.live.driver_end import DriverEnd, LocalWire
 from twin.live.link import Link
 from twin.live.measured import MeasuredLog, history_of
+from twin.live.messages import Command, Report
 from twin.live.remote_robots import RemoteRobots
-from twin.live.wire_format import Command, Report
 from twin.operate.operation import Operation, operate
 from twin.operate.recovery import Recovery
 from twin.recorders.observers import MemoryRecorder

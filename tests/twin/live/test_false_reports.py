@@ -33,13 +33,13 @@ from twin.engine.execution_model import Messages
 from twin.live.driver_end import DriverEnd
 from twin.live.inbox import Inbox
 from twin.live.link import Link
+from twin.live.messages import Report
 from twin.live.remote_robots import RemoteRobots
 from twin.live.report_checks import plain_text
 from twin.live.wire_format import (
     MOST_BYTES,
     MOST_SAMPLES,
     MessageError,
-    Report,
     message_class,
     read_report,
     report_bytes,

@@ -8,7 +8,7 @@ import pytest
 import twin
 from planning.cell.workcell import PlacedRobot
 from planning.transforms import Array
-from scheduling.graph.task_edges import actuation_nodes
+from scheduling.graph.actuations import actuation_nodes
 from tests.twin.live.handed_bar import BAR
 from twin.audit.case import moved_spans
 from twin.audit.motion.executed import SETTLING, RobotRows

@@ -12,7 +12,7 @@ from twin.drivers.driver import ClearedNode
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
-from twin.live.wire_format import Command, Report
+from twin.live.messages import Command, Report
 
 TICK_S = 0.05
 START = np.zeros(2)

@@ -21,7 +21,7 @@ from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.drivers.driver import ClearedNode, DriverState
 from twin.drivers.simulated_arm import SimulatedArm
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.ending import PendingNode
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import Messages
@@ -29,8 +29,8 @@ from twin.live.driver_end import DriverEnd
 from twin.live.inbox import Inbox
 from twin.live.link import Link
 from twin.live.measured import history_of
+from twin.live.messages import Command, Report
 from twin.live.remote_robots import RemoteRobots
-from twin.live.wire_format import Command, Report
 from twin.operate.replanner import RollingReplanner
 from twin.recorders.observers import MemoryRecorder, Observers
 from twin.run.events import Event

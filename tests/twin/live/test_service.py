@@ -32,14 +32,13 @@ from twin.engine.execution import Ports
 from twin.live import service as live_service
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
+from twin.live.messages import Command, Report
 from twin.live.remote_robots import RemoteRobots
 from twin.live.service import METHOD, Service, channel_to, drive_remotely
 from twin.live.wire_format import (
     DESCRIPTION,
     MOST_BYTES,
-    Command,
     MessageError,
-    Report,
     command_bytes,
     read_command,
     read_report,

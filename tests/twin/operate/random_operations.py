@@ -25,7 +25,7 @@ from benchmarks.operate import audited
 from planning.errors import PlanInvariantError
 from planning.tasks.task import FAILED, HANDLING, LEFT_OUT, TRANSIT
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.rollout import earliest_times
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import STACK, operated, planned

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.twin.operate.operated import lost, operated, require_kept
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.operate.operation import operate
 from twin.run.events import Event
 from twin.trial.loaded_scenario import load

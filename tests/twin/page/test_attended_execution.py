@@ -10,7 +10,7 @@ from tests.twin.page.beside import ASKS, Beside, failing_first_pick, robot
 from twin.follow.state import FollowedRun
 from twin.operate.operation import Operation
 from twin.operate.recovery import Recovery
-from twin.page.attended import Order
+from twin.page.panel import Order
 from twin.run.events import Event
 from twin.trial.plan_result import PlanResult
 

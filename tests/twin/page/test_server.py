@@ -25,7 +25,7 @@ from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import STACK
 from tests.twin.program import python
 from twin.follow.follow import served
-from twin.page.attended import Order, Panel, Shown, ShownRobot
+from twin.page.panel import Order, Panel, Shown, ShownRobot
 from twin.page.server import PageServer
 
 pytestmark = pytest.mark.timeout(300)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twin.trial.planning as planning
-from planning.motion.known_motions import MotionPlan
+from planning.motion.motion_plan import MotionPlan
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,

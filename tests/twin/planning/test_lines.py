@@ -10,7 +10,7 @@ import yaml
 from planning.errors import ScenarioError
 from planning.tasks.task import LEAVE, PRESENT
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from tests.planted import rows

@@ -11,8 +11,8 @@ from planning.lego.bricks.grid import box_pose
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import L1Speed
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.dispatcher import earliest_times
-from scheduling.graph.task_edges import with_barriers
+from scheduling.graph.barriers import with_barriers
+from scheduling.graph.rollout import earliest_times
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.mini_world import random_plan
 from tests.twin.planning.facing_arms import FACING_ARMS

@@ -15,10 +15,10 @@ from planning.construction.motion_plan_export import export_motion_plan, motion_
 from planning.construction.planner import ConstructionPlan
 from planning.construction.world.fixed_world import FixedWorld, PlannedTask
 from planning.errors import PlanInvariantError
-from planning.motion.known_motions import MotionPlan
+from planning.motion.motion_plan import MotionPlan
 from planning.tasks.task import TRANSIT
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from tests.planning.construction.toy_sites import handover_plan, tower_plan
@@ -29,7 +29,7 @@ from twin.audit.motion.executed import read_recording
 from twin.durations.bounded import Uniform
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
-from twin.recorders.observers import objects_table, trajectory_table, write_table
+from twin.recorders.run_tables import objects_table, trajectory_table, write_table
 from twin.run.folder import OBJECTS, TRAJECTORY
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import Disturbances, Stalls

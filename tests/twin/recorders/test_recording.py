@@ -21,13 +21,15 @@ from tests.twin.recorders.recorded_toys import moved_by, recorded_run, rows, sta
 from tests.twin.run.lane_oracle import robot_lanes
 from tests.twin.simulated import watched
 from tests.twin.twin_toys import random_tpg
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution_model import Messages
 from twin.host.pictures import save_png
 from twin.recorders.rerun.bodies import frame_times
 from twin.run.activities import LANE_COLOURS, WAITING
-from twin.run.events import Event, ExecutionRecord
-from twin.run.gantt import gantt_figure, rgb, team_colours
+from twin.run.events import Event
+from twin.run.execution_record import ExecutionRecord
+from twin.run.gantt import gantt_figure
+from twin.run.team_colours import rgb, team_colours
 from twin.run.trajectory import object_placements, robot_trajectories
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planning.tasks.task import TRANSIT, Task
-from scheduling.graph.task_edges import with_barriers
+from scheduling.graph.barriers import with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.recorders.recorded_toys import recorded_run, rows, static, toy_of
 from tests.twin.recorders.transform_chains import broken_chains
@@ -19,11 +19,13 @@ from twin.drawing.looks import paint
 from twin.follow.follow import Silence
 from twin.follow.recording import LiveRecording
 from twin.follow.state import FollowedRun
-from twin.recorders.rerun.event_rows import PlanWords, long_waits
-from twin.recorders.rerun.layout import camera, eye_on, site_points
+from twin.recorders.rerun.camera import camera, eye_on, site_points
+from twin.recorders.rerun.event_rows import long_waits
+from twin.recorders.rerun.plan_words import PlanWords
 from twin.run.activities import IDLE, RETRYING, STALLED
-from twin.run.events import Event, ExecutionRecord, Policy
-from twin.run.gantt import rgb, team_colours
+from twin.run.events import Event
+from twin.run.execution_record import ExecutionRecord, Policy
+from twin.run.team_colours import rgb, team_colours
 
 TEAMS = {
     "arms": toy_of(["gp4", "panda", "gp4"], idle=1),

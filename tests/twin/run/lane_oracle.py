@@ -7,7 +7,7 @@ import numpy as np
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.run.activities import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
-from twin.run.events import ExecutionRecord
+from twin.run.execution_record import ExecutionRecord
 
 
 @dataclass(frozen=True)

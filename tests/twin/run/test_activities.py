@@ -14,7 +14,7 @@ from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
 from tests.twin.run.lane_oracle import Span, robot_lanes
 from tests.twin.simulated import watched
 from tests.twin.twin_toys import toy_cell, two_robot_tpg
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.run.activities import (
     HOLDING,
     IDLE,

@@ -17,14 +17,14 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from scheduling.motion_times import within_limits
-from scheduling.pace import overloads, slowed_motions
 from scheduling.shortcuts.corners import round_corners
+from scheduling.slowed_motions import overloads, slowed_motions
 from tests.planning.timing.drawn_arm import PinocchioArm
 from tests.shipped_runs import ShippedRuns
 from twin.audit.motion.executed import Recording, read_recording
 from twin.engine.engine import Simulator
-from twin.recorders.observers import write_motion
-from twin.run.driven_motion import cubic_at
+from twin.recorders.run_tables import write_motion
+from twin.run.cubic_motion import cubic_at
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.simulation import scenario_execution
 from twin.uncertainty.disturbances import Disturbances, Stalls

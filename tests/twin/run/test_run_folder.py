@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from planning.errors import OutputError, RequestError
+from planning.files import replacing
 from scheduling.graph.plan_files import load_plan, save_plan
 from tests.twin.program import invoke
 from tests.twin.turning_arms import planned_arms, run_arms
-from twin.host.guard import replacing, write_json
+from twin.host.atomic_files import write_json
 from twin.run.folder import (
     hashes_as_written,
     keep_new,

@@ -12,8 +12,8 @@ from tests.twin.recorded_events import InterruptsAt
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.execution_model import Messages
-from twin.recorders.observers import objects_table, trajectory_table
-from twin.run.events import ExecutionRecord, Measured
+from twin.recorders.run_tables import objects_table, trajectory_table
+from twin.run.execution_record import ExecutionRecord, Measured
 from twin.run.tracking import nearest_on_path, tracking_errors
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import Disturbances, Stalls

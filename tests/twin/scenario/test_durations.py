@@ -18,15 +18,8 @@ from tests.twin.scenarios.cells import ONE_BRICK
 from tests.twin.twin_toys import random_tpg
 from tests.twin.written import Change, loaded, refusal
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
-from twin.durations.lifetimes import (
-    AnyDuration,
-    Exponential,
-    Gamma,
-    Retries,
-    Shifted,
-    SkillOverride,
-    Weibull,
-)
+from twin.durations.composed import AnyDuration, Retries, Shifted, SkillOverride
+from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.measured import Packaged, packaged_timings
 from twin.durations.model import DurationModel, PackagedSkill
 from twin.durations.normal import Lognormal, TruncatedNormal

@@ -14,19 +14,16 @@ from benchmarks.construction.fine_check.check import check_construction
 from planning.construction import planner
 from planning.construction.motion_plan_export import motion_plan
 from planning.construction.planner import ConstructionPlan, plan_construction
-from planning.construction.problem.problem import (
-    ConstructionProblem,
-    RrtSettings,
-    SkillSeconds,
-)
+from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
 from planning.construction.problem.reach_bounds import reach_bounds
+from planning.construction.problem.settings import RrtSettings
 from planning.errors import RobotModelError, ScenarioError
 from planning.motion.sequential import MotionSettings
 from scheduling.graph.plan_files import load_plan
 from scheduling.verification.verify import verify_plan
 from tests.planted import rows
 from tests.twin.written import loaded, written
-from twin.audit import supports
+from twin.audit import part_holding
 from twin.audit.audit import audit_run
 from twin.audit.motion.executed import read_recording
 from twin.cli import app
@@ -158,7 +155,7 @@ def test_a_run_in_which_a_part_is_kept_hold_of_stands_because_of_that(
     assert result.exit_code == 0, result.output
     wanted = kind.wanted(scenario.cell)
     assert audit_run(folder, wanted=wanted).violations == ()
-    monkeypatch.setattr(supports, "_held_in_place", lambda _case: {})
+    monkeypatch.setattr(part_holding, "_held_in_place", lambda _case: {})
     (fall,) = audit_run(folder, wanted=wanted).violations
     assert (fall.kind, fall.first) == ("balance", "beam")
     case = read_recording(folder, load_plan(folder).cell).objects

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.tasks.task import CLOSE, OPEN
+from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.plan_files import load_plan, save_plan
-from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from tests.twin.recorders.recorded_toys import recorded_run, rows
@@ -22,12 +22,12 @@ from tests.twin.written import checked, written
 from twin.engine.engine import Simulator
 from twin.fit.samples import logged_skills
 from twin.reading.scenario_file import load_scenario
+from twin.recorders.rerun.entities import entity_path, robot_part
 from twin.recorders.rerun.fingers import finger_moves
-from twin.recorders.rerun.layout import entity_path, robot_part
 from twin.run.activities import robot_activities
 from twin.run.trajectory import object_placements
 from twin.scenario.sections.scenario import Scenario
-from twin.study.replications.workload import timing_graph
+from twin.study.replications.timing_graph import timing_graph
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError, PlanInvariantError
 from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.plan_files import load_plan
-from scheduling.graph.task_edges import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
@@ -30,7 +30,7 @@ from twin.check.finding import Subject
 from twin.check.reach import check_reach
 from twin.document.validation import InvalidScenarioError
 from twin.durations.bounded import Fixed, Uniform
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.execution_model import ExecutionModel
 from twin.kinds.parts.checks.places import check_goals
@@ -38,8 +38,9 @@ from twin.run.summary import summarise
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.block_results import task_groups
-from twin.study.replications.statistics import Block
-from twin.study.replications.workload import Engines, Workload, timing_graph
+from twin.study.replications.experiment import Block
+from twin.study.replications.timing_graph import timing_graph
+from twin.study.replications.workload import Engines, Workload
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult

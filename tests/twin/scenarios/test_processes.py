@@ -11,7 +11,7 @@ from planning.errors import ScenarioError
 from planning.expectations import Expectations, WantedProcess
 from planning.tasks.task import HOLD
 from planning.transforms import from_rpy, translation
-from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.rollout import earliest_times
 from scheduling.verification.verify import verify_plan
 from tests.twin.program import invoke
 from tests.twin.scenarios.cells import cell, panda

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from planning.tasks.task import TRANSIT
-from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.plan_files import load_plan, save_plan
+from scheduling.graph.rollout import earliest_times
 from scheduling.verification.verify import verify_plan
 from tests.shipped_runs import ShippedRuns
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_in_slots
 from twin.reading.scenario_file import load_scenario

@@ -10,10 +10,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError
-from planning.motion.known_motions import MotionPlan
+from planning.motion.motion_plan import MotionPlan
 from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, Task
-from scheduling.build_tpg import build_nodes
-from scheduling.pace import hand_loads
+from scheduling.build_nodes import build_nodes
+from scheduling.hand_loads import hand_loads
 from scheduling.verification.verify import verify_plan
 from tests.twin.written import loaded
 from twin.scenario.sections.scenario import resolved, restored

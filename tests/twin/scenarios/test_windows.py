@@ -18,15 +18,16 @@ from tests.twin.scenarios.executed import executed
 from tests.twin.scenarios.test_machines import scenario as machines
 from tests.twin.written import checked, loaded, refusal, written
 from twin.audit.audit import audit_run
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.study.products import windows_summary
 from twin.study.replications.block_results import cell_part, write_block
-from twin.study.replications.statistics import Block
-from twin.study.replications.workload import Engines, Workload, timing_graph
+from twin.study.replications.experiment import Block
+from twin.study.replications.timing_graph import timing_graph
+from twin.study.replications.workload import Engines, Workload
 from twin.trial.header import doubts_about_windows
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute, scenario_execution

@@ -7,9 +7,10 @@ from tests.twin.twin_toys import random_tpg
 from twin.durations.bounded import Uniform
 from twin.durations.normal import Lognormal
 from twin.engine.execution_model import ExecutionModel
-from twin.run.events import Policy
+from twin.run.execution_record import Policy
 from twin.study.replications.statistics import Interval
-from twin.study.replications.workload import Workload, timing_graph
+from twin.study.replications.timing_graph import timing_graph
+from twin.study.replications.workload import Workload
 from twin.study.summary import CellSummary, StudySummary
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations

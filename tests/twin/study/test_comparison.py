@@ -17,11 +17,11 @@ from scheduling.shortcuts.shortcutting import shorten_tpg
 from tests.twin.program import invoke
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import motion_settings
 from twin.reading.scenario_file import load_scenario
-from twin.run.events import ExecutionRecord
+from twin.run.execution_record import ExecutionRecord
 from twin.run.policies import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUTS,

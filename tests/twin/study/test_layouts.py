@@ -13,7 +13,8 @@ from planning.transforms import Array
 from scheduling.graph.plan_files import plan_sha256
 from tests.planned_once import PlannedOnce
 from tests.twin.program import invoke
-from twin.study.replications.statistics import Experiment, Precision, mean_interval
+from twin.study.replications.experiment import Experiment
+from twin.study.replications.statistics import Precision, mean_interval
 from twin.study.summary import rank_layouts, shown_cell
 
 X = "cell.robots.right.base.xyz_m.0"

@@ -16,8 +16,9 @@ from twin.durations.bounded import Fixed, Uniform
 from twin.engine.execution_model import ExecutionModel
 from twin.study.folder import check_points
 from twin.study.gains.gains import cell_gains
-from twin.study.replications.statistics import Block, Experiment
-from twin.study.replications.workload import Workload, timing_graph
+from twin.study.replications.experiment import Block, Experiment
+from twin.study.replications.timing_graph import timing_graph
+from twin.study.replications.workload import Workload
 from twin.study.sensitivity import influences, inputs_of, makespans_s, sobol_indices
 from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.skill_durations import SkillDurations

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planning.cell.workcell import PoseError, machine
+from planning.cell.machine import machine
+from planning.cell.workcell import PoseError
 from planning.transforms import Array, from_rpy, inverse
 from twin.uncertainty.base_errors import drawn_base
 from twin.uncertainty.disturbances import Disturbances

@@ -14,7 +14,7 @@ from tests.twin.drawn_runs import TPGS, VARIED, sample, sample_node_times, unifo
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.durations.bounded import Fixed, Uniform
-from twin.durations.model import to_nanoseconds
+from twin.durations.nanoseconds import to_nanoseconds
 from twin.uncertainty.chain_draws import choose
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import (

@@ -13,20 +13,17 @@ from tests.twin.drawn_runs import sample, sample_node_times, uniform
 from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.measured import MeasuredTimes
-from twin.durations.model import DurationModel, to_nanoseconds
+from twin.durations.model import DurationModel
+from twin.durations.nanoseconds import to_nanoseconds
 from twin.durations.normal import Lognormal
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.run.trajectory import robot_trajectories
-from twin.study.replications.workload import timing_graph
+from twin.study.replications.timing_graph import timing_graph
 from twin.uncertainty.disturbances import Disturbances, FixedFactor, Speed
-from twin.uncertainty.skill_durations import (
-    SkillDurations,
-    least_ns,
-    nominal_ns,
-    share_duration,
-)
+from twin.uncertainty.least_durations import least_ns
+from twin.uncertainty.skill_durations import SkillDurations, nominal_ns, share_duration
 
 MODELS: dict[str, DurationModel] = {
     "pick": Lognormal(median_s=6.0, p95_s=8.0),

@@ -20,7 +20,7 @@ from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import with_holds
 from scheduling.motion_times import at_full_speed, is_driven
-from twin.durations.model import Nanoseconds, to_nanoseconds
+from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
 from twin.engine.bulk.driven_times import driven_times, joined_drives
 from twin.engine.bulk.max_plus import (
     OTHER,

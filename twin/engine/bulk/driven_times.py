@@ -20,7 +20,7 @@ from planning.kernels import inner_kernel, kernel
 from planning.timing.stretch import braked, exit_bound, pass_through
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
-from twin.durations.model import Nanoseconds
+from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.bulk.max_plus import PrecedenceArrays
 from twin.engine.passage import DriveTimes, drive_times
 

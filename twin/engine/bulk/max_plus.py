@@ -31,19 +31,16 @@ import numpy.typing as npt
 
 from planning.kernels import kernel
 from planning.transforms import Indices
-from scheduling.graph.dispatcher import earliest_times
-from scheduling.graph.task_edges import (
-    machine_chains,
-    sequential_order,
-    turn_edges,
-    with_barriers,
-)
+from scheduling.graph.barriers import with_barriers
+from scheduling.graph.machine_chains import machine_chains
+from scheduling.graph.rollout import earliest_times
+from scheduling.graph.task_edges import sequential_order, turn_edges
 from scheduling.graph.temporal_plan_graph import EVER, NO_EDGES, TemporalPlanGraph
 from scheduling.graph.total_order import flatten, planned_ranks
 from scheduling.graph.windows import followed_order
-from twin.durations.model import Nanoseconds
+from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.execution_model import Messages
-from twin.run.events import Policy
+from twin.run.execution_record import Policy
 from twin.uncertainty.skill_durations import nominal_ns
 
 OTHER = 2

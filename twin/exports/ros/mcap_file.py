@@ -2,31 +2,38 @@
 
 Times are those of the run, from 0 on. What moves has messages at a rate; once a second everything is
 said again, so that whoever joins in the middle soon knows all, until nothing has moved for a minute.
-
-MCAP files with messages of ROS 2.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from io import BytesIO
 
 import numpy as np
 
-from planning.cell.workcell import CellObject, Fixture, PlacedRobot
-from planning.errors import OutputError
-from planning.tasks.task import GONE
-from planning.transforms import Array, Indices, from_quat_wxyz, quat_wxyz
-from twin.drawing.looks import DrawnRobot, coloured_fixtures, corners_of, drawn_robot
-from twin.durations.model import NANOSECONDS, Nanoseconds
-from twin.exports.ros.messages import (
-    DEFINITIONS,
+from planning.cell.workcell import CellObject, Fixture
+from planning.transforms import Array, Indices
+from twin.drawing.drawn_robot import drawn_robot
+from twin.drawing.looks import coloured_fixtures
+from twin.drawing.triangles import corners_of
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
+from twin.exports.ros.bag import Message, Topic, bag
+from twin.exports.ros.definitions import (
     JOINT_STATE,
     JOINT_TRAJECTORY,
     MARKER_ARRAY,
     TF_MESSAGE,
+)
+from twin.exports.ros.frames import (
+    WORLD,
+    ObjectsThere,
+    fixed_frames,
+    link_frame,
+    moved_frames,
+    object_frame,
+    objects_there,
+)
+from twin.exports.ros.messages import (
     FramePose,
     Marker,
     frame_pose,
@@ -36,214 +43,10 @@ from twin.exports.ros.messages import (
     tf_message,
 )
 from twin.exports.segments import STILL, require_rate, segments
-from twin.host.extras import extra_module
-from twin.run.gantt import rgb, team_colours
+from twin.run.team_colours import rgb, team_colours
 from twin.run.tracking import nearest_on_path
 from twin.run.trajectory import Trajectory
 from twin.trial.run_result import RunResult
-
-WORLD = "world"
-
-
-def link_frame(robot: str, link: str) -> str:
-    """Return the name of the frame of a link."""
-    return f"{robot}/{link}"
-
-
-def flange_frame(robot: str) -> str:
-    """Return the name of the frame that held objects hang on."""
-    return f"{robot}/@flange"
-
-
-def fixed_frames(robot: PlacedRobot, drawn: DrawnRobot) -> Iterator[FramePose]:
-    """Yield the frames of a robot that never move as seen from their parents."""
-    names = [link_frame(robot.name, link) for link in drawn.carriers]
-    yield frame_pose(WORLD, names[0], robot.base)
-    for link in drawn.links:
-        child = link_frame(robot.name, link.name)
-        yield frame_pose(names[link.joint], child, link.pose)
-    yield frame_pose(names[-1], flange_frame(robot.name), robot.model.flange)
-
-
-def moved_frames(
-    robot: PlacedRobot, drawn: DrawnRobot, q: Array
-) -> Iterator[list[FramePose]]:
-    """Yield the frames after the joints of a robot, for each of some configurations.
-
-    Args:
-        robot: the robot.
-        drawn: names its links.
-        q: configurations, shape (m, n).
-    """
-    chain = robot.model.chain
-    names = [link_frame(robot.name, link) for link in drawn.carriers]
-    xyz = np.empty((len(q), robot.model.dof, 3))
-    quat = np.empty((len(q), robot.model.dof, 4))
-    for j, place in enumerate(chain.placement):
-        xyz[:, j], fixed = place[:3, 3], np.roll(quat_wxyz(place), -1)
-        if chain.prismatic[j]:
-            xyz[:, j] += q[:, j, None] * (place[:3, :3] @ chain.axis[j])
-            quat[:, j] = fixed
-        else:
-            half = 0.5 * q[:, j, None]
-            turn = np.hstack([np.sin(half) * chain.axis[j], np.cos(half)])
-            quat[:, j] = _product(fixed, turn)
-    for k in range(len(q)):
-        yield [
-            FramePose(names[j], names[j + 1], xyz[k, j], quat[k, j])
-            for j in range(robot.model.dof)
-        ]
-
-
-def _product(one: Array, others: Array) -> Array:
-    """Return a quaternion (x, y, z, w) times each of others, shape (m, 4)."""
-    v, w = one[:3], one[3]
-    u, s = others[:, :3], others[:, 3:]
-    vector = w * u + s * v + np.cross(np.broadcast_to(v, u.shape), u)
-    return np.hstack([vector, w * s - (u @ v)[:, None]])
-
-
-@dataclass(frozen=True)
-class ObjectsThere:
-    """The objects that are there from a time on, until the next such time.
-
-    Attributes:
-        t_ns: when [ns].
-        changed: names of those that come, or change hands.
-        gone: whether one has left.
-        frames: of all that are there, by name.
-    """
-
-    t_ns: int
-    changed: tuple[str, ...]
-    gone: bool
-    frames: dict[str, FramePose]
-
-
-def object_frame(name: str) -> str:
-    """Return the name of the frame of an object."""
-    return f"objects/{name}"
-
-
-def objects_there(run: RunResult) -> Iterator[ObjectsThere]:
-    """Yield which objects are where whenever that changes, by time."""
-    table = run.objects
-    times = np.rint(table["t_s"].to_numpy() * NANOSECONDS).astype(np.int64)
-    columns = ("object", "parent", "xyz", "quat_wxyz")
-    rows = list(zip(*(table[name].to_pylist() for name in columns), strict=True))
-    frames: dict[str, FramePose] = {}
-    for t_ns in np.unique(times).tolist():
-        changed, gone = [], False
-        for k in np.flatnonzero(times == t_ns).tolist():
-            name, parent, xyz, quat = rows[k]
-            if parent == GONE:
-                frames.pop(name, None)
-                gone = True
-                continue
-            if parent != WORLD:
-                parent = flange_frame(parent.rpartition("/")[0])
-            pose = from_quat_wxyz(xyz, quat)
-            frames[name] = frame_pose(parent, object_frame(name), pose)
-            changed.append(name)
-        there = tuple(name for name in changed if name in frames)
-        yield ObjectsThere(t_ns, there, gone, dict(frames))
-
-
-_CHUNK = 4 << 20
-"""Bytes that are compressed together: frames repeat."""
-
-_FOREVER = "{sec: 9223372036, nsec: 854775807}"
-_TRANSIENT_LOCAL, _VOLATILE = 1, 2
-
-# As rosbag2 wrote it until Humble, in numbers. Later ones read it where a file says of itself
-# nothing newer, which an empty text does.
-_ROSBAG2 = {"serialized_metadata": "", "ROS_DISTRO": "humble"}
-
-
-@dataclass(frozen=True)
-class Topic:
-    """A topic.
-
-    Attributes:
-        name: its name.
-        type: of its messages, one of DEFINITIONS.
-        latched: whether who comes late gets the last message.
-    """
-
-    name: str
-    type: str
-    latched: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Message:
-    """A message.
-
-    Attributes:
-        t_ns: when [ns].
-        topic: where.
-        data: encoded.
-    """
-
-    t_ns: int
-    topic: Topic
-    data: bytes
-
-
-def bag(messages: Iterable[Message]) -> bytes:
-    """Return an MCAP file of messages, by their time; those of one time keep their order.
-
-    Raises:
-        OutputError: the package that writes such files is not installed.
-    """
-    writers = extra_module(
-        "mcap.writer",
-        package="mcap",
-        extra="mcap",
-        needs="the format mcap",
-        error=OutputError,
-    )
-    buffer = BytesIO()
-    writer = writers.Writer(buffer, chunk_size=_CHUNK)
-    writer.start(profile="ros2", library="assembly-twin")
-    writer.add_metadata("rosbag2", _ROSBAG2)
-    schemas: dict[str, int] = {}
-    channels: dict[Topic, int] = {}
-    counts: dict[Topic, int] = {}
-    for message in sorted(messages, key=lambda message: message.t_ns):
-        topic = message.topic
-        if topic.type not in schemas:
-            text = DEFINITIONS[topic.type].encode()
-            schemas[topic.type] = writer.register_schema(topic.type, "ros2msg", text)
-        if topic not in channels:
-            channels[topic] = writer.register_channel(
-                topic.name,
-                "cdr",
-                schemas[topic.type],
-                {"offered_qos_profiles": _qos(topic)},
-            )
-        counts[topic] = counts.get(topic, -1) + 1
-        writer.add_message(
-            channels[topic],
-            log_time=message.t_ns,
-            publish_time=message.t_ns,
-            sequence=counts[topic],
-            data=message.data,
-        )
-    writer.finish()
-    return buffer.getvalue()
-
-
-def _qos(topic: Topic) -> str:
-    """Return the qualities of service that a topic is offered with, as YAML."""
-    durability = _TRANSIENT_LOCAL if topic.latched else _VOLATILE
-    return (
-        f"- history: 1\n  depth: {1 if topic.latched else 100}\n  reliability: 1\n"
-        f"  durability: {durability}\n  deadline: {_FOREVER}\n  lifespan: {_FOREVER}\n"
-        f"  liveliness: 1\n  liveliness_lease_duration: {_FOREVER}\n"
-        "  avoid_ros_namespace_conventions: false\n"
-    )
-
 
 RATES_HZ = (1.0, 1000.0)
 RATE_HZ = 50.0

@@ -116,7 +116,8 @@ class ConstructionKind(AssemblyKind):
 
     def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
         """Return the parts where they are at the start."""
-        from planning.construction.problem.site import Rows, Spiral, part_objects
+        from planning.construction.problem.site import part_objects
+        from planning.construction.problem.supply_layout import Rows, Spiral
 
         starts: dict[str, Transform] = {
             part.name: readonly(build_transform(part.start))
@@ -166,7 +167,7 @@ class ConstructionKind(AssemblyKind):
         """Plan in space and time; the stages are checks, keyframes, path and search."""
         from planning.construction.motion_plan_export import motion_plan
         from planning.construction.planner import plan_construction
-        from planning.construction.problem.problem import PlannerSettings
+        from planning.construction.problem.settings import PlannerSettings
         from planning.tasks.assignment import TaskPlan
         from scheduling.planned_motions import PlannedMotions
 
@@ -211,8 +212,9 @@ class ConstructionKind(AssemblyKind):
             ConstructionError: it cannot be built as it is, or not by these robots.
             ScenarioError: a skill has no duration but that of its reference path.
         """
+        from planning.construction.problem.feasibility import require_buildable
         from planning.construction.problem.problem import SkillSeconds
-        from planning.construction.problem.site import build_problem, require_buildable
+        from planning.construction.problem.site import build_problem
 
         seconds = settings.skill_seconds
         for skill in ("pick", "place-down", "handover"):

@@ -15,10 +15,11 @@ from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.construction.motion_plan_export import motion_plan, rests_on
 from planning.construction.onward import Middle, plan_rest
 from planning.construction.problem.models import ModelPart
-from planning.construction.problem.problem import ConstructionProblem, PlannerSettings
+from planning.construction.problem.problem import ConstructionProblem
+from planning.construction.problem.settings import PlannerSettings
 from planning.construction.world.fixed_world import Building
 from planning.errors import ConstructionError, PlanInvariantError
-from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task import AllowedContact, Task
 from planning.worlds.supplied import taken_out
 from planning.worlds.world import World

@@ -31,7 +31,8 @@ from planning.lego.bricks.assembly import (
     Plate,
     Support,
 )
-from planning.lego.bricks.grid import box_pose, box_size, grip_pose, presses, top_pose
+from planning.lego.bricks.brick_grips import grip_pose, presses
+from planning.lego.bricks.grid import box_pose, box_size, top_pose
 from planning.lego.skills.targets import BrickGrip, support_targets
 from planning.transforms import Array, Transform, inverse, readonly
 from twin.audit.contacts import CONTACT_DEPTH
@@ -173,7 +174,8 @@ def _bricks_at(
 
 def check_helpers(subject: Subject) -> Findings:
     """Yield temporary bricks that nobody can take out again: an error where the rules ask for that."""
-    from planning.lego.sequencing.remedies import Design, shut_in
+    from planning.lego.sequencing.remedies import Design
+    from planning.lego.sequencing.removal import shut_in
 
     section = lego_kind(subject).section
     structure, helpers = structure_and_helpers(section)

@@ -89,7 +89,7 @@ def import_brick_list(
     cell: CellOf = None,
 ) -> None:
     """Make a scenario of a brick list."""
-    from planning.lego.importers.brick_models.model import read_brick_list
+    from planning.lego.importers.brick_models.brick_list import read_brick_list
 
     _write(file, read_brick_list(file), output, cell)
 
@@ -129,7 +129,7 @@ def import_task(
     from planning.robots.registry import with_tool
     from twin.check.finding import Subject
     from twin.document.yaml_text import scenario_text
-    from twin.host.guard import write_text
+    from twin.host.atomic_files import write_text
     from twin.kinds.lego.checks import check_brick_tools
     from twin.kinds.lego.kind import build_lego
     from twin.kinds.lego.section import LegoSection
@@ -203,7 +203,7 @@ def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> No
     """Write the scenario of a model, turned if need be, if its cell reaches all of it."""
     from planning.lego.importers.brick_models.cell import model_cell, orientations
     from twin.document.yaml_text import scenario_text
-    from twin.host.guard import write_text
+    from twin.host.atomic_files import write_text
     from twin.reading.scenario_file import scenario_of
 
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)

@@ -117,7 +117,7 @@ def _with_scaffold(lego: LegoSection, scaffold: str) -> LegoSection:
 
 def _explain(assembly: LegoAssembly, number: int, rules: SequencingRules) -> None:
     """Print what the structure bears at a step, and draw it."""
-    from planning.lego.sequencing.stable_steps import MOST, explain_step
+    from planning.lego.sequencing.explained_step import MOST, explain_step
     from twin.kinds.lego.step_picture import draw_step
 
     def up_to(force: float) -> str:
@@ -234,7 +234,7 @@ def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     """Write the scenario with explicit steps, and read it again."""
     from planning.files import read_file
     from twin.document.yaml_text import read_yaml, scenario_text
-    from twin.host.guard import write_text
+    from twin.host.atomic_files import write_text
     from twin.kinds.lego.kind import brick_colours
     from twin.kinds.lego.section import LegoSection
     from twin.reading.scenario_file import load_scenario

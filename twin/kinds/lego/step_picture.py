@@ -6,13 +6,13 @@ import io
 from typing import TYPE_CHECKING
 
 from planning.lego.bricks.grid import level_height
-from planning.lego.sequencing.stable_steps import MOST
+from planning.lego.sequencing.explained_step import MOST
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from planning.lego.sequencing.stable_steps import ExplainedStep
+    from planning.lego.sequencing.explained_step import ExplainedStep
 
 _STUD_MM, _MM = 8.0, 1000.0
 _PRESS, _HOLD, _HATCH = "tab:blue", "tab:green", "////"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import product, zip_longest
 from typing import TypeVar
 
-from scheduling.repeat import numbered
+from scheduling.copies import numbered
 from twin.document.validation import Found
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.between import FitSection

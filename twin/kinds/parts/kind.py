@@ -14,7 +14,7 @@ from planning.tasks.task import CLOSE, DOOR, OPEN, ActuationKey
 from planning.transforms import readonly
 from twin.document.validation import Found
 from twin.document.yaml_text import KeyPath
-from twin.durations.lifetimes import AnyDuration, SkillOverride
+from twin.durations.composed import AnyDuration, SkillOverride
 from twin.durations.model import DurationModel
 from twin.host.progress import StageWatch
 from twin.kinds.parts.alike import (

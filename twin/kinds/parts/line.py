@@ -13,9 +13,9 @@ from typing import TypeVar
 from planning.tasks.task import LAG, TimeLag
 from planning.tasks.work import Leaving, Lying, Refill, Supply
 from planning.transforms import Transform, readonly, translation
-from scheduling.repeat import numbered
+from scheduling.copies import numbered
 from twin.durations.bounded import Fixed
-from twin.durations.lifetimes import AnyDuration, SkillOverride
+from twin.durations.composed import AnyDuration, SkillOverride
 from twin.kinds.parts.alike import AlikeParts, alike_parts, with_named_parts
 from twin.kinds.parts.between import FitSection
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection

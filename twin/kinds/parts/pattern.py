@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from planning.tasks.task import ARRIVE, LEAVE, PRESENT, Task, is_done_to_a_product
-from scheduling.repeat import Pattern, numbered
+from scheduling.copies import Pattern, numbered
 from twin.kinds.parts.line import Line
 
 

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from planning.bounds import DENSEST_KG_M3
 from twin.document.section import Name, Section, Several, with_tuples
-from twin.durations.lifetimes import AnyDuration
+from twin.durations.composed import AnyDuration
 from twin.kinds.parts.between import AfterSection, FitSection
 from twin.kinds.parts.sources import Amount, Places, ProductsSection, SourceSection
 from twin.scenario.sections.cell import ActuationTime

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from planning.transforms import Transform, readonly, translation
 from twin.document.section import Section, Several, Two, with_tuples
 from twin.durations.bounded import Fixed
-from twin.durations.lifetimes import AnyDuration
+from twin.durations.composed import AnyDuration
 from twin.durations.model import PositiveSeconds, Seconds
 from twin.scenario.sections.shapes import PoseSection, build_transform
 

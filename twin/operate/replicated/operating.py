@@ -13,7 +13,7 @@ from planning.tasks.task import FAILED, STRAIGHT, TAKEN_OUT, TRANSIT
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
-from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.operation import Operation, operate

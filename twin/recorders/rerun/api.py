@@ -8,8 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from planning.errors import OutputError, RequestError
+from planning.files import replacing
 from twin.host.arguments import checks_arguments
-from twin.host.guard import replacing
 from twin.recorders.rerun.viewer import open_viewer, render_stills
 from twin.run.folder import RECORDING
 from twin.trial.loaded_scenario import PathOrName

@@ -20,11 +20,12 @@ from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.robots.registry import ROBOTS
 from planning.tasks.task import GONE
-from twin.drawing.looks import coloured_fixtures, painted_description, triangles_of
-from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.drawing.looks import coloured_fixtures, painted_description
+from twin.drawing.triangles import triangles_of
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
+from twin.recorders.rerun import entities
 from twin.recorders.rerun import layout as layout
-from twin.recorders.rerun.fingers import split_fingers
-from twin.recorders.rerun.layout import (
+from twin.recorders.rerun.entities import (
     WORLD_FRAME,
     entity_path,
     fixed_pose,
@@ -32,7 +33,8 @@ from twin.recorders.rerun.layout import (
     robot_part,
     time_column,
 )
-from twin.run.gantt import rgb
+from twin.recorders.rerun.fingers import split_fingers
+from twin.run.team_colours import rgb
 from twin.run.trajectory import Placement, Trajectory
 
 _FRAME_S = 0.05
@@ -170,7 +172,7 @@ def frame_times(motion: Trajectory) -> Nanoseconds:
 def draw_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
     """Draw what never moves."""
     for k, (fixture, colour) in enumerate(coloured_fixtures(cell)):
-        entity = entity_path(layout.FIXTURES, fixture.name)
+        entity = entity_path(entities.FIXTURES, fixture.name)
         if not fixture.shape.is_box:
             frame = f"@{fixture.name}"
             rec.log(
@@ -268,7 +270,7 @@ def place_object(
     ]
     # Each row must be whole: Rerun does not join halves of a transform.
     rec.send_columns(
-        f"{entity_path(layout.OBJECTS, name)}/pose",
+        f"{entity_path(entities.OBJECTS, name)}/pose",
         indexes=[time_column([p.t_ns for p in placements])],
         columns=rr.Transform3D.columns(
             translation=[p.pose[:3, 3] for p in placements],
@@ -296,7 +298,7 @@ def _mesh_fields(shape: Shape, colour: tuple[int, int, int]) -> dict[str, Any]:
 
 def _looks(item: CellObject) -> dict[str, tuple[Any, dict[str, Any]]]:
     """Return what is drawn of an object: by entity its archetype, and the rows of each of its fields."""
-    entity = entity_path(layout.OBJECTS, item.name)
+    entity = entity_path(entities.OBJECTS, item.name)
     if not item.shape.is_box:
         return {entity: (rr.Mesh3D, _mesh_fields(item.shape, item.colour))}
     fill = rr.components.FillMode

@@ -21,15 +21,15 @@ from planning.kinematics.kinematics import (
     frame_in_last_joint,
     frame_pose,
 )
-from planning.robots.descriptions.xml_files import joint_link, pose_in_root
+from planning.robots.descriptions.urdf_geometry import joint_link, pose_in_root
 from planning.robots.registry import ROBOTS
 from planning.tasks.task import CLOSE, Task
 from planning.transforms import Array, Transform, inverse
-from scheduling.graph.task_edges import actuation_nodes
+from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.model import NANOSECONDS
-from twin.recorders.rerun.layout import entity_path, robot_part, time_column
-from twin.run.events import ExecutionRecord
+from twin.durations.nanoseconds import NANOSECONDS
+from twin.recorders.rerun.entities import entity_path, robot_part, time_column
+from twin.run.execution_record import ExecutionRecord
 from twin.run.trajectory import Placement
 
 _FINGER = ".finger_"

@@ -1,187 +1,28 @@
-"""Names, times and poses as a Rerun recording holds them, and its layout: camera, lanes, plots, text.
-
-The camera of a recording: so far away that all that happens on the site is in the picture.
-"""
+"""Names, times and poses as a Rerun recording holds them, and its layout: camera, lanes, plots, text."""
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
 import rerun as rr
 import rerun.blueprint as rrb
 
-from planning.cell.workcell import CellObject, PlacedRobot
-from planning.kinematics.kinematics import joint_poses_of
-from planning.transforms import Array, Transform, quat_wxyz
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.recorders.rerun.camera import camera
+from twin.recorders.rerun.entities import (
+    EVENTS,
+    FIXTURES,
+    FORECAST,
+    LANES,
+    OBJECTS,
+    PROGRESS,
+    TRACKING,
+    WAITING,
+    WORLD_FRAME,
+    entity_path,
+    robot_part,
+)
 from twin.recorders.rerun.viewer import TIMELINE
-
-_TAN_UP = 0.5206  # of half the viewer's vertical angle of view, 55 degrees
-_ASPECT = 1.75  # of the 3-D view in a window of common shape
-_MARGIN = 1.04
-"""Width of the view over that of what is to be seen."""
-
-_MOST_CONFIGURATIONS = 60
-"""Configurations of each robot that are to be in the view, about."""
-
-_LEAST_M = 0.3
-"""Least distance of the eye [m]."""
-
-_BESIDE = math.atan2(0.22, 1.05)
-_TURNS = np.radians(np.arange(-30.0, 31.0, 6.0))
-_SLOPE, _STEEP = 0.615, 0.75  # metres upwards for each along the ground
-_CORNERS = 0.5 * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
-
-
-def camera(tpg: TemporalPlanGraph) -> rrb.EyeControls3D:
-    """Look from above at everything that is ever somewhere.
-
-    Arms are seen across their line, a site that robots drive on across what is built there,
-    from the side from which it can be seen from the nearest.
-    """
-    points = site_points(tpg)
-    views = [eye_on(points, towards) for towards in _directions(tpg)]
-    target, eye = min(views, key=lambda view: float(np.linalg.norm(view[1] - view[0])))
-    return rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=[0, 0, 1]
-    )
-
-
-def site_points(tpg: TemporalPlanGraph) -> Array:
-    """Return points that the site spans, shape (p, 3) [m].
-
-    They are the corners of the objects wherever they rest, and those of the robots on their
-    ways. Fixtures do not count: the ground may reach far.
-    """
-    points = [np.zeros((0, 3))]
-    things = {item.name: item for item in tpg.cell.objects}
-    points += [_corners(item, item.start) for item in things.values()]
-    points += [
-        _corners(things[item.object], item.pose)
-        for item in tpg.handlings
-        if item.holder is None
-    ]
-    chains = {chain.robot: chain for chain in tpg.chains}
-    for robot in tpg.cell.robots:
-        ways = [robot.home[None]]
-        if robot.name in chains:
-            chain = chains[robot.name]
-            step = max(1, len(chain.waypoints) // _MOST_CONFIGURATIONS)
-            ways += [chain.start[None], chain.waypoints[::step]]
-        points += [_outline(robot, q) for q in np.vstack(ways)]
-    return np.vstack(points)
-
-
-def _outline(robot: PlacedRobot, q: Array) -> Array:
-    """Return the joints of a robot and the boxes around its links, shape (p, 3) [m]."""
-    poses = joint_poses_of(robot, q)
-    out = [poses[:, :3, 3]]
-    for part in robot.model.parts:
-        pose = poses[part.joint + 1]
-        low, high = part.body.vertices.min(axis=0), part.body.vertices.max(axis=0)
-        corners = 0.5 * (low + high) + _CORNERS * (high - low)
-        out.append(corners @ pose[:3, :3].T + pose[:3, 3])
-    return np.vstack(out)
-
-
-def eye_on(points: Array, towards: Array) -> tuple[Array, Array]:
-    """Return what an eye looks at and where it is, so that points fill its picture.
-
-    Args:
-        points: shape (p, 3) [m].
-        towards: from what it looks at towards the eye, of length one.
-    """
-    if len(points) == 0:
-        points = np.zeros((1, 3))
-    right = np.cross([0.0, 0.0, 1.0], towards)
-    right /= np.linalg.norm(right)
-    across = np.stack([right, np.cross(towards, right)])
-    tangents = np.array([_TAN_UP * _ASPECT, _TAN_UP]) / _MARGIN
-    target: Array = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    away = _LEAST_M
-    for _ in range(8):  # settles to less than a pixel
-        beside = (points - target) @ across.T
-        depth = (points - target) @ towards
-        needed = np.max(depth[:, None] + np.abs(beside) / tangents)
-        away = max(float(needed), _LEAST_M)
-        seen = beside / (away - depth)[:, None]
-        target = target + away * 0.5 * (seen.min(axis=0) + seen.max(axis=0)) @ across
-    return target, target + away * towards
-
-
-def _corners(item: CellObject, pose: Transform) -> Array:
-    own = _CORNERS * item.size + item.shape.middle
-    corners: Array = own @ pose[:3, :3].T + pose[:3, 3]
-    return corners
-
-
-def _directions(tpg: TemporalPlanGraph) -> list[Array]:
-    """Return directions from the site towards the eye that are good, each of length one."""
-    if any(robot.model.is_mobile for robot in tpg.cell.robots):
-        along = _main_axis([h.pose[:2, 3] for h in tpg.handlings if h.holder is None])
-        turns, rise = np.concatenate([_TURNS, _TURNS + math.pi]), _STEEP
-    else:
-        bases = [robot.base[:2, 3] for robot in tpg.cell.robots]
-        line = bases[-1] - bases[0] if bases else np.zeros(2)
-        along = math.atan2(line[1], line[0]) if np.linalg.norm(line) > 1e-6 else 0.0
-        turns, rise = np.array([_BESIDE]), _SLOPE
-    angles = along - math.pi / 2 + turns
-    towards = np.stack([np.cos(angles), np.sin(angles), np.full(len(angles), rise)])
-    return list((towards / np.linalg.norm(towards, axis=0)).T)
-
-
-def _main_axis(places: list[Array]) -> float:
-    """Return the direction in which places on the ground lie farthest apart [rad]."""
-    if len(places) < 2:
-        return 0.0
-    _, vectors = np.linalg.eigh(np.cov(np.array(places).T))
-    return math.atan2(vectors[1, -1], vectors[0, -1])
-
-
-WORLD_FRAME = "world"
-
-LANES = "lanes"
-PROGRESS = "progress"
-WAITING = "waiting"
-TRACKING = "tracking"
-EVENTS = "events"
-OBJECTS = "objects"
-FIXTURES = "fixtures"
-FORECAST = "forecast"
-
-
-def entity_path(*parts: str) -> str:
-    """Return the path of an entity whose parts may hold any character."""
-    return "/" + "/".join(rr.escape_entity_path_part(part) for part in parts)
-
-
-def robot_part(robot: str) -> str:
-    """Return the path part under which a robot is drawn: one part, as the loader needs."""
-    return f"robot-{robot}"
-
-
-def time_column(t_ns: npt.ArrayLike) -> rr.TimeColumn:
-    """Return simulated times [ns] as the recording's only timeline."""
-    exact = np.asarray(t_ns, dtype=np.int64).astype("timedelta64[ns]")
-    return rr.TimeColumn(TIMELINE, duration=exact)
-
-
-def quat_xyzw(pose: Array) -> Array:
-    """Return a rotation as Rerun wants it: (x, y, z, w)."""
-    return np.roll(quat_wxyz(pose), -1)
-
-
-def fixed_pose(pose: Array, parent: str, child: str) -> rr.Transform3D:
-    """Return the pose of a frame in another as a whole transform."""
-    return rr.Transform3D(
-        translation=pose[:3, 3],
-        quaternion=rr.Quaternion(xyzw=quat_xyzw(pose)),
-        parent_frame=parent,
-        child_frame=child,
-    )
 
 
 def run_layout(

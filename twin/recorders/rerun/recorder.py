@@ -12,9 +12,11 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from scheduling.graph.task_edges import machine_chains, with_barriers, working_machines
+from planning.files import replacing
+from scheduling.graph.barriers import with_barriers
+from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.host.guard import replacing
+from twin.recorders.rerun import entities
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.bodies import (
     RobotNames,
@@ -23,13 +25,15 @@ from twin.recorders.rerun.bodies import (
     log_objects,
     move_robot,
 )
-from twin.recorders.rerun.event_rows import EventBacklog, PlanWords
+from twin.recorders.rerun.entities import entity_path, time_column
+from twin.recorders.rerun.event_rows import EventBacklog
 from twin.recorders.rerun.fingers import finger_moves, move_fingers
-from twin.recorders.rerun.layout import entity_path, time_column
+from twin.recorders.rerun.plan_words import PlanWords
 from twin.run.activities import IDLE, WAITING, Activity, plan_colours, robot_activities
-from twin.run.events import Event, ExecutionRecord
+from twin.run.events import Event
+from twin.run.execution_record import ExecutionRecord
 from twin.run.folder import RECORDING
-from twin.run.gantt import rgb, team_colours
+from twin.run.team_colours import rgb, team_colours
 from twin.run.tracking import nearest_on_path
 from twin.run.trajectory import object_placements, robot_trajectories
 
@@ -130,7 +134,7 @@ def _log_progress(
         done = np.append(0, done[done >= 0])
         _log_steps(
             rec,
-            entity_path(layout.PROGRESS, chain.robot),
+            entity_path(entities.PROGRESS, chain.robot),
             done,
             np.arange(len(done)),
             chain.robot,
@@ -144,7 +148,7 @@ def _log_progress(
     final = np.append(np.diff(times[order]) > 0, True)
     _log_steps(
         rec,
-        layout.WAITING,
+        entities.WAITING,
         times[order][final],
         total[final],
         "waiting",
@@ -163,7 +167,7 @@ def _log_tracking(
         if (k := tpg.chain_index.get(name)) is not None:
             near = nearest_on_path(tpg.chains[k], own.q, own.node)
             off = 1000.0 * np.abs(near - own.q).max(axis=1)
-            entity = entity_path(layout.TRACKING, name)
+            entity = entity_path(entities.TRACKING, name)
             _log_steps(rec, entity, own.t_ns, off, name, rgb(colours[name]))
 
 
@@ -205,7 +209,7 @@ def draw_lane(
     """
     colours = [known[state] for state in states.values()]
     opaque = [int(f"{colour[1:]}ff", 16) for colour in colours]
-    entity = entity_path(layout.LANES, robot)
+    entity = entity_path(entities.LANES, robot)
     texts = list(states)
     rec.log(
         entity,

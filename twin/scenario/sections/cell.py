@@ -21,7 +21,7 @@ from planning.cell.workcell import Clearances
 from planning.errors import ScenarioError
 from twin.document.section import Name, Section, Several, Two
 from twin.durations.bounded import Fixed
-from twin.durations.lifetimes import AnyDuration
+from twin.durations.composed import AnyDuration
 from twin.durations.model import DurationModel
 from twin.scenario.sections.shapes import (
     Colour,

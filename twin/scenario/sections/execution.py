@@ -13,7 +13,7 @@ from planning.errors import ScenarioError
 from twin.document.section import Section
 from twin.document.yaml_text import KeyPath
 from twin.durations.bounded import Fixed
-from twin.durations.lifetimes import AnyDuration, Distribution, SkillOverride
+from twin.durations.composed import AnyDuration, Distribution, SkillOverride
 from twin.durations.model import DurationModel, Skill
 from twin.uncertainty.disturbances import (
     Disturbances,

@@ -19,7 +19,7 @@ from planning.tasks.task import ActuationKey
 from twin.document.section import Section
 from twin.document.validation import Found
 from twin.document.yaml_text import KeyPath
-from twin.durations.lifetimes import AnyDuration, SkillOverride
+from twin.durations.composed import AnyDuration, SkillOverride
 from twin.durations.measured import Packaged
 from twin.durations.model import DurationModel, PackagedSkill
 from twin.host.progress import StageWatch

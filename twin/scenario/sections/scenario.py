@@ -17,7 +17,7 @@ from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
 from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, ActuationKey
 from twin.document.section import Name, Section, attributes, parts_of
-from twin.durations.lifetimes import AnyDuration, SkillOverride
+from twin.durations.composed import AnyDuration, SkillOverride
 from twin.durations.model import DurationModel, Skill
 from twin.registry import KINDS, PLANNERS, SECTIONS
 from twin.scenario.sections.cell import CellSection as CellSection

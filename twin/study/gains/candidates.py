@@ -10,7 +10,7 @@ import numpy as np
 
 from planning.tasks.task import STRAIGHT, TRANSIT, Task
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
-from twin.durations.model import Nanoseconds
+from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.bulk.max_plus import Completions
 from twin.engine.execution_model import ExecutionModel
 from twin.study.gains.replays import Lever, Replay

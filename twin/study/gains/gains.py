@@ -1,125 +1,22 @@
-"""Gains: by how much makespans fall when one thing in a plan takes less time, or none.
-
-``gains.json`` and ``gains.csv``: what is worth fixing, as files.
-
-Paired statistics: by how much a quantile falls when the same replications are made shorter.
-"""
+"""Gains: by how much makespans fall when one thing in a plan takes less time, or none."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.transforms import Array, Indices
-from twin.durations.model import NANOSECONDS
-from twin.host.guard import write_json, write_text
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import Report, report_nothing
 from twin.study.gains.candidates import FEW, MANY, candidates
+from twin.study.gains.paired_quantiles import PairedQuantiles
 from twin.study.gains.replays import Lever, Replay, needs_events, replay_cost
-from twin.study.replications.statistics import (
-    Experiment,
-    Figures,
-    Interval,
-    Told,
-    mean_interval,
-    order_ranks,
-    quantile_rank,
-    replications_needed,
-)
+from twin.study.replications.experiment import Experiment
+from twin.study.replications.statistics import Figures, Told, mean_interval
 from twin.study.replications.workload import Workload
-
-_DRAWS = 1000
-"""Resamples of the bootstrap."""
-
-
-class PairedQuantiles:
-    """Differences of a quantile between two samples of the same replications, with intervals.
-
-    An interval is the union of two. One is the percentile bootstrap: both samples are resampled
-    together, so what they have in common does not widen it. Alone it is too narrow where few
-    replications are beyond the quantile. The other holds the differences of the order statistics
-    of equal rank, over the ranks between which ``quantile_interval`` lies; it is exact where
-    the replications of both samples have the same order. Both sides are infinite for samples too
-    small for these ranks.
-
-    Args:
-        base: one value a replication, shape (n,).
-        probability: which quantile: the smallest value with at least this share of the sample
-            at or below it.
-        confidence: of the intervals.
-        seed: of the resampling.
-        antithetic: replications 2k and 2k + 1 are mirror images and are resampled together.
-    """
-
-    def __init__(
-        self,
-        base: npt.ArrayLike,
-        probability: float,
-        *,
-        confidence: float,
-        seed: int,
-        antithetic: bool = False,
-    ) -> None:
-        self._base = np.asarray(base, dtype=float)
-        n = len(self._base)
-        self._rank = quantile_rank(n, probability)
-        self._tail = 0.5 * (1.0 - confidence)
-        self._ranks = order_ranks(n, probability, self._tail)
-        self._needed = replications_needed(probability, self._tail)
-        self._ordered = np.sort(self._base)
-        rng = np.random.default_rng(seed)
-        groups = n // 2 if antithetic and n > 1 and n % 2 == 0 else n
-        chosen = rng.integers(groups, size=(_DRAWS, groups))
-        chosen += groups * np.arange(_DRAWS)[:, None]
-        counts = np.bincount(chosen.ravel(), minlength=_DRAWS * groups)
-        counts = counts.reshape(_DRAWS, groups).astype(np.float32)
-        # How often each value is in each resample, shape (n, draws).
-        self._weights = np.repeat(np.ascontiguousarray(counts.T), n // groups, axis=0)
-        sd = np.sqrt(2.0 * n * probability * (1.0 - probability))
-        self._window = n - self._rank + int(6.0 * sd) + 8
-        self._resampled = self._resample(self._base)
-
-    def fall(self, changed: npt.ArrayLike) -> Interval:
-        """Return by how much the quantile of a changed sample is below that of the base."""
-        values = np.asarray(changed, dtype=float)
-        ordered, n = np.sort(values), len(values)
-        estimate = float(self._ordered[self._rank - 1] - ordered[self._rank - 1])
-        first, last = self._ranks
-        if not first or last > n:
-            return Interval(estimate, -np.inf, np.inf, n, self._needed)
-        falls = self._resampled - self._resample(values)
-        shifts = (self._ordered - ordered)[first - 1 : last]
-        low, high = np.quantile(falls, (self._tail, 1.0 - self._tail))
-        return Interval(
-            estimate, float(min(low, *shifts)), float(max(high, *shifts)), n
-        )
-
-    def _resample(self, values: Array) -> Array:
-        """Return the quantile of every resample, shape (draws,)."""
-        order = np.argsort(values, kind="stable")[::-1]
-        window = min(self._window, len(order))
-        place = self._place(order[:window])
-        # A resample may have its quantile further down than nearly all have it.
-        if np.any(place == window):
-            place = self._place(order)
-        return np.asarray(values[order[place]])
-
-    def _place(self, falling: Indices) -> Indices:
-        """Return the place of each resample's quantile among the largest values.
-
-        It is the smallest value above which there are few enough others.
-        """
-        above = np.cumsum(self._weights[falling], axis=0)
-        return np.asarray(np.sum(above <= len(self._base) - self._rank, axis=0))
-
 
 SHORTER, GONE = 0.2, 1.0
 """By which share a lever is made shorter."""
@@ -292,55 +189,11 @@ def _seconds(nanoseconds: Indices) -> Array:
     return np.asarray(nanoseconds / NANOSECONDS)
 
 
-JSON, CSV = "gains.json", "gains.csv"
-
-_LEVER = ("kind", "many", "name", "robot", "task")
+LEVER_FIELDS = ("kind", "many", "name", "robot", "task")
 """What both files say of a lever."""
-
-
-def write_gains(
-    folder: Path, experiment: Experiment, cells: Sequence[CellGains]
-) -> None:
-    """Write what is worth fixing in every cell of a study, as JSON and as CSV.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
-    content = {
-        "confidence": experiment.precision.confidence,
-        "shorter": SHORTER,
-        "cells": [
-            {
-                "policy": policy,
-                "variant": dict(variant),
-                "replications": cell.replications,
-                "engine": cell.engine,
-                "gains": [gain_content(gain) for gain in cell.gains],
-            }
-            for (policy, variant), cell in zip(experiment.cells, cells, strict=True)
-        ],
-    }
-    write_json(folder / JSON, content)
-    names = ["policy", *experiment.variants[0], "replications", "rank", *_LEVER]
-    for less, statistic in product(("shorter", "gone"), ("mean_s", "p90_s")):
-        names += [f"{less}_{statistic}{bound}" for bound in ("", "_low", "_high")]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    for (policy, variant), cell in zip(experiment.cells, cells, strict=True):
-        own = [policy, *map(str, variant.values()), cell.replications]
-        for rank, gain in enumerate(cell.gains, start=1):
-            told = gain_content(gain)
-            row = [*own, rank, *(told[key] for key in _LEVER)]
-            row[len(own) + 2] = str(gain.lever.many).lower()
-            for less, statistic in product(("shorter", "gone"), ("mean_s", "p90_s")):
-                interval = told[less][statistic]
-                row += [interval[key] for key in ("estimate", "low", "high")]
-            writer.writerow(row)
-    write_text(folder / CSV, text.getvalue())
 
 
 def gain_content(gain: Gain) -> dict[str, Any]:
     """Return a gain for JSON."""
-    lever = {key: getattr(gain.lever, key) for key in _LEVER}
+    lever = {key: getattr(gain.lever, key) for key in LEVER_FIELDS}
     return {**lever, "shorter": gain.shorter.content(), "gone": gain.gone.content()}

@@ -14,7 +14,7 @@ from planning.tasks.task import TRANSIT
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
-from twin.durations.model import Nanoseconds
+from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine, bulk_contraction
 from twin.engine.bulk.max_plus import (
     Completions,

@@ -17,21 +17,20 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.errors import OutputError
-from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz
+from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz, replacing
 from planning.transforms import Array, Indices
-from scheduling.graph.task_edges import machine_chains, working_machines
+from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
 from scheduling.graph.windows import window_gaps
-from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.max_plus import OTHER, Completions
-from twin.host.guard import replacing
 from twin.operate.replicated.operating import Operated, OperatedRows
 from twin.run.throughput import product_nodes
-from twin.study.replications.statistics import Block
+from twin.study.replications.experiment import Block
 
 COMPLETED, ERROR = "completed", "error"
 

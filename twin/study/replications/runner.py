@@ -21,8 +21,9 @@ from twin.study.replications.block_results import (
     read_block,
     write_block,
 )
-from twin.study.replications.statistics import Block, Experiment, blocks_of
-from twin.study.replications.workload import Workload, compute_block, pack, parallelism
+from twin.study.replications.executors import parallelism
+from twin.study.replications.experiment import Block, Experiment, blocks_of
+from twin.study.replications.workload import Workload, compute_block, pack
 
 BULK_BLOCK, EVENTS_BLOCK = 500, 20
 """Replications of a block, by engine: about as much work as is worth sending away."""

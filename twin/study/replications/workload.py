@@ -2,36 +2,21 @@
 
 Only time matters once paths are known to be safe. So it holds a timing graph: a TemporalPlanGraph
 that can be executed, but not drawn, of a few hundred kilobytes for hundreds of steps.
-
-Executors of replications: this process, all its cores, or a cluster.
-
-Everything goes through ``concurrent.futures.Executor``, so a study does not know which it is, and
-its results do not depend on it.
 """
 
 from __future__ import annotations
 
-import multiprocessing
 import pickle
 import zlib
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from planning.cell.robot_model import RobotModel
-from planning.cell.shape import Shape
-from planning.cell.workcell import CellObject, Workcell
-from planning.parallel import usable_cores
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.cluster.certificates import Cluster
-from twin.cluster.client import ANSWER_WITHIN_S, cluster_executor
-from twin.durations.model import Nanoseconds
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import (
     Completions,
@@ -42,7 +27,7 @@ from twin.engine.bulk.max_plus import (
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.replicated.operating import SAME, Operated, Operator
-from twin.run.events import DeadlockError, ExecutionRecord
+from twin.run.execution_record import DeadlockError, ExecutionRecord
 from twin.study.replications.block_results import (
     COMPLETED,
     ERROR,
@@ -51,10 +36,7 @@ from twin.study.replications.block_results import (
     block_result,
     empty_rows,
 )
-from twin.study.replications.statistics import Block
-from twin.uncertainty.skill_durations import least_seconds
-
-_NO_SHAPE = Shape((), ())
+from twin.study.replications.experiment import Block
 
 
 @dataclass(frozen=True)
@@ -251,107 +233,3 @@ def _columns(values: Sequence[tuple[Nanoseconds, ...]], nodes: int) -> Nanosecon
     if not values:
         return np.empty((nodes, 0), dtype=np.int64)
     return np.stack([np.concatenate(chains) for chains in values], axis=1)
-
-
-def timing_graph(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Return a plan without robots' models, shapes, poses and paths.
-
-    What the paths say of time stays: how quick each node can be at all, and how many waypoints it has,
-    which tells in which nodes tools close and open.
-    """
-    models = {robot.name: robot.model for robot in tpg.cell.robots}
-    return replace(
-        tpg,
-        cell=replace(
-            bare_cell({item.name: item.kind for item in tpg.cell.objects}),
-            machines=tpg.cell.machines,
-        ),
-        tasks=tuple(replace(t, path=np.zeros((0, 0)), handlings=()) for t in tpg.tasks),
-        chains=tuple(
-            _bare_chain(chain, models.get(chain.robot)) for chain in tpg.chains
-        ),
-        handlings=(),
-        allowed=(),
-    )
-
-
-def bare_cell(kinds: dict[str, str]) -> Workcell:
-    """Return a cell without robots in which objects have a name and a kind, and nothing else."""
-    items = tuple(
-        CellObject(name, kind, _NO_SHAPE, np.eye(4)) for name, kind in kinds.items()
-    )
-    return Workcell((), (), items)
-
-
-def _bare_chain(chain: NodeChain, model: RobotModel | None) -> NodeChain:
-    return replace(
-        chain,
-        least=least_seconds(chain, model),
-        start=np.zeros(0),
-        waypoints=np.zeros((0, 0)),
-        fraction=np.zeros(0),
-    )
-
-
-T = TypeVar("T")
-
-
-class InProcess(Executor):
-    """Executor that computes at once, in the calling process: for debugging and for oracles."""
-
-    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Call the function now; the future that is returned is done."""
-        future: Future[T] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
-@contextmanager
-def open_executor(
-    workers: int | None = None,
-    cluster: Cluster | None = None,
-    *,
-    answer_within_s: float = ANSWER_WITHIN_S,
-) -> Iterator[Executor]:
-    """Give an executor; it ends with the context.
-
-    Args:
-        workers: processes on this machine; 0 for none besides this one, None for one a core.
-        cluster: whose workers do it instead.
-        answer_within_s: how long the scheduler may take to answer [s].
-
-    Raises:
-        ClusterError: the scheduler does not answer, has no workers, or Dask is not installed.
-        ClusterLostError: the scheduler went away meanwhile, or workers died again and again.
-    """
-    if cluster is not None:
-        with cluster_executor(cluster, answer_within_s) as executor:
-            yield executor
-    elif workers == 0:
-        yield InProcess()
-    else:
-        # Spawned, not forked: threads of compiled libraries do not survive a fork.
-        pool = ProcessPoolExecutor(
-            max_workers=workers or usable_cores(),
-            mp_context=multiprocessing.get_context("spawn"),
-        )
-        try:
-            yield pool
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-
-
-def check_cluster(cluster: Cluster) -> None:
-    """Raise a ClusterError unless the scheduler of a cluster answers and has workers."""
-    with cluster_executor(cluster):
-        return
-
-
-def parallelism(executor: Executor) -> int:
-    """Return how many calls an executor works on at once, as far as it tells; at least 1."""
-    threads = getattr(executor, "threads", None)
-    workers = threads() if callable(threads) else getattr(executor, "_max_workers", 1)
-    return max(1, int(workers))

@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 from planning.tasks.task import TRANSIT
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.pictures import (
     INK,
     WIDTH_IN,

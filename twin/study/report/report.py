@@ -21,7 +21,7 @@ from twin.drawing.markup import (
     text,
     told_table,
 )
-from twin.host.guard import write_text
+from twin.host.atomic_files import write_text
 from twin.host.pictures import WIDTH_IN
 from twin.host.progress import Report
 from twin.run.policies import shown_policy
@@ -31,15 +31,14 @@ from twin.study.folder import BLOCKS, REPORT
 from twin.study.gains.gains import LEADING
 from twin.study.products import product_times
 from twin.study.replications.block_results import cell_makespans_s, cell_tally
+from twin.study.report.assumptions import assumptions, warnings
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import (
-    assumptions,
     draw_ecdf,
     draw_line,
     draw_ranking,
     draw_response,
     draw_waits,
-    warnings,
 )
 from twin.study.report.page_tables import (
     HONEST,

@@ -19,7 +19,7 @@ import numpy as np
 
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import BrickType, PlacedBrick, Press
-from planning.lego.bricks.grid import SIDES, offsets, press_cell
+from planning.lego.bricks.brick_grips import SIDES, offsets, press_cell
 from planning.lego.importers.apex_mr.task_files import (
     NONE,
     TOOLS,

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from planning.errors import ScenarioError
-from planning.files import parse_json, read_file
+from planning.files import read_file
+from planning.json_files import parse_json
 from planning.lego.bricks.assembly import Cell
 from planning.transforms import Array, Transform, inverse
 

@@ -22,6 +22,7 @@ from planning.lego.bricks.assembly import (
     Plate,
     StockBrick,
 )
+from planning.lego.bricks.brick_grips import presses
 from planning.lego.bricks.brick_world import (
     BrickWorld,
     brick_colour,
@@ -29,7 +30,7 @@ from planning.lego.bricks.brick_world import (
     plate_fixture,
     stock_objects,
 )
-from planning.lego.bricks.grid import presses, top_pose
+from planning.lego.bricks.grid import top_pose
 from planning.lego.importers.brick_models.model import BrickModel, ModelBrick
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.targets import (

@@ -1,13 +1,7 @@
-"""A brick model read from a file of another program: bricks on the grid, each with its line.
-
-Brick lists: one brick a line, ``hxw (x,y,z)``, as BrickGPT writes them.
-
-h studs along x, w along y; x, y and z are the least stud and the layer, from 0.
-"""
+"""A brick model read from a file of another program: bricks on the grid, each with its line."""
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -15,8 +9,7 @@ from pathlib import Path
 
 from planning.errors import ScenarioError, listed, told
 from planning.files import read_file
-from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, GridPlace, OnGrid
-from planning.lego.bricks.drawing import type_of_size
+from planning.lego.bricks.assembly import BrickType, Cell, GridPlace, OnGrid
 from planning.lego.bricks.grid import joined_to_plate
 
 MOST_BRICKS = 20_000
@@ -191,50 +184,3 @@ def _check_places(path: Path, bricks: Sequence[ModelBrick]) -> None:
         raise ScenarioError(
             f"{path}: joined to nothing that stands where the lowest brick stands: {listed(loose)}"
         )
-
-
-FORM = "a brick is a line such as '2x4 (10,8,0)': studs along x and y, then x, y and layer from 0"
-
-_NUMBER = r"\s*([+-]?\d{1,6})\s*"
-_BRICK = re.compile(
-    rf"{_NUMBER}[xX×]{_NUMBER}[\s:,]*[(\[]{_NUMBER},{_NUMBER},{_NUMBER}[)\]]\s*[,;]?\s*",
-    re.ASCII,
-)
-
-
-def read_brick_list(path: Path) -> BrickModel:
-    """Read a brick list, whose lowest layer stands on the plate.
-
-    Blank lines and what follows a ``#`` are left out.
-
-    Raises:
-        ScenarioError: lines are no bricks, or of a size that there is not, each by its number;
-            or see ``finished_model``.
-    """
-    faults, bricks = FileFaults(path), []
-    lowest: int | None = None
-    for number, line in enumerate(read_lines(path), start=1):
-        text = line.split("#", 1)[0].strip()
-        if not text:
-            continue
-        match = _BRICK.fullmatch(text)
-        if match is None:
-            faults.add(number, f"{_shown(text)} is no brick")
-            continue
-        nx, ny, x, y, z = map(int, match.groups())
-        found = type_of_size((nx, ny), BRICKS)
-        if isinstance(found, str):
-            faults.add(number, found)
-            continue
-        kind, turned = found
-        lowest = z if lowest is None else min(z, lowest)
-        bricks.append(ModelBrick(kind, Cell(x, y, z + 1, turned), f"line {number}"))
-    faults.check(form=FORM)
-    notes = []
-    if lowest:
-        notes.append(f"the lowest layer, {lowest}, stands on the plate")
-    return finished_model(path, bricks, notes)
-
-
-def _shown(text: str) -> str:
-    return repr(text if len(text) <= 40 else f"{text[:40]}...")

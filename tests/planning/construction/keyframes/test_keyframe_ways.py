@@ -9,11 +9,11 @@ from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.problem.models import pavilion
 from planning.construction.problem.reach_sampler import ReachSampler
 from planning.construction.problem.site import (
-    Spiral,
     build_problem,
     ground_fixture,
     part_objects,
 )
+from planning.construction.problem.supply_layout import Spiral
 from planning.construction.world.fixed_world import FixedWorld, lying_at
 from planning.construction.world.timeline import skill_motion
 from planning.robots.registry import robot_model

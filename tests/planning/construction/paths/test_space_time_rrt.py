@@ -26,12 +26,12 @@ from planning.construction.paths.base_paths import (
     lay_lattice,
     stand_at,
 )
-from planning.construction.paths.direct_paths import Query, SpaceTimePath
+from planning.construction.paths.query import Query, SpaceTimePath
 from planning.construction.paths.roadmap import MOST
 from planning.construction.paths.rrt import query_to
 from planning.construction.planner import plan_construction
 from planning.construction.problem.models import tower
-from planning.construction.problem.problem import PlannerSettings
+from planning.construction.problem.settings import PlannerSettings
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
 from planning.packed import packed

@@ -18,15 +18,15 @@ from planning.cell.workcell import Workcell
 from planning.construction.motion_plan_export import motion_plan
 from planning.construction.planner import plan_construction
 from planning.construction.problem.balance import SiteBalance
+from planning.construction.problem.feasibility import require_buildable
 from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.site import (
-    Spiral,
     build_problem,
     ground_fixture,
     part_objects,
-    require_buildable,
 )
+from planning.construction.problem.supply_layout import Spiral
 from planning.errors import ConstructionError
 from planning.statics.build_order import Fall
 from planning.transforms import Array

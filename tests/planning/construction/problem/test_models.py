@@ -10,7 +10,7 @@ import pytest
 
 from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
 from planning.construction.problem.problem import face_grips
-from planning.construction.problem.site import Rows, Spiral, lay_out, lying
+from planning.construction.problem.supply_layout import Rows, Spiral, lay_out, lying
 from planning.transforms import Array, identity, readonly
 
 MODELS = {"tower": tower, "wall": wall, "well": well, "pavilion": pavilion}

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from benchmarks.construction.schedule import longest_chain
 from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
-from planning.construction.problem.site import Spiral, ground_fixture, part_objects
+from planning.construction.problem.site import ground_fixture, part_objects
+from planning.construction.problem.supply_layout import Spiral
 from planning.contacts.precedence import (
     PartGraph,
     build_part_graph,

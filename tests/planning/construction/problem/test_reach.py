@@ -10,21 +10,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.workcell import PlacedRobot, Workcell
+from planning.construction.problem.feasibility import (
+    require_buildable,
+    require_free_supply,
+    require_grounded,
+)
 from planning.construction.problem.models import ModelPart, tower
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import ReachBounds, require_reach
 from planning.construction.problem.reach_sampler import ReachSampler
 from planning.construction.problem.site import (
-    Rows,
-    Spiral,
-    SupplyLayout,
     build_problem,
     ground_fixture,
     part_objects,
-    require_buildable,
-    require_free_supply,
-    require_grounded,
 )
+from planning.construction.problem.supply_layout import Rows, Spiral, SupplyLayout
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.robots.registry import robot_model

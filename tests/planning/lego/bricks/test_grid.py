@@ -21,20 +21,22 @@ from planning.lego.bricks.assembly import (
     Press,
     StockBrick,
 )
+from planning.lego.bricks.brick_grips import (
+    check_press,
+    grip_pose,
+    offsets,
+    press_cell,
+    presses,
+    side_studs,
+)
+from planning.lego.bricks.brick_tiles import BrickTiles
 from planning.lego.bricks.brick_world import plate_fixture, stock_objects
 from planning.lego.bricks.grid import (
-    BrickTiles,
     box_from_top,
     box_pose,
     box_size,
     bricks_above,
-    check_press,
-    grip_pose,
-    offsets,
     plate_corner,
-    press_cell,
-    presses,
-    side_studs,
     top_pose,
 )
 from planning.lego.skills.targets import BrickGrip

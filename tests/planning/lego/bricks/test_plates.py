@@ -20,17 +20,19 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
+from planning.lego.bricks.brick_grips import (
+    grip_pose,
+    lever_cell,
+    press_cell,
+    presses,
+    side_contact_pose,
+)
 from planning.lego.bricks.grid import (
     box_pose,
     box_size,
     brick_height,
-    grip_pose,
     joined_to_plate,
-    lever_cell,
     plate_corner,
-    press_cell,
-    presses,
-    side_contact_pose,
     top_pose,
 )
 from planning.lego.sequencing.sequencing import sequence_structure

@@ -12,7 +12,7 @@ import pytest
 from benchmarks.fuzz.task_files import write_files, write_robots
 from planning.cell.workcell import Workcell
 from planning.lego.bricks.assembly import BrickType, Cell, LegoAssembly, LegoStep, Plate
-from planning.lego.bricks.grid import press_cell
+from planning.lego.bricks.brick_grips import press_cell
 from planning.transforms import Array, inverse, translation
 
 _SHOULDER = translation(0.0, 0.0, 0.33)

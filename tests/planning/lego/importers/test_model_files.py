@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import BRICKS, Cell
+from planning.lego.importers.brick_models.brick_list import read_brick_list
 from planning.lego.importers.brick_models.ldraw import read_ldraw
 from planning.lego.importers.brick_models.ldraw_files import PARTS
-from planning.lego.importers.brick_models.model import BrickModel, read_brick_list
+from planning.lego.importers.brick_models.model import BrickModel
 
 DATA = Path(os.environ.get("ASSEMBLY_TWIN_BRICKGPT_DATA", "/work/shared/data/brickgpt"))
 

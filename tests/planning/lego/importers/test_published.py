@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from benchmarks.fuzz.task_files import write_files, write_robots
 from planning.cell.workcell import Workcell
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press
+from planning.lego.bricks.brick_grips import press_cell
 from planning.lego.bricks.brick_world import press_of
-from planning.lego.bricks.grid import press_cell
 from planning.lego.importers.apex_mr.importer import import_apex_mr
 from planning.lego.skills.candidates import find_candidates
 from planning.tasks.assignment import StepChoice

@@ -20,7 +20,8 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import press_cell, top_pose
+from planning.lego.bricks.brick_grips import press_cell
+from planning.lego.bricks.grid import top_pose
 from planning.lego.importers.apex_mr.importer import import_apex_mr
 from planning.lego.skills.handovers import giver_rest, receive_poses
 from planning.lego.skills.targets import (

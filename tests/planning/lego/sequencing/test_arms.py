@@ -9,14 +9,15 @@ from hypothesis import strategies as st
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError, ScenarioError
 from planning.lego.bricks.assembly import BRICKS, Cell, GridSpan, LegoStep, PlacedBrick
-from planning.lego.bricks.grid import presses, top_pose
+from planning.lego.bricks.brick_grips import presses
+from planning.lego.bricks.grid import top_pose
+from planning.lego.importers.brick_models.brick_list import read_brick_list
 from planning.lego.importers.brick_models.cell import (
     Finished,
     Station,
     model_cell,
     stations,
 )
-from planning.lego.importers.brick_models.model import read_brick_list
 from planning.lego.insertion.rules import ArmLimits, SequencingRules
 from planning.lego.sequencing.arms import GripReach
 from planning.lego.sequencing.sequencing import sequence_structure

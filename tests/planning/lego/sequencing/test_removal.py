@@ -18,12 +18,10 @@ from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.insertion.tool_room import PLATE, BrickBoxes, blocking, tool_room
 from planning.lego.sequencing.blocking import remaining, smallest_blocking_set
-from planning.lego.sequencing.remedies import columns_below, on_plinth, shut_in
-from planning.lego.sequencing.sequencing import (
-    Removal,
-    find_assembly_sequence,
-    sequence_structure,
-)
+from planning.lego.sequencing.disassembly_search import Removal, find_assembly_sequence
+from planning.lego.sequencing.remedies import columns_below, on_plinth
+from planning.lego.sequencing.removal import shut_in
+from planning.lego.sequencing.sequencing import sequence_structure
 from tests.planning.lego.structures import brick, scattered
 
 _STUD = 0.53

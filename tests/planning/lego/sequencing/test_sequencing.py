@@ -26,13 +26,13 @@ from planning.lego.bricks.assembly import (
     StockBrick,
     Support,
 )
-from planning.lego.bricks.grid import press_cell, presses
+from planning.lego.bricks.brick_grips import press_cell, presses
 from planning.lego.importers.apex_mr.importer import import_apex_mr
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.insertion.tool_room import GRID, tool_room
+from planning.lego.sequencing.explained_step import explain_step
 from planning.lego.sequencing.sequencing import SequencedStructure, sequence_structure
-from planning.lego.sequencing.stable_steps import explain_step
 from planning.lego.stability.contacts import ToolHold
 from planning.statics.equilibrium import Load
 from tests.planning.lego.importers.published_form import (

@@ -24,8 +24,8 @@ from planning.lego.bricks.assembly import (
     StockBrick,
     Support,
 )
+from planning.lego.bricks.brick_grips import grip_pose, presses
 from planning.lego.bricks.brick_world import BrickWorld, grasp_number, press_of
-from planning.lego.bricks.grid import grip_pose, presses
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.expansion import lego_work

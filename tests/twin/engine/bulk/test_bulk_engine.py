@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from benchmarks.timing_graphs import SCENARIOS, contracted_graph, load_timing_graph
 from planning.errors import PlanInvariantError
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.dispatcher import earliest_times
-from scheduling.graph.task_edges import machine_chains
+from scheduling.graph.machine_chains import machine_chains
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -30,9 +30,9 @@ from tests.twin.driven_toys import driven_tpg, with_limits
 from tests.twin.simulated import assert_same_ends, run_bulk, watched
 from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.durations.bounded import Fixed, Uniform
-from twin.durations.lifetimes import SkillOverride
+from twin.durations.composed import SkillOverride
 from twin.durations.measured import packaged_timings
-from twin.durations.model import Nanoseconds
+from twin.durations.nanoseconds import Nanoseconds
 from twin.durations.normal import Lognormal
 from twin.engine.bulk.bulk_engine import BulkEngine, held_back
 from twin.engine.bulk.max_plus import (
@@ -48,8 +48,8 @@ from twin.engine.bulk.max_plus import (
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
-from twin.run.events import Policy
-from twin.study.replications.workload import timing_graph
+from twin.run.execution_record import Policy
+from twin.study.replications.timing_graph import timing_graph
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import (
     Disturbances,

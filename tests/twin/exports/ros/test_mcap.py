@@ -26,10 +26,10 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.exports.exported_runs import DISTURBED, exported, toy_run
 from tests.twin.twin_toys import random_tpg
-from twin.durations.model import NANOSECONDS
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.exports.ros.mcap_file import _times
 from twin.exports.segments import segments
-from twin.recorders.observers import write_table
+from twin.recorders.run_tables import write_table
 from twin.run.trajectory import Trajectory
 from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import Disturbances

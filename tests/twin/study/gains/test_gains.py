@@ -9,9 +9,12 @@ import pytest
 from scipy import stats
 
 from tests.twin.study.study_toys import toy_workload
-from twin.study.gains.gains import PairedQuantiles, cell_gains, study_gains, write_gains
+from twin.study.gains.files import write_gains
+from twin.study.gains.gains import cell_gains, study_gains
+from twin.study.gains.paired_quantiles import PairedQuantiles
 from twin.study.gains.replays import Replay
-from twin.study.replications.statistics import Experiment, mean_interval
+from twin.study.replications.experiment import Experiment
+from twin.study.replications.statistics import mean_interval
 from twin.uncertainty.disturbances import Disturbances, EmergencyStop, Stalls
 
 ONE = Experiment(policies=("asynchronous",), replications=400)

@@ -11,16 +11,16 @@ from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.study.study_toys import toy_workload
 from twin.durations.bounded import Uniform
-from twin.durations.model import Nanoseconds
+from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.bulk.max_plus import PrecedenceArrays
 from twin.engine.engine import Simulator
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import Messages
 from twin.engine.simulated_robots import SimulatedRobots
-from twin.run.events import Policy
+from twin.run.execution_record import Policy
 from twin.study.gains.candidates import candidates
 from twin.study.gains.replays import Lever, Replay, eased_makespans, needs_events
-from twin.study.replications.statistics import Block
+from twin.study.replications.experiment import Block
 from twin.study.replications.workload import Engines, Workload
 from twin.uncertainty.disturbances import (
     Breakdowns,

@@ -19,15 +19,11 @@ from twin.engine.execution_model import ExecutionModel
 from twin.study.folder import write_replications
 from twin.study.replications import runner
 from twin.study.replications.block_results import blocks_done, read_block
+from twin.study.replications.executors import InProcess, open_executor
+from twin.study.replications.experiment import Block, Experiment
 from twin.study.replications.runner import run_replications
-from twin.study.replications.statistics import Block, Experiment, Precision
-from twin.study.replications.workload import (
-    InProcess,
-    Workload,
-    compute_block,
-    open_executor,
-    pack,
-)
+from twin.study.replications.statistics import Precision
+from twin.study.replications.workload import Workload, compute_block, pack
 from twin.uncertainty.disturbances import Disturbances, SkillFailure
 from twin.uncertainty.skill_durations import SkillDurations
 

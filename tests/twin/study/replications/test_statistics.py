@@ -13,8 +13,8 @@ from scipy import stats
 from planning.errors import TwinError
 from planning.transforms import Array
 from twin.study.plans import with_baselines
+from twin.study.replications.experiment import Experiment
 from twin.study.replications.statistics import (
-    Experiment,
     Interval,
     Precision,
     mean_bounds,

@@ -15,7 +15,8 @@ from matplotlib.transforms import Bbox
 from tests.twin.study.study_toys import toy_cell_summary, toy_summary, toy_workload
 from tests.twin.twin_toys import random_tpg
 from twin.run.policies import NAMED_POLICIES
-from twin.study.replications.statistics import Block, Interval
+from twin.study.replications.experiment import Block
+from twin.study.replications.statistics import Interval
 from twin.study.replications.workload import Engines
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import draw_ecdf, draw_response, draw_waits

@@ -10,7 +10,8 @@ from planning.cell.robot_model import ToolGrip
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
 from planning.grips.cups import too_wide
-from planning.grips.grip import GripRules, part_grips
+from planning.grips.grip import GripRules
+from planning.grips.shape_grips import part_grips
 from planning.grips.tool_grips import (
     robot_rules,
     thinnest,

@@ -1,0 +1,101 @@
+"""Caches of answers: in memory while the program runs, or in the user's cache folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.errors import OutputError
+from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replacing
+
+Arrays = Mapping[str, npt.NDArray[Any]]
+
+WORTH = 0.1
+"""What is found in less time is found anew every time [s]."""
+
+Answer = TypeVar("Answer")
+
+
+def cache_folder(kind: str) -> Path:
+    """Return the folder in which answers to one kind of question are remembered."""
+    named = os.environ.get("XDG_CACHE_HOME")
+    return Path(named or Path.home() / ".cache") / "assembly-twin" / kind
+
+
+def remembered(
+    kind: str,
+    question: bytes,
+    names: frozenset[str],
+    find: Callable[[], Arrays],
+    sources: Sequence[str],
+) -> Arrays:
+    """Return the answer to a question: the one that is remembered, or one that is found now.
+
+    A file that cannot be read, or that has other arrays, is one that is not there; where no file
+    can be written, answers are found anew every time.
+
+    Args:
+        kind: of question: the name of a folder.
+        question: all that is given to what finds the answer.
+        names: of the arrays of an answer.
+        find: returns the answer.
+        sources: files with the code that decides the answer (``__file__`` of modules). What was
+            found by them as they were before is no answer.
+    """
+    asked = sha256(question)
+    for source in sources:
+        asked.update(_hash_of(source))
+    file = cache_folder(kind) / f"{asked.hexdigest()}.npz"
+    with suppress(*NPZ_ERRORS):
+        known = read_npz(read_file(file), kinds="if", most=LARGEST)
+        if known.keys() == names:
+            return known
+    begin = perf_counter()
+    found = find()
+    if perf_counter() - begin >= WORTH:
+        _write(file, found)
+    return found
+
+
+@cache
+def _hash_of(source: str) -> bytes:
+    """Return the hash of a file of code, which does not change while it runs."""
+    return sha256(Path(source).read_bytes()).digest()
+
+
+def _write(file: Path, answer: Arrays) -> None:
+    arrays: dict[str, Any] = dict(answer)
+    with suppress(OSError, OutputError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(file) as part:
+            np.savez_compressed(part, **arrays)
+
+
+class KeptAnswers(Generic[Answer]):
+    """Answers by what was asked; all are forgotten when there are too many.
+
+    Args:
+        most: how many are kept.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._answers: dict[Hashable, Answer] = {}
+
+    def get(self, question: Hashable, work_out: Callable[[], Answer]) -> Answer:
+        """Return the answer, worked out unless it is known."""
+        known = self._answers.get(question)
+        if known is None:
+            if len(self._answers) >= self._most:
+                self._answers.clear()
+            known = self._answers[question] = work_out()
+        return known

@@ -1,0 +1,56 @@
+"""Models of what never moves: carriers without travel, and machines.
+
+A machine is something whose tasks take time and wait for others, as those of a robot do. It has
+no body: what it brings, works at or takes are objects at rest, and the user's fixtures stand for
+its frame. So is its door, for as long as it works.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from planning.cell.body import ConvexBody
+from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
+from planning.cell.workcell import PlacedRobot
+from planning.transforms import readonly
+
+
+def immovable(name: str, bodies: Sequence[ConvexBody] = ()) -> RobotModel:
+    """Return the model of a slide without travel.
+
+    Args:
+        name: of the model.
+        bodies: what it carries, in the frame of its base.
+    """
+    return RobotModel(
+        name=name,
+        urdf=Path(name),
+        package_dirs=(),
+        joint_names=("none",),
+        lower=readonly(np.zeros(1)),
+        upper=readonly(np.zeros(1)),
+        velocity=readonly(np.ones(1)),
+        chain=KinematicChain(
+            readonly(np.eye(4)[None]),
+            readonly(np.array([[1.0, 0.0, 0.0]])),
+            np.ones(1, dtype=np.bool_),
+        ),
+        flange=readonly(np.eye(4)),
+        frames={},
+        parts=tuple(LinkPart(0, "arm", body) for body in bodies),
+        never_collide=frozenset(combinations(range(len(bodies)), 2)),
+        home=readonly(np.zeros(1)),
+    )
+
+
+MODEL = immovable("machine")
+"""A slide that never moves and carries nothing."""
+
+
+def machine(name: str) -> PlacedRobot:
+    """Return the machine of a name."""
+    return PlacedRobot(name, MODEL, readonly(np.eye(4)), MODEL.home)

@@ -1,0 +1,45 @@
+"""Bricks on one plate, found by their place."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+
+from planning.lego.bricks.assembly import GridSpan, PlacedBrick
+
+_TILE = 8
+"""Studs along the edge of a tile."""
+
+Numbered = tuple[int, PlacedBrick]
+"""A brick with its place in some order."""
+
+
+class BrickTiles:
+    """Bricks on one plate, found by where they are.
+
+    Args:
+        bricks: each with its place in an order; several may be in one place, at different times.
+    """
+
+    def __init__(self, bricks: Iterable[Numbered]) -> None:
+        self._tiles: dict[tuple[int, int], list[Numbered]] = defaultdict(list)
+        for item in bricks:
+            for tile in _tiles(item[1].span):
+                self._tiles[tile].append(item)
+
+    def near(self, span: GridSpan, before: int) -> dict[str, PlacedBrick]:
+        """Return the bricks within a stud of some room that are before a place in their order."""
+        found = {
+            (number, item.name): item
+            for tile in _tiles(span)
+            for number, item in self._tiles.get(tile, ())
+            if number < before and span.near(item.span, levels=1)
+        }
+        return {name: found[number, name] for number, name in sorted(found)}
+
+
+def _tiles(span: GridSpan) -> Iterator[tuple[int, int]]:
+    """Yield the tiles of some room and of a stud beside it."""
+    for x in range((span.x0 - 1) // _TILE, (span.x1 + 1) // _TILE + 1):
+        for y in range((span.y0 - 1) // _TILE, (span.y1 + 1) // _TILE + 1):
+            yield x, y

@@ -1,0 +1,145 @@
+"""Removal of temporary bricks from a finished structure, and which of them cannot be removed.
+
+Temporary bricks stay until the structure is lifted off the plate; what stands from the start stays
+behind with it. Then a helper comes off its knobs straight up or down, and from there on moves in any
+way along the grid until it is outside. One is taken at a time. Taking one makes room for others and
+takes none away, so that helpers are taken as they come, and those that remain at the end remain in
+any order. Hands, the force of pulling, and helpers that would come out together are not looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import product
+
+from planning.lego.bricks.assembly import GridPlace, GridSpan, PlacedBrick
+
+_VERTICAL = ((0, 0, -1), (0, 0, 1))
+_ASIDE = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
+
+_NAMED = 4
+"""So many of the bricks in the way of a helper are named."""
+
+
+@dataclass(frozen=True)
+class ShutIn:
+    """A helper that cannot be taken out any more.
+
+    Attributes:
+        brick: the helper.
+        behind: what is in its way, what it is pressed onto first.
+    """
+
+    brick: PlacedBrick
+    behind: tuple[PlacedBrick, ...]
+
+    @property
+    def words(self) -> str:
+        """The helper and what it is behind, in one phrase."""
+        named = [_place(item) for item in self.behind[:_NAMED]]
+        more = len(self.behind) - len(named)
+        named += [f"{more} more"] if more else []
+        return f"{_place(self.brick)} is shut in behind {', '.join(named)}"
+
+
+def shut_in(
+    bricks: Iterable[PlacedBrick], helpers: frozenset[str]
+) -> tuple[ShutIn, ...]:
+    """Return the helpers that cannot be taken out of a finished structure, the lowest first.
+
+    Args:
+        bricks: of the structure with its helpers, without what stays behind with the plate.
+        helpers: names of those that are to be taken out.
+    """
+    known = {item.name: item for item in bricks}
+    filled = {place: item.name for item in known.values() for place in item.places}
+    left = sorted(helpers, key=lambda name: (known[name].cell.level, name))
+    ways: dict[str, _WayOut] = {}
+    while left:
+        kept = []
+        for name in left:
+            ways[name] = way = _WayOut.of(known[name], filled)
+            if way.outside:
+                for place in known[name].places:
+                    del filled[place]
+            else:
+                kept.append(name)
+        if len(kept) == len(left):
+            break
+        left = kept
+    return tuple(
+        ShutIn(known[name], tuple(known[n] for n in ways[name].hits)) for name in left
+    )
+
+
+@dataclass(frozen=True)
+class _WayOut:
+    """How far a brick gets among others.
+
+    Attributes:
+        outside: whether it gets out.
+        hits: what it runs into on all its ways, those at its own knobs first.
+    """
+
+    outside: bool
+    hits: tuple[str, ...]
+
+    @staticmethod
+    def of(item: PlacedBrick, filled: Mapping[GridPlace, str]) -> _WayOut:
+        """Search all ways of a brick along the grid, straight ones first."""
+        own, span = item.places, item.span
+        around = _bounds(place for place in filled if place not in own)
+        hits: dict[str, None] = {}
+
+        def clear(at: GridPlace, margin: int) -> bool:
+            """Tell whether it is clear of others with so many levels above and below it."""
+            rows = range(span.bottom - margin, span.top + margin)
+            found = [
+                name
+                for (x, y), z in product(item.studs, rows)
+                if (place := (x + at[0], y + at[1], z + at[2])) not in own
+                and (name := filled.get(place)) is not None
+            ]
+            hits.update(dict.fromkeys(sorted(found)))
+            return not found
+
+        seen: set[GridPlace] = {(0, 0, 0)}
+        todo: list[GridPlace] = [(0, 0, 0)]
+        while todo:
+            at = todo.pop()
+            if around is None or _is_outside(span, at, around):
+                return _WayOut(True, ())
+            # Off its knobs it may move aside: neither its own nor those of others are in the way.
+            ways = _ASIDE if at != (0, 0, 0) and clear(at, 1) else ()
+            for way, margin in (*((w, 1) for w in ways), *((w, 0) for w in _VERTICAL)):
+                after = (at[0] + way[0], at[1] + way[1], at[2] + way[2])
+                if after not in seen and clear(after, margin):
+                    seen.add(after)
+                    todo.append(after)
+        return _WayOut(False, tuple(hits))
+
+
+def _bounds(places: Iterable[GridPlace]) -> GridSpan | None:
+    """Return the room of some places, None for none."""
+    axes = list(zip(*places, strict=True))
+    if not axes:
+        return None
+    (x0, x1), (y0, y1), (z0, z1) = ((min(axis), max(axis) + 1) for axis in axes)
+    return GridSpan(x0, x1, y0, y1, z0, z1)
+
+
+def _is_outside(span: GridSpan, at: GridPlace, around: GridSpan) -> bool:
+    x, y, z = at
+    return (
+        span.x1 + x <= around.x0
+        or span.x0 + x >= around.x1
+        or span.y1 + y <= around.y0
+        or span.y0 + y >= around.y1
+        or span.top + z <= around.bottom
+        or span.bottom + z >= around.top
+    )
+
+
+def _place(item: PlacedBrick) -> str:
+    return f"{item.name!r} ({item.brick.name} at {item.cell.words})"

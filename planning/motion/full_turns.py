@@ -1,0 +1,97 @@
+"""Full turns of joints that can turn more than once.
+
+A wrist that reaches a pose at -170 degrees reaches it at +190 as well. Seen from HOME one of the
+two is a little nearer; seen from where the robot works next, the wrong one costs a whole turn
+once HOME is skipped. So each excursion from HOME to HOME takes the turns that bring it nearest
+to the one before, among those that are hardly further from HOME.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from planning.cell.workcell import Workcell
+from planning.tasks.task import TRANSIT, StepTasks, Task
+from planning.transforms import Array
+
+_SAME = 1e-9
+"""Configurations as near as this are the same [rad or m]."""
+
+_HARDLY = 0.7
+"""Extra travel from HOME that turning towards the next work is worth [rad]."""
+
+
+def take_near_turns(
+    cell: Workcell, step: StepTasks, reached: Mapping[str, Array]
+) -> tuple[StepTasks, dict[str, Array]]:
+    """Return a step with the full turns nearest to where each robot worked before.
+
+    Args:
+        cell: the static cell.
+        step: an expanded step.
+        reached: per robot, the configuration in which its last excursion ended, shape (n,).
+
+    Returns:
+        The step, and ``reached`` after it.
+    """
+    reached = dict(reached)
+    tasks = {task.index: task for task in step.tasks}
+    for robot in cell.robots:
+        excursion: list[Task] = []
+        for task in [t for t in step.tasks if t.robot == robot.name]:
+            transit = task.kind == TRANSIT
+            if not transit or np.max(np.abs(task.path[-1] - robot.home)) >= _SAME:
+                excursion.append(task)
+                continue
+            _turn(cell, robot.name, excursion, tasks, reached)
+            excursion = []
+        _turn(cell, robot.name, excursion, tasks, reached)
+    return replace(step, tasks=tuple(tasks[t.index] for t in step.tasks)), reached
+
+
+def _turn(
+    cell: Workcell,
+    robot: str,
+    excursion: list[Task],
+    tasks: dict[int, Task],
+    reached: dict[str, Array],
+) -> None:
+    """Shift all configurations of an excursion by the same whole turns."""
+    if not excursion:
+        return
+    model = cell.robot(robot).model
+    waypoints = np.concatenate([task.path for task in excursion])
+    shift = np.zeros(model.dof)
+    if robot in reached:
+        for joint in np.flatnonzero(~model.chain.prismatic):
+            shift[joint] = (
+                2
+                * np.pi
+                * _turns(
+                    waypoints[:, joint],
+                    float(reached[robot][joint]),
+                    float(cell.robot(robot).home[joint]),
+                    float(model.lower[joint]),
+                    float(model.upper[joint]),
+                )
+            )
+    for task in excursion:
+        tasks[task.index] = replace(task, path=task.path + shift)
+    reached[robot] = excursion[-1].path[-1] + shift
+
+
+def _turns(values: Array, near: float, home: float, lower: float, upper: float) -> int:
+    """Return the turns within the limits that bring the first value nearest to ``near``."""
+    least = int(np.ceil((lower - values.min()) / (2 * np.pi) - 1e-12))
+    most = int(np.floor((upper - values.max()) / (2 * np.pi) + 1e-12))
+    turns = range(least, most + 1)
+    reach = [abs(values[0] + 2 * np.pi * k - home) for k in turns]
+    good = [
+        k for k, far in zip(turns, reach, strict=True) if far <= min(reach) + _HARDLY
+    ]
+    return min(
+        good, key=lambda k: (abs(values[0] + 2 * np.pi * k - near), abs(k)), default=0
+    )

@@ -1,0 +1,93 @@
+"""Poses and joint motions of a URDF: origins, axes, and links in the frame of the root."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterable, Mapping
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from planning.errors import RobotModelError
+from planning.robots.descriptions.xml_files import vector
+from planning.transforms import Array, Transform, from_rpy
+
+TURNING = ("revolute", "continuous")
+"""Kinds of joints that turn; others that move slide."""
+
+
+def numbers_text(values: Iterable[float]) -> str:
+    """Return numbers as descriptions have them."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def pose_of(element: Element | None, where: str) -> Transform:
+    """Return the pose that an ``<origin>`` stands for; none stands for no offset."""
+    if element is None:
+        return np.eye(4)
+    xyz = vector(element.get("xyz", "0 0 0"), f"{where}, xyz of <origin>")
+    rpy = vector(element.get("rpy", "0 0 0"), f"{where}, rpy of <origin>")
+    return from_rpy(xyz, rpy)
+
+
+def write_pose(parent: Element, pose: Transform) -> None:
+    """Give an element an ``<origin>`` in place of what it has."""
+    for old in parent.findall("origin"):
+        parent.remove(old)
+    turned = np.asarray(pose)[:3, :3]
+    level = np.array_equal(turned, np.eye(3))
+    with warnings.catch_warnings(action="ignore"):  # where two angles say the same
+        rpy = np.zeros(3) if level else Rotation.from_matrix(turned).as_euler("xyz")
+    xyz = np.asarray(pose)[:3, 3]
+    SubElement(parent, "origin", xyz=numbers_text(xyz), rpy=numbers_text(rpy))
+
+
+def joint_axis(joint: Element, where: str) -> Array:
+    """Return the unit axis of a joint in its own frame, shape (3,)."""
+    element = joint.find("axis")
+    text = "1 0 0" if element is None else element.get("xyz", "1 0 0")
+    axis = np.array(vector(text, f"{where}, axis"))
+    length = math.hypot(*axis)
+    if length == 0.0:
+        raise RobotModelError(f"{where} has no direction: axis {text!r}")
+    return axis / length
+
+
+def joint_motion(joint: Element, value: float, where: str) -> Transform:
+    """Return what a joint that turns or slides moves its link by, at a value [rad or m]."""
+    along, move = joint_axis(joint, where) * value, np.eye(4)
+    if joint.get("type") in TURNING:
+        move[:3, :3] = Rotation.from_rotvec(along).as_matrix()
+    else:
+        move[:3, 3] = along
+    return move
+
+
+def joint_link(joint: Element, tag: str) -> str:
+    """Return the link at an end of a joint, ``parent`` or ``child``; empty where it names none."""
+    end = joint.find(tag)
+    return "" if end is None else str(end.get("link"))
+
+
+def pose_in_root(
+    link: str, above: Mapping[str, Element], values: Mapping[str, float], where: str
+) -> Transform:
+    """Return the pose of a link in the frame of the root of its description.
+
+    Args:
+        link: its name.
+        above: the joint that each link hangs on.
+        values: of the joints that are not at zero [rad or m].
+        where: description, for messages.
+    """
+    pose = np.eye(4)
+    while link in above:
+        joint = above[link]
+        name = str(joint.get("name"))
+        if name in values:
+            pose = joint_motion(joint, values[name], f"{where}: joint {name!r}") @ pose
+        pose = pose_of(joint.find("origin"), f"{where}: joint {name!r}") @ pose
+        link = joint_link(joint, "parent")
+    return pose

@@ -1,0 +1,48 @@
+"""Shape of a tool apart from its robot, for its place in the rack."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from planning.cell.robot_model import RobotModel
+from planning.cell.shape import Element, Mesh, Shape, shape_of
+from planning.transforms import Array, Transform, inverse, readonly
+
+
+def tool_shape(name: str, model: RobotModel, mount: Transform) -> Shape:
+    """Return the shape of the tool of a robot: the hulls that stand for its bodies.
+
+    Args:
+        name: of the tool.
+        model: the robot with the tool on it.
+        mount: pose of the tool in the flange frame.
+    """
+    own = inverse(model.flange @ mount)
+    elements = (
+        Element(_hull_form(part.body.vertices, own, name), readonly(np.eye(4)))
+        for part in model.parts
+        if part.group == "tool"
+    )
+    return shape_of(name, tuple(elements))
+
+
+def _hull_form(vertices: Array, pose: Transform, source: str) -> Mesh:
+    corners = vertices @ pose[:3, :3].T + pose[:3, 3]
+    hull = ConvexHull(corners)
+    middle = corners.mean(axis=0)
+    faces = hull.simplices.astype(np.int64)
+    a, b, c = (corners[faces[:, k]] - middle for k in range(3))
+    outwards = np.einsum("ij,ij->i", np.cross(a, b), c)
+    faces[outwards < 0.0] = faces[outwards < 0.0][:, ::-1]
+    weights = np.abs(outwards)
+    centre = middle + (weights @ (a + b + c)) / (4.0 * weights.sum())
+    faces.setflags(write=False)
+    return Mesh(
+        readonly(corners),
+        faces,
+        (readonly(corners),),
+        float(hull.volume),
+        readonly(centre),
+        source=source,
+    )

@@ -1,0 +1,32 @@
+"""Nodes in which robots stand while their tools close or open."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planning.tasks.task import Actuation
+from scheduling.graph.task_edges import task_nodes
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+
+
+def actuation_nodes(tpg: TemporalPlanGraph) -> list[dict[int, Actuation]]:
+    """Return what tools do in which nodes, chain by chain; of a contracted graph only nodes of their own."""
+    return [chain_actuations(tpg, k) for k in range(len(tpg.chains))]
+
+
+def chain_actuations(tpg: TemporalPlanGraph, index: int) -> dict[int, Actuation]:
+    """Return what a tool does in which nodes of a chain.
+
+    It is the node whose one waypoint is that at which the task says that it is over.
+    """
+    chain, found = tpg.chains[index], dict[int, Actuation]()
+    for nodes in task_nodes([chain])[0]:
+        acts = {a.waypoint: a for a in tpg.tasks[nodes.task].actuations}
+        if acts:
+            first = chain.first[nodes.first : nodes.stop + 1]
+            passed = (first[1:] - first[0]).tolist()
+            alone = np.diff(first) == 1
+            for k in np.flatnonzero(alone).tolist():
+                if passed[k] in acts:
+                    found[nodes.first + k] = acts[passed[k]]
+    return found

@@ -1,0 +1,81 @@
+"""Pieces of the chains of a graph, cut such that every run that may be shortened has its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from planning.transforms import Indices
+from scheduling.conflicts.derived_tpg import (
+    DerivedTpg,
+    GraphStretch,
+    StretchConflicts,
+    nodes_stretch,
+)
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.shortcuts.candidates import Span
+from scheduling.shortcuts.rewiring import Swap
+
+_LONGEST = 128
+"""Nodes in a piece."""
+
+
+class GraphPieces:
+    """All chains of a graph, cut so that every run that may be shortened is pieces of its own.
+
+    Args:
+        tpg: the graph.
+        spans: the runs.
+        conflicts: searches conflicts between pieces and others, or knows them already.
+    """
+
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        spans: Sequence[Span],
+        conflicts: StretchConflicts | None = None,
+    ) -> None:
+        self.conflicts = conflicts or StretchConflicts()
+        self._starts: list[Indices] = []
+        self._built: list[list[GraphStretch | None]] = []
+        for k, chain in enumerate(tpg.chains):
+            cuts = {0, len(chain)}
+            for span in spans:
+                if span.chain == k:
+                    cuts |= {span.first, span.last + 1}
+            starts = [0]
+            for low, high in pairwise(sorted(cuts)):
+                parts = -(-(high - low) // _LONGEST)
+                starts += np.linspace(low, high, parts + 1).astype(int)[1:].tolist()
+            self._starts.append(np.array(starts, dtype=np.int64))
+            self._built.append([None] * (len(starts) - 1))
+
+    def between(
+        self, graph: DerivedTpg, chain: int, first: int, stop: int
+    ) -> Iterator[tuple[int, GraphStretch]]:
+        """Yield the first node of every piece with nodes in a range, and the piece.
+
+        Args:
+            graph: as it is now.
+            chain: the chain.
+            first, stop: its nodes ``range(first, stop)``.
+        """
+        starts = self._starts[chain]
+        lo = int(np.searchsorted(starts, first, side="right")) - 1
+        for piece, (at, end) in enumerate(pairwise(starts[lo:].tolist()), lo):
+            if at >= stop:
+                return
+            built = self._built[chain][piece]
+            if built is None:
+                built = nodes_stretch(graph, chain, at, end)
+                self._built[chain][piece] = built
+            yield at, built
+
+    def splice(self, swap: Swap) -> None:
+        """Forget the pieces around nodes that were replaced."""
+        starts = self._starts[swap.chain]
+        lo = int(np.searchsorted(starts, swap.first, side="right")) - 1
+        hi = int(np.searchsorted(starts, swap.last, side="right"))
+        self._built[swap.chain][lo:hi] = [None] * (hi - lo)

@@ -1,0 +1,173 @@
+"""State that a page and the run share: orders of people one way, what they are shown the other.
+
+People beside a cell that drivers move: they see how far the run is, give orders and are asked.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.drivers.driver import Mode
+from twin.follow.state import FollowedRun
+from twin.operate.person import Question, UnansweredError
+
+Action = Literal["hold", "go on", "out", "yes", "no"]
+"""What somebody may order: of a robot or all, or as the answer to a question."""
+
+ShownMode = Mode | Literal["silent", "out", "finished"]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What somebody has ordered.
+
+    Attributes:
+        action: what.
+        robot: of which one, empty for all.
+        question: which one is answered, from 1; 0 for none.
+    """
+
+    action: Action
+    robot: str = ""
+    question: int = 0
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something that has happened that people should know.
+
+    Attributes:
+        at_s: time of the run [s].
+        robot: whom it happened to, empty for the whole cell.
+        kind: of the event.
+        words: what.
+    """
+
+    at_s: float
+    robot: str
+    kind: str
+    words: str
+
+
+@dataclass(frozen=True)
+class ShownRobot:
+    """A robot as it is shown.
+
+    Attributes:
+        name: of it.
+        mode: what it does.
+        task: label of the task that it is at, or comes to next; empty where there is none.
+        waits: what it waits for, empty for nothing.
+        done, nodes: how many nodes it is through with, of all.
+        held: whether it is told to stand.
+        out: whether it is out for good.
+    """
+
+    name: str
+    mode: ShownMode
+    task: str
+    waits: str
+    done: int
+    nodes: int
+    held: bool
+    out: bool
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What people see of a run.
+
+    Attributes:
+        t_s: how late it is in the run [s].
+        robots: all that are driven.
+        steps_done, steps: of the assembly.
+        given_up: steps that are not done any more, by number, with the reason.
+        notices: the last ones, newest first.
+        question: that is open, empty for none.
+        asked: how many questions there were, with that one.
+        planning: whether something is being planned anew.
+        outcome: how the run has ended, empty while it goes on.
+    """
+
+    t_s: float
+    robots: tuple[ShownRobot, ...]
+    steps_done: int
+    steps: int
+    given_up: Mapping[int, str]
+    notices: tuple[Notice, ...]
+    question: str = ""
+    asked: int = 0
+    planning: bool = False
+    outcome: str = ""
+
+
+@dataclass(frozen=True)
+class NodesSoFar:
+    """What has been executed of a plan.
+
+    Attributes:
+        tpg: the plan.
+        now_ns: time of the run [ns].
+        start_ns, end_ns: of the nodes of each chain, -1 for what has not happened [ns].
+        disturbed: chains and nodes in which a robot stood, or did something again: how long they took in
+            themselves is not known.
+    """
+
+    tpg: TemporalPlanGraph
+    now_ns: int
+    start_ns: tuple[tuple[int, ...], ...]
+    end_ns: tuple[tuple[int, ...], ...]
+    disturbed: frozenset[tuple[int, int]] = frozenset()
+
+    def followed(self) -> FollowedRun:
+        """Return the run as who follows it knows it."""
+        run = FollowedRun(self.tpg)
+        run.now_ns = self.now_ns
+        for own, start, end in zip(run.robots, self.start_ns, self.end_ns, strict=True):
+            own.start_ns[:], own.end_ns[:] = start, end
+            own.completed = next((k for k, t in enumerate(end) if t < 0), len(end))
+            done = own.end_ns >= 0
+            own.took_ns[done] = own.end_ns[done] - own.start_ns[done]
+        for k, node in self.disturbed:
+            run.robots[k].took_ns[node] = -1
+        return run
+
+
+@dataclass
+class Panel:
+    """What a page and a run share.
+
+    Attributes:
+        steps: of the assembly.
+        orders: that have not been obeyed yet.
+        shown: what people see; None before the run has begun.
+        shown_s: when that was, by the clock of this machine [s].
+        so_far: what a forecast needs; None likewise.
+        answers: that have been given, and not been asked for since; only the run looks at them.
+    """
+
+    steps: int
+    orders: queue.SimpleQueue[Order] = field(default_factory=queue.SimpleQueue)
+    shown: Shown | None = None
+    shown_s: float = 0.0
+    so_far: NodesSoFar | None = None
+    answers: dict[Question, bool] = field(default_factory=dict)
+
+    def show(self, shown: Shown) -> None:
+        """Let people see something; called by the run."""
+        self.shown, self.shown_s = shown, time.monotonic()
+
+    def says(self, question: Question) -> bool:
+        """Return what somebody has answered; see Person.
+
+        Raises:
+            UnansweredError: nobody has.
+        """
+        if question not in self.answers:
+            raise UnansweredError(question)
+        return self.answers.pop(question)

@@ -1,0 +1,87 @@
+"""Robot models of a scenario: with its tools, flanges, limits and held joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from planning.cell.robot_model import RobotModel
+from planning.cell.shape import Element
+from planning.errors import FittingError, RobotModelError, ShapeError
+from planning.files import file_named
+from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.robots.descriptions.urdf_file import BY_JOINT, GivenLimits
+from planning.robots.registry import robot_model, with_tool
+from twin.planning.shapes import build_shape
+from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
+from twin.scenario.sections.shapes import ShapeSection, as_planned
+
+
+def fitted_model(
+    robot: RobotSection, tools: Mapping[str, ToolSection], folder: Path
+) -> RobotModel:
+    """Return the type of a robot with what the cell adds to it; of one that changes tools, bare.
+
+    Args:
+        robot: of the cell.
+        tools: of the cell, by name.
+        folder: where relative paths start.
+
+    Raises:
+        FittingError: what is added does not fit; it says which key is at fault.
+        RobotModelError: the description of the robot cannot be used.
+    """
+    if robot.tools:
+        return robot_model(robot.model, folder, _fitting(robot, bare=True))
+    own = tools.get(robot.tool or "")
+    if own is None and robot.tool is not None:
+        robot_model(robot.model, folder)  # a model that there is not is said first
+    model = robot.model if own else with_tool(robot.model, robot.tool, tuple(tools))
+    tool = build_tool(str(robot.tool), own, folder) if own else None
+    return robot_model(model, folder, _fitting(robot, tool))
+
+
+def _fitting(
+    robot: RobotSection, tool: Tool | None = None, *, bare: bool = False
+) -> Fitting:
+    return Fitting(
+        tool=tool,
+        bare=bare,
+        flange=robot.flange,
+        held=robot.joints,
+        limits=build_limits(robot.limits),
+    )
+
+
+def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
+    """Return a tool of a cell as planning knows it.
+
+    Raises:
+        FittingError: its description is not there, or one of its shapes cannot be used.
+    """
+    description, shapes = None, tuple[Element, ...]()
+    try:
+        if section.description is not None:
+            file = file_named(section.description, folder, RobotModelError)
+            description = file.resolve()
+        if section.shapes:
+            whole = ShapeSection(compound=section.shapes)
+            shapes = build_shape(name, whole, folder).elements
+    except (RobotModelError, ShapeError) as error:
+        raise FittingError(f"the tool {name!r}: {error}", key="tool") from None
+    return as_planned(
+        Tool,
+        section,
+        name=name,
+        description=description,
+        shapes=shapes,
+        held=section.joints,
+        grip=section.grip(name),
+    )
+
+
+def build_limits(section: LimitsSection) -> GivenLimits:
+    """Return the limits of a robot as planning knows them."""
+    own = {key: getattr(section, key) for key in BY_JOINT}
+    listed = {k: (v,) if isinstance(v, float) else v for k, v in own.items()}
+    return GivenLimits(payload=section.payload_kg, **listed)

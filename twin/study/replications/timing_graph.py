@@ -1,0 +1,55 @@
+"""Timing graph: a plan without models, shapes, poses and paths, which can be executed but not drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from planning.cell.robot_model import RobotModel
+from planning.cell.shape import Shape
+from planning.cell.workcell import CellObject, Workcell
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from twin.uncertainty.least_durations import least_seconds
+
+_NO_SHAPE = Shape((), ())
+
+
+def timing_graph(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+    """Return a plan without robots' models, shapes, poses and paths.
+
+    What the paths say of time stays: how quick each node can be at all, and how many waypoints it has,
+    which tells in which nodes tools close and open.
+    """
+    models = {robot.name: robot.model for robot in tpg.cell.robots}
+    return replace(
+        tpg,
+        cell=replace(
+            bare_cell({item.name: item.kind for item in tpg.cell.objects}),
+            machines=tpg.cell.machines,
+        ),
+        tasks=tuple(replace(t, path=np.zeros((0, 0)), handlings=()) for t in tpg.tasks),
+        chains=tuple(
+            _bare_chain(chain, models.get(chain.robot)) for chain in tpg.chains
+        ),
+        handlings=(),
+        allowed=(),
+    )
+
+
+def bare_cell(kinds: dict[str, str]) -> Workcell:
+    """Return a cell without robots in which objects have a name and a kind, and nothing else."""
+    items = tuple(
+        CellObject(name, kind, _NO_SHAPE, np.eye(4)) for name, kind in kinds.items()
+    )
+    return Workcell((), (), items)
+
+
+def _bare_chain(chain: NodeChain, model: RobotModel | None) -> NodeChain:
+    return replace(
+        chain,
+        least=least_seconds(chain, model),
+        start=np.zeros(0),
+        waypoints=np.zeros((0, 0)),
+        fraction=np.zeros(0),
+    )

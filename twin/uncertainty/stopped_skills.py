@@ -1,0 +1,58 @@
+"""Skills that stops by the clock interrupt: robots brake along their paths within limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from planning.timing.braking import StoppedPath, stopped_path
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import skill_motion
+from twin.durations.nanoseconds import NANOSECONDS
+from twin.uncertainty.stops import NEVER
+
+NextStop = Callable[[int], tuple[int, int]]
+"""Begin and end of the first stop of a robot that is not over at a time, all in nanoseconds."""
+
+
+def stops_of(intervals: Sequence[tuple[int, int]]) -> NextStop:
+    """Return stops by their begins and ends, in order [ns]."""
+
+    def after(t_ns: int) -> tuple[int, int]:
+        later = (span for span in intervals if span[1] > t_ns)
+        return next(later, (NEVER, NEVER))
+
+    return after
+
+
+def stopped_skill(
+    tpg: TemporalPlanGraph,
+    node: tuple[int, int],
+    duration_ns: int,
+    begin_ns: int,
+    stops: NextStop,
+) -> StoppedPath | None:
+    """Return the motion of a skill in which the clock stops the robot; None where it does not.
+
+    Args:
+        tpg: what is executed.
+        node: the chain of a robot with limits, and a node of it.
+        duration_ns: how long the motion takes without stops [ns].
+        begin_ns: when it begins [ns].
+        stops: of the robot.
+    """
+    chain = tpg.chains[node[0]]
+    limits = tpg.cell.robot(chain.robot).limits
+    if limits is None or not chain.skill[node[1]]:
+        return None
+    if stops(begin_ns)[0] > begin_ns + duration_ns:
+        return None
+    motion = skill_motion(tpg, *node, limits)
+    if motion.seconds <= 0.0:
+        return None
+
+    def in_seconds(t: float) -> tuple[float, float]:
+        begin, end = stops(round(t * NANOSECONDS))
+        return begin / NANOSECONDS, end / NANOSECONDS
+
+    slower = duration_ns / NANOSECONDS / motion.seconds
+    return stopped_path(limits, motion, slower, begin_ns / NANOSECONDS, in_seconds)
