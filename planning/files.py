@@ -27,6 +27,22 @@ _PIECE = 1 << 20
 LARGEST = 64 << 20
 """Most bytes that a file of settings or of a robot is believed to have."""
 
+_STDIN, _HANDLES = Path("/dev/stdin"), (Path("/dev/fd"), Path("/proc/self/fd"))
+
+MOST_ARRAYS = 200_000
+"""Most arrays of an npz file."""
+
+_ENTRY_MARK = b"PK\x01\x02"
+"""What an entry of the directory of a zip file begins with."""
+
+NPZ_ERRORS = (
+    *(OSError, ValueError, KeyError, TypeError, IndexError, EOFError, MemoryError),
+    *(NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error),
+)
+"""Whatever zipfile and numpy raise for bytes that are no npz file of some known arrays."""
+
+SCHEME = "package://"
+
 
 def open_regular(path: Path) -> BufferedReader:
     """Open a regular file, or a pipe that the shell hands over, for reading.
@@ -54,9 +70,6 @@ def open_regular(path: Path) -> BufferedReader:
     except BaseException:
         os.close(handle)
         raise
-
-
-_STDIN, _HANDLES = Path("/dev/stdin"), (Path("/dev/fd"), Path("/proc/self/fd"))
 
 
 def read_file(path: Path, most: int = LARGEST) -> bytes:
@@ -137,19 +150,6 @@ def require_own_files(folder: Path, names: Iterable[str]) -> None:
             raise OutputError(f"{path}: cannot be read: {error}") from error
 
 
-MOST_ARRAYS = 200_000
-"""Most arrays of an npz file."""
-
-_ENTRY_MARK = b"PK\x01\x02"
-"""What an entry of the directory of a zip file begins with."""
-
-NPZ_ERRORS = (
-    *(OSError, ValueError, KeyError, TypeError, IndexError, EOFError, MemoryError),
-    *(NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error),
-)
-"""Whatever zipfile and numpy raise for bytes that are no npz file of some known arrays."""
-
-
 def read_npz(content: bytes, *, kinds: str, most: int) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays of an npz file; what they would take is looked at before it is taken.
 
@@ -222,9 +222,6 @@ def arrays_text(arrays: Mapping[str, npt.NDArray[Any]]) -> Iterator[bytes]:
     for name in sorted(arrays):
         yield f"{name} {arrays[name].dtype} {arrays[name].shape}".encode()
         yield np.ascontiguousarray(arrays[name]).tobytes()
-
-
-SCHEME = "package://"
 
 
 def file_named(name: str, folder: Path, error: type[TwinError]) -> Path:

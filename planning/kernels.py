@@ -31,6 +31,24 @@ _IMPORT = re.compile(
     rb"^from ((?:planning|scheduling|twin)(?:\.\w+)+) import", re.MULTILINE
 )
 
+_UNREADABLE = (
+    AttributeError,
+    EOFError,
+    ImportError,
+    KeyError,
+    OSError,
+    TypeError,
+    UnpicklingError,
+    ValueError,
+)
+"""Errors of reading a cache that another version wrote, or that was cut off."""
+
+_numbers = count()
+
+ZERO = cast(int, np.int64(0))
+"""A nought to hand to kernels, or to add to what is no int64: they are compiled anew for every
+literal and for every type that they are given."""
+
 
 @cache
 def files_of_kernels(root: Path, module: str) -> frozenset[Path]:
@@ -64,19 +82,6 @@ def stamp_of_kernels(root: Path, module: str) -> str:
     for path in sorted(files_of_kernels(root, module)):
         digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
-_UNREADABLE = (
-    AttributeError,
-    EOFError,
-    ImportError,
-    KeyError,
-    OSError,
-    TypeError,
-    UnpicklingError,
-    ValueError,
-)
-"""Errors of reading a cache that another version wrote, or that was cut off."""
 
 
 class _Cache(FunctionCache):
@@ -158,9 +163,6 @@ class _InnerCompiler(Compiler):
         name = f"inner {next(_numbers)}"
         self.state.library = _InnerLibrary(codegen, name)  # type: ignore[no-untyped-call]
         return super().define_pipelines()  # type: ignore[no-untyped-call]
-
-
-_numbers = count()
 
 
 def kernel(function: Function) -> Function:
@@ -266,8 +268,3 @@ def watch_compilation(
     """
     with event.install_listener("numba:compile", _CompilationListener(begin, end)):
         yield
-
-
-ZERO = cast(int, np.int64(0))
-"""A nought to hand to kernels, or to add to what is no int64: they are compiled anew for every
-literal and for every type that they are given."""

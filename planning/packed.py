@@ -33,6 +33,13 @@ from numba.np.numpy_support import from_dtype
 from planning.kernels import kernel
 
 Fields = TypeVar("Fields", bound=tuple[Any, ...])
+_OBJECT_BYTES = object.__basicsize__
+_TRIED = np.arange(8.0)[2:]
+
+ROW = types.Array(types.float64, 1, "C")
+"""Type of an array of numbers, or of a row of such arrays."""
+
+_TYPES: dict[tuple[type, tuple[Any, ...]], PackedType] = {}
 
 
 class PackedType(types.Type):
@@ -73,15 +80,9 @@ def _read_address(array: Any) -> int:
     return ctypes.c_void_p.from_address(id(array) + _OBJECT_BYTES).value or 0
 
 
-_OBJECT_BYTES = object.__basicsize__
-_TRIED = np.arange(8.0)[2:]
 _address = _described_address
 if _read_address(_TRIED) == _described_address(_TRIED):
     _address = _read_address
-
-
-ROW = types.Array(types.float64, 1, "C")
-"""Type of an array of numbers, or of a row of such arrays."""
 
 
 class SharedKernel:
@@ -199,9 +200,6 @@ class Packed:
 def packed(fields: Fields) -> Fields:
     """Return a named tuple in a form that kernels take by its address."""
     return cast(Fields, Packed(fields))
-
-
-_TYPES: dict[tuple[type, tuple[Any, ...]], PackedType] = {}
 
 
 def _packed_type(tuple_type: Any, kinds: tuple[Any, ...]) -> PackedType:

@@ -17,6 +17,9 @@ from typing import Any
 
 from planning.errors import RequestError
 
+AUDIT = "audit"
+"""The auditor whose findings the summary of a run has."""
+
 
 class UnknownEntryError(RequestError):
     """No entry of a group has the requested name.
@@ -219,9 +222,6 @@ EXECUTORS = Group(
     },
 )
 """Who executes the plan of a run, by what the header of the run says; see ``twin.trial.executor``."""
-
-AUDIT = "audit"
-"""The auditor whose findings the summary of a run has."""
 
 AUDITORS = Group("auditors", {AUDIT: "twin.audit.run_auditor:RunAuditor"})
 """Who judges what was executed; see ``twin.trial.auditor``."""

@@ -30,6 +30,7 @@ _MANY = 10_000
 """Segments between corners on both sides of a cut, of which more are not looked at one by one."""
 
 _Segment = tuple[Array, Array, float]
+_NAMES = frozenset({"counts", "rows"})
 
 
 def capsule_cover(
@@ -86,9 +87,6 @@ def capsule_covers(
         Capsules(readonly(own[:, :3]), readonly(own[:, 3:6]), readonly(own[:, 6]))
         for own in np.split(known["rows"], ends)[: len(corners)]
     )
-
-
-_NAMES = frozenset({"counts", "rows"})
 
 
 def _rows(capsules: Capsules) -> Array:

@@ -23,6 +23,21 @@ from planning.cell.body import Capsules, ConvexBody
 from planning.cell.cover import box_body, capsule_cover, capsule_covers
 from planning.transforms import Array, Indices, Transform, readonly
 
+_STANDS_OUT = 1e-4
+"""Sides are added until a polyhedron stands out of its form by no more than this [m]."""
+
+_FEWEST_SIDES, _MOST_SIDES, _STEP = 16, 48, 4
+"""Numbers of sides: from, to, and in steps of."""
+
+_LATITUDES = np.linspace(0.0, 0.5 * math.pi, 5)
+_UPRIGHT: Transform = readonly(np.eye(4))
+
+
+Placed = tuple[str, ConvexBody, Transform]
+"""A convex piece of something at rest: the name of what it belongs to, and its pose."""
+
+_SHAPES: KeptAnswers[Shape] = KeptAnswers(2000)
+
 
 @dataclass(frozen=True)
 class Box:
@@ -103,15 +118,6 @@ Form = Box | Cylinder | Capsule | Mesh
 """Any of them."""
 
 
-_STANDS_OUT = 1e-4
-"""Sides are added until a polyhedron stands out of its form by no more than this [m]."""
-
-_FEWEST_SIDES, _MOST_SIDES, _STEP = 16, 48, 4
-"""Numbers of sides: from, to, and in steps of."""
-
-_LATITUDES = np.linspace(0.0, 0.5 * math.pi, 5)
-
-
 def sides(radius: float) -> int:
     """Return the number of sides of the polyhedron around a round bar: a multiple of four."""
     for count in range(_FEWEST_SIDES, _MOST_SIDES, _STEP):
@@ -153,13 +159,6 @@ def _of_capsule(form: Capsule) -> list[tuple[float, float]]:
         out, up = np.linalg.solve(faces, [form.radius, form.radius]).tolist()
         rings += [(out, 0.5 * form.length + up), (out, -0.5 * form.length - up)]
     return rings
-
-
-_UPRIGHT: Transform = readonly(np.eye(4))
-
-
-Placed = tuple[str, ConvexBody, Transform]
-"""A convex piece of something at rest: the name of what it belongs to, and its pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,9 +278,6 @@ def shape_of(name: str, elements: Sequence[Element]) -> Shape:
     """
     key = name, tuple((item.form, item.pose.tobytes()) for item in elements)
     return _SHAPES.get(key, lambda: _shape_of(name, elements))
-
-
-_SHAPES: KeptAnswers[Shape] = KeptAnswers(2000)
 
 
 def _shape_of(name: str, elements: Sequence[Element]) -> Shape:

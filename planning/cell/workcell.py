@@ -10,6 +10,9 @@ from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.transforms import Array, Transform
 
+CONTACT_DEPTH = 0.003
+"""What is meant to touch may be this deep in each other, unless a scenario says more [m]."""
+
 
 @dataclass(frozen=True)
 class PoseError:
@@ -146,10 +149,6 @@ class RackTool:
     def name(self) -> str:
         """Its name in the cell."""
         return self.item.name
-
-
-CONTACT_DEPTH = 0.003
-"""What is meant to touch may be this deep in each other, unless a scenario says more [m]."""
 
 
 @dataclass(frozen=True)

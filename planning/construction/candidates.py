@@ -21,6 +21,18 @@ from planning.transforms import Array
 Skeleton = tuple[str, ...]
 """Robots in the order in which they have a part in hand."""
 
+ROOM = 1.0
+"""Robots that place parts nearer to each other than this are in each other's way [m]."""
+
+_PACE = 0.8
+"""Rough speed of fetching and bringing a part [m/s]."""
+
+_ALIKE = 1.0
+"""Parts that can be in place within this time of each other are equally good [s]."""
+
+_FIRST = 3.0
+"""So much later a part may come for every part that must follow it, one on the other [s]."""
+
 
 def robot_groups(
     building: Building, team: tuple[str, ...], size: int
@@ -61,19 +73,6 @@ def skeletons(
             for robots in permutations(group):
                 if bounds.may_bring(part, robots):
                     yield robots
-
-
-ROOM = 1.0
-"""Robots that place parts nearer to each other than this are in each other's way [m]."""
-
-_PACE = 0.8
-"""Rough speed of fetching and bringing a part [m/s]."""
-
-_ALIKE = 1.0
-"""Parts that can be in place within this time of each other are equally good [s]."""
-
-_FIRST = 3.0
-"""So much later a part may come for every part that must follow it, one on the other [s]."""
 
 
 def ready_at(

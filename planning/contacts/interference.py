@@ -46,6 +46,27 @@ _STEP = 0.005
 _THROUGH = 0.9
 """A surface that comes so near to the middle of a form, as a share, goes through it."""
 
+_ON_WAYS: KeptAnswers[float] = KeptAnswers(50_000)
+_DEPTHS: KeptAnswers[float] = KeptAnswers(50_000)
+_HULLS: KeptAnswers[ConvexSolid] = KeptAnswers(10_000)
+_BODIES: KeptAnswers[tuple[ConvexBody, ...]] = KeptAnswers(1000)
+_CORNERS: KeptAnswers[tuple[Array, Array]] = KeptAnswers(1000)
+
+SNUG = 0.003
+"""A wall no further from a peg than this is looked at [m]."""
+
+_END = 1e-4
+"""Faces beside a peg reach farther along it than to its very ends, by this [m]."""
+
+_WALL = 0.05
+"""Faces of a bore are turned from its axis by no less than nearly a right angle: cosine."""
+
+_ROUND = 2e-5, 5e-3
+"""Corners of a bore are on one circle to within this [m], or this share of its radius."""
+
+_WIDEST_GAP = math.radians(30.1)
+"""No corner of a bore is further from the next one, around its axis: twelve sides at least [rad]."""
+
 
 @dataclass(frozen=True)
 class Overlaps:
@@ -136,9 +157,6 @@ def depth_of_pieces(
     return deepest
 
 
-_ON_WAYS: KeptAnswers[float] = KeptAnswers(50_000)
-
-
 def _depth_on_way(
     item: Lying, other: Lying, pose: Transform, direction: Array, length: float
 ) -> float:
@@ -169,9 +187,6 @@ def leads_through(
         if any(gap < -most for gap in near) and depth(before, other) > most:
             return True
     return False
-
-
-_DEPTHS: KeptAnswers[float] = KeptAnswers(50_000)
 
 
 def depth(one: Lying, other: Lying) -> float:
@@ -274,9 +289,6 @@ def round_solid(form: Cylinder | Capsule) -> ConvexSolid:
     return RoundSolid(*planes, form.radius, math.inf if flat else half)
 
 
-_HULLS: KeptAnswers[ConvexSolid] = KeptAnswers(10_000)
-
-
 def _hull_solid(body: ConvexBody) -> ConvexSolid:
     def solid() -> ConvexSolid:
         hull = ConvexHull(body.vertices)
@@ -287,9 +299,6 @@ def _hull_solid(body: ConvexBody) -> ConvexSolid:
         return ConvexSolid(planes[:, :3], offsets, inner, middle, body.low, body.high)
 
     return _HULLS.get(body, solid)
-
-
-_BODIES: KeptAnswers[tuple[ConvexBody, ...]] = KeptAnswers(1000)
 
 
 def mesh_bodies(form: Mesh) -> tuple[ConvexBody, ...]:
@@ -321,9 +330,6 @@ def _pair_depths(
     for i, k in pairs:
         result = coal.DistanceResult()
         yield -float(coal.distance(*own[i], *met[k], request, result))
-
-
-_CORNERS: KeptAnswers[tuple[Array, Array]] = KeptAnswers(1000)
 
 
 def _box_gaps(one: Element, other: Element) -> Array:
@@ -369,22 +375,6 @@ def _coal_shape(form: Form) -> Any:
     assert not isinstance(form, Mesh)
     kind = coal.Cylinder if isinstance(form, Cylinder) else coal.Capsule
     return kind(form.radius, form.length)
-
-
-SNUG = 0.003
-"""A wall no further from a peg than this is looked at [m]."""
-
-_END = 1e-4
-"""Faces beside a peg reach farther along it than to its very ends, by this [m]."""
-
-_WALL = 0.05
-"""Faces of a bore are turned from its axis by no less than nearly a right angle: cosine."""
-
-_ROUND = 2e-5, 5e-3
-"""Corners of a bore are on one circle to within this [m], or this share of its radius."""
-
-_WIDEST_GAP = math.radians(30.1)
-"""No corner of a bore is further from the next one, around its axis: twelve sides at least [rad]."""
 
 
 @dataclass(frozen=True)

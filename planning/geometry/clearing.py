@@ -45,6 +45,9 @@ HIT, CLEAR = -1, -2
 _PROBE = 0.35
 """Joint travel (largest joint) between the configurations looked at before a whole motion [rad]."""
 
+_GROUP = 16
+"""So many boxes are passed by at once where a body is far from all of them."""
+
 
 class CompiledScene(NamedTuple):
     """A robot and what it may not come close to, for compiled code.
@@ -75,10 +78,6 @@ class CompiledScene(NamedTuple):
     on_standing: Scratch
     on_itself: Scratch
     apart: Array
-
-
-_GROUP = 16
-"""So many boxes are passed by at once where a body is far from all of them."""
 
 
 @inner_kernel

@@ -10,6 +10,22 @@ from planning.transforms import Array
 
 Vector = tuple[float, float, float]
 
+FAR, BETWEEN, CLOSE, TOO_CLOSE = 1, 0, -1, -2
+"""What is known of two hulls: see ``gap_class``."""
+
+_STEPS = 24
+ROUNDING = 1e-9
+"""Added to every distance that must be proved [m]."""
+
+_CERTAIN = 1e-7
+"""By so much hulls are closer than asked for, or overlap, before that is held for certain [m]."""
+
+_FLAT = 1e-22
+"""Squared height of a tetrahedron against its edges from which on rounding decides its sides."""
+
+_SLIVER = 1e-10
+"""Faces of a smaller area have no reliable side [m^2]."""
+
 
 @inner_kernel
 def segment_segment(a0: Array, a1: Array, b0: Array, b1: Array) -> float:
@@ -160,23 +176,6 @@ def boxes_apart(a: Array, i: int, b: Array, j: int, gap: float) -> bool:
         if a[i, r] - b[j, r + 3] > gap or b[j, r] - a[i, r + 3] > gap:
             return True
     return False
-
-
-FAR, BETWEEN, CLOSE, TOO_CLOSE = 1, 0, -1, -2
-"""What is known of two hulls: see ``gap_class``."""
-
-_STEPS = 24
-ROUNDING = 1e-9
-"""Added to every distance that must be proved [m]."""
-
-_CERTAIN = 1e-7
-"""By so much hulls are closer than asked for, or overlap, before that is held for certain [m]."""
-
-_FLAT = 1e-22
-"""Squared height of a tetrahedron against its edges from which on rounding decides its sides."""
-
-_SLIVER = 1e-10
-"""Faces of a smaller area have no reliable side [m^2]."""
 
 
 @inner_kernel

@@ -25,6 +25,7 @@ TOLERANCE = 2e-4
 """Hulls that may come within clearance + TOLERANCE of each other are called too close [m]."""
 
 _REQUEST = coal.DistanceRequest()
+_RESTING: KeptAnswers[Solid] = KeptAnswers(50_000)
 
 
 @cache
@@ -107,9 +108,6 @@ class Solid:
 
     def _placed(self, points: Array) -> Array:
         return np.asarray(points @ self.local[:3, :3].T + self.local[:3, 3])
-
-
-_RESTING: KeptAnswers[Solid] = KeptAnswers(50_000)
 
 
 def resting_solid(name: str, body: ConvexBody, pose: Transform) -> Solid:

@@ -36,6 +36,9 @@ from planning.transforms import Array, Indices
 SweptPiece = tuple[HullTable, Sweeps, int, Indices]
 """Bodies on a piece of motion, what is swept, in which piece of that, and the bodies' entities."""
 
+_HALVINGS = 5
+"""How often a part is halved before the robots are called too close."""
+
 
 @inner_kernel
 def pieces_apart(
@@ -143,10 +146,6 @@ def pairs_apart(
         if judge_hulls(a_hulls, o, b_hulls, p, limit, scratch) != APART:
             return False
     return True
-
-
-_HALVINGS = 5
-"""How often a part is halved before the robots are called too close."""
 
 
 class MovingPair:

@@ -32,6 +32,20 @@ Held = tuple[CellObject, Attachment]
 AllowedPairs = Iterable[frozenset[str]]
 """Unordered pairs of entities that may touch."""
 
+_KNOWN: KeptAnswers[RobotBodies] = KeptAnswers(4000)
+
+
+GROUPS = ("arm", "tool")
+"""Groups of a robot's bodies, each an entity of its own."""
+
+SECOND_ORDER = 1.2
+"""Bounds of links are this times what the first order says. The proof asks for 1.1, with bounds that are
+not quite the same, so what is planned is proved as well."""
+
+UNREACHED = 1e-6
+"""Directions in which the flange moves by less than this share of the best one are left out: the joints
+cannot go there."""
+
 
 @dataclass(frozen=True)
 class RobotBodies:
@@ -74,13 +88,6 @@ class RobotBodies:
             {e: [k for k in own[e] if k < self.parts] for e in own},
             {e: [k for k in own[e] if k >= self.parts] for e in own},
         )
-
-
-_KNOWN: KeptAnswers[RobotBodies] = KeptAnswers(4000)
-
-
-GROUPS = ("arm", "tool")
-"""Groups of a robot's bodies, each an entity of its own."""
 
 
 def entity(robot: str, group: str) -> str:
@@ -200,15 +207,6 @@ def held_by(
 ) -> list[Held]:
     """Return the objects that a robot holds."""
     return [(item, at) for item, at in placed if at is not None and at.holder == robot]
-
-
-SECOND_ORDER = 1.2
-"""Bounds of links are this times what the first order says. The proof asks for 1.1, with bounds that are
-not quite the same, so what is planned is proved as well."""
-
-UNREACHED = 1e-6
-"""Directions in which the flange moves by less than this share of the best one are left out: the joints
-cannot go there."""
 
 
 def how_far(

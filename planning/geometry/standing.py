@@ -37,6 +37,15 @@ from planning.transforms import Array, Indices, Transform, translation
 _MOST_PLACES = 50_000
 """Places in arrays that scenes share; those after so many begin with new ones."""
 
+_STANDS: KeptAnswers[list[Placed]] = KeptAnswers(2000)
+_ABSENT = -1
+
+_CELLS_AT_A_TIME = 4
+"""So many cells are followed at a time."""
+
+_FOLLOWED: list[_SortedObjects] = []
+_LOCK = Lock()
+
 
 class _Places:
     """Growing arrays, a row for every place of every body; rows never change."""
@@ -283,9 +292,6 @@ def box_limits(
     return limits
 
 
-_STANDS: KeptAnswers[list[Placed]] = KeptAnswers(2000)
-
-
 def standing_robot(robot: PlacedRobot, q: Array) -> list[Placed]:
     """Return the bodies of a robot, with empty hands, where it stands: each with its entity."""
 
@@ -302,11 +308,6 @@ def standing_robot(robot: PlacedRobot, q: Array) -> list[Placed]:
 
 Sorted = tuple[list[Held], StandingBoxes]
 """The objects that robots hold; fixtures and objects at rest."""
-
-_ABSENT = -1
-
-_CELLS_AT_A_TIME = 4
-"""So many cells are followed at a time."""
 
 
 class _SortedObjects:
@@ -383,10 +384,6 @@ class _SortedObjects:
             rows=np.concatenate([self._still.rows, rows[rest]]),
         )
         self._answer = [self._held[k] for k in sorted(self._held)], boxes
-
-
-_FOLLOWED: list[_SortedObjects] = []
-_LOCK = Lock()
 
 
 def sort_objects(

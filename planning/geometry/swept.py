@@ -21,6 +21,12 @@ from planning.kinematics.chain import joint_axis, pose_joints
 from planning.packed import packed
 from planning.transforms import Array, Indices
 
+SKIP = -1.0
+"""In a table of limits: this pair is never checked."""
+
+NOWHERE = -1.0
+"""How far bodies stray that do not meet."""
+
 
 @inner_kernel
 def place_capsules(
@@ -135,13 +141,6 @@ def bound_travel(hulls: HullTable, q_a: Array, q_b: Array) -> Array:
                         travel += abs(q_b[i, j] - q_a[i, j]) * moved[k, j]
                 out[i] = max(out[i], travel)
     return out
-
-
-SKIP = -1.0
-"""In a table of limits: this pair is never checked."""
-
-NOWHERE = -1.0
-"""How far bodies stray that do not meet."""
 
 
 class Sweeps(NamedTuple):

@@ -21,6 +21,12 @@ Lying = tuple[CellObject | Fixture, Transform]
 _NOWHERE = np.zeros(0)
 """Configuration of what no robot carries."""
 
+TOUCH = 0.03
+"""Parts that are nearer to each other than this touch: a joint with room to spare [m]."""
+
+NEAR = 0.002
+"""Things this near to each other touch [m]: rounding, and the margin that planning keeps."""
+
 
 def near_to(
     part: Lying, others: Mapping[str, Lying], within: float
@@ -100,10 +106,3 @@ def bounds(lying: Lying) -> tuple[Array, Array]:
     """Return the least and greatest corners of the upright box around what lies somewhere [m]."""
     item, pose = lying
     return item.shape.bounds(pose)
-
-
-TOUCH = 0.03
-"""Parts that are nearer to each other than this touch: a joint with room to spare [m]."""
-
-NEAR = 0.002
-"""Things this near to each other touch [m]: rounding, and the margin that planning keeps."""

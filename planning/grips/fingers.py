@@ -44,6 +44,16 @@ _SQUARE = 0.7
 _CELLS = 12
 """Patches are measured in so many cells along either edge of the box around them."""
 
+_LOADS: KeptAnswers[PadLoad | Literal[""]] = KeptAnswers(20_000)
+
+_LEAST_WAY = 1e-4
+"""Fingers that close by less sweep nothing [m]."""
+
+_ROUNDING = 5e-5
+"""Distances of hulls with many corners are as exact as this [m]."""
+
+_SWEPT: KeptAnswers[tuple[RobotModel | None]] = KeptAnswers(2_000)
+
 
 @dataclass(frozen=True)
 class PadLoad:
@@ -143,9 +153,6 @@ def _middle_and_radius(points: Array) -> tuple[Array, float]:
     return middle, float(np.linalg.norm(cells - middle, axis=1).mean())
 
 
-_LOADS: KeptAnswers[PadLoad | Literal[""]] = KeptAnswers(20_000)
-
-
 def load_on_pads(
     robot: PlacedRobot,
     part: CellObject,
@@ -210,15 +217,6 @@ def firm_grips(
         return all(load is None or load.share <= 1.0 for load in loads)
 
     return {k: grip for k, grip in grips.items() if firm(grip)} or dict(grips)
-
-
-_LEAST_WAY = 1e-4
-"""Fingers that close by less sweep nothing [m]."""
-
-_ROUNDING = 5e-5
-"""Distances of hulls with many corners are as exact as this [m]."""
-
-_SWEPT: KeptAnswers[tuple[RobotModel | None]] = KeptAnswers(2_000)
 
 
 def swept_fingers(

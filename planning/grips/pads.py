@@ -47,6 +47,11 @@ _MOST_STEPS = 100
 _HALVINGS = 40
 """Steps in which the least distance of a way is found: each leaves two thirds."""
 
+_PADS: KeptAnswers[Pads] = KeptAnswers(50_000)
+_CUPS: KeptAnswers[Cup] = KeptAnswers(50_000)
+
+Sides = tuple[list[ConvexBody], list[ConvexBody]]
+
 
 @dataclass(frozen=True)
 class Pad:
@@ -92,12 +97,6 @@ class Cup:
 
     gap: float
     beside: Array
-
-
-_PADS: KeptAnswers[Pads] = KeptAnswers(50_000)
-_CUPS: KeptAnswers[Cup] = KeptAnswers(50_000)
-
-Sides = tuple[list[ConvexBody], list[ConvexBody]]
 
 
 def finger_sides(model: RobotModel, tip: Transform) -> Sides | None:

@@ -25,6 +25,16 @@ from planning.transforms import Array, Transform, inverse, translation
 _LEAST_DEPTH_MM = 3
 """Fingers that hold a part less deep do not hold it."""
 
+DEEPEST = 0.002
+"""Most that a tool may be in what it grips, such as fingers that are drawn too far closed [m]."""
+
+_STEPS = 6
+"""Places on the straight way in at which a tool is measured."""
+
+_NOWHERE: Array = np.zeros(0)
+
+_FITS: KeptAnswers[float] = KeptAnswers(20_000)
+
 
 def tool_rules(rules: GripRules, tool: ToolGrip | None) -> GripRules:
     """Return the rules for the grips of a tool.
@@ -174,17 +184,6 @@ def why_no_grip(
             f"{name} closes to {least:.1f} mm, and the longest edge is {longest:.1f} mm"
         )
     return "no face can be gripped both at its start and at its goal"
-
-
-DEEPEST = 0.002
-"""Most that a tool may be in what it grips, such as fingers that are drawn too far closed [m]."""
-
-_STEPS = 6
-"""Places on the straight way in at which a tool is measured."""
-
-_NOWHERE: Array = np.zeros(0)
-
-_FITS: KeptAnswers[float] = KeptAnswers(20_000)
 
 
 def overload(robot: PlacedRobot, part: CellObject) -> str | None:

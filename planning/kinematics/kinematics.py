@@ -21,6 +21,9 @@ from planning.transforms import Array, Transform, identity, inverse
 _SOLVED: KeptAnswers[list[Array]] = KeptAnswers(20_000)
 """Answers given: the same poses are asked for again and again while candidates are sought."""
 
+_RESTARTS = 20
+"""Random starts for a pose on a way, where the search from the configuration before it fails."""
+
 
 def frame_pose(robot: PlacedRobot, q: Array, frame: str = "flange") -> Transform:
     """Return the world pose of the flange or of a tool frame.
@@ -111,10 +114,6 @@ def inverse_kinematics(
     )
     found = _SOLVED.get(key, lambda: _solve(robot, frame, target, seed, restarts))
     return [solution.copy() for solution in found]
-
-
-_RESTARTS = 20
-"""Random starts for a pose on a way, where the search from the configuration before it fails."""
 
 
 def follow_poses(

@@ -44,6 +44,7 @@ _MANY = 2000
 _LISTENER: ContextVar[Callable[[Path], None] | None] = ContextVar(
     "listener", default=None
 )
+_NAMES = frozenset({"counts", "corners", "centre", "numbers"})
 
 
 @contextmanager
@@ -111,9 +112,6 @@ def _cut(triangles: MeshTriangles, within: float | None) -> Cut:
         with suppress(TooManyPiecesError):
             return cut_convex(triangles, share * longest, _FEW)
     return cut_convex(triangles, _SHARES[-1] * longest)
-
-
-_NAMES = frozenset({"counts", "corners", "centre", "numbers"})
 
 
 def _arrays(cut: Cut) -> Arrays:

@@ -24,6 +24,21 @@ Ring = tuple[int, ...]
 _ROUNDING = 1e-9
 """Hollows that are no deeper are none [m]."""
 
+_FLAT = 1e-5
+"""What stands out by less than this share of the size of its body is flat."""
+
+_AXES = 3
+"""Most directions of large triangles that are tried."""
+
+_MANY = 1000
+"""Triangles of a body for which a general search takes long."""
+
+_SHARES = (1 / 64, 1 / 16, 1 / 4, 1.0)
+"""Shares of the depth of hollows that are tried, the finest first."""
+
+_FEW = 64
+"""Finer pieces than have to be are made where they are no more than this."""
+
 
 def joined_rings(points: Array, rings: list[Ring], within: float) -> list[Ring]:
     """Join neighbours while what comes out has only shallow hollows (after Hertel and Mehlhorn).
@@ -133,22 +148,6 @@ def _is_wide(points: Array, hull: Ring) -> bool:
 def _turn(points: Array, a: int, b: int, c: int) -> float:
     one, other = points[b] - points[a], points[c] - points[a]
     return float(one[0] * other[1] - one[1] * other[0])
-
-
-_FLAT = 1e-5
-"""What stands out by less than this share of the size of its body is flat."""
-
-_AXES = 3
-"""Most directions of large triangles that are tried."""
-
-_MANY = 1000
-"""Triangles of a body for which a general search takes long."""
-
-_SHARES = (1 / 64, 1 / 16, 1 / 4, 1.0)
-"""Shares of the depth of hollows that are tried, the finest first."""
-
-_FEW = 64
-"""Finer pieces than have to be are made where they are no more than this."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,12 @@ Pairs = frozenset[frozenset[str]]
 _MOST_SCENES = 10_000
 """Objects whose shapes are kept: of feeding stations there are others in every plan."""
 
+Way = tuple[Array, Array]
+"""Waypoints, and the times at which they are passed, from 0 [s]."""
+
+_MOST_ANSWERS = 20_000
+"""Ways that are kept; all are forgotten when there are more."""
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -133,13 +139,6 @@ def _joint_values(configurations: Mapping[str, Array]) -> Hashable:
 
 def _place(at: Attachment | None) -> tuple[str, bytes]:
     return ("absent", b"") if at is None else (at.holder or "", at.pose.tobytes())
-
-
-Way = tuple[Array, Array]
-"""Waypoints, and the times at which they are passed, from 0 [s]."""
-
-_MOST_ANSWERS = 20_000
-"""Ways that are kept; all are forgotten when there are more."""
 
 
 @dataclass(frozen=True)

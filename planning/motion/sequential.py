@@ -40,6 +40,9 @@ MARGIN = 0.0005
 """Kept on top of the clearances by single-robot planning, so that the conflict search, which
 rounds against itself, never finds a standing robot in conflict with the motion past it [m]."""
 
+_SMALL_STEP, _LOOKED_AT = 0.05, 201
+"""Step of a joint that is tried where no path is found [rad or m], and configurations looked at."""
+
 
 @dataclass(frozen=True)
 class MotionSettings:
@@ -328,10 +331,6 @@ def why_blocked(
             words = f"straight on, {contact} after {100 * share:.0f} % of the way"
             return words, contact
     return "straight on something is in the way between free configurations", None
-
-
-_SMALL_STEP, _LOOKED_AT = 0.05, 201
-"""Step of a joint that is tried where no path is found [rad or m], and configurations looked at."""
 
 
 def _skill_way(

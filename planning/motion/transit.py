@@ -18,6 +18,9 @@ from planning.transforms import Array
 _GAIN = 1e-6
 """Shortcuts that gain less are not worth a corner [s]."""
 
+_Check = Callable[[Array, Array], bool]
+"""Tells whether the straight line to a second configuration passes, that one included."""
+
 
 class MotionChecker(Protocol):
     """Collision checks of a configuration and of a straight motion."""
@@ -256,10 +259,6 @@ class RrtConnect:
         path = np.array([[state[i] for i in range(n)] for state in states])
         path[0], path[-1] = start, goal
         return path, validator.count
-
-
-_Check = Callable[[Array, Array], bool]
-"""Tells whether the straight line to a second configuration passes, that one included."""
 
 
 class _Validator(ob.MotionValidator):  # type: ignore[misc]

@@ -61,6 +61,9 @@ SMALL_STRIDE = 0.01
 SMALL_TURN = math.radians(5.0)
 """Most that the tool turns between two subgoals of such a path [rad]."""
 
+PRESSED = 0.003
+"""Deepest that the tool of a process may be in what it works at [m]."""
+
 
 def pick_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
     """Return the subgoals of picking a part up: approach, attach, lift.
@@ -181,10 +184,6 @@ def _in_and_out(
     way_out = straight_way(frame, *go, grip)[::-1]
     subgoals = (*way_in, Subgoal("attach", frame, grip), *way_out)
     return SkillTargets(kind, subgoals, change_at=len(way_in))
-
-
-PRESSED = 0.003
-"""Deepest that the tool of a process may be in what it works at [m]."""
 
 
 def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:

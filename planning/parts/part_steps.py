@@ -25,6 +25,12 @@ from planning.transforms import Transform, readonly
 TIP = 0.005
 """What is nearer than this to where a process is done may be touched by its tool [m]."""
 
+_IN = "into its place: lead it in from another side (insert), or over a shorter way (approach_m)"
+_OUT = (
+    "out of where it starts: take away first what is on it, or lead it out to another side"
+    " (take_out), or over a shorter way (leave_m)"
+)
+
 
 @dataclass(frozen=True)
 class Held:
@@ -169,13 +175,6 @@ def far_first(step: KnownStep) -> list[int]:
         return -round(float(np.linalg.norm(at - work)), 6)
 
     return sorted(range(len(held.grips)), key=near)
-
-
-_IN = "into its place: lead it in from another side (insert), or over a shorter way (approach_m)"
-_OUT = (
-    "out of where it starts: take away first what is on it, or lead it out to another side"
-    " (take_out), or over a shorter way (leave_m)"
-)
 
 
 def place_step(

@@ -43,6 +43,7 @@ Holders = Mapping[str, tuple[Array, Tools]]
 """Robots that hold something: where they stand, shape (n,), and what they have on them, by name."""
 
 NOBODY: Holders = {}
+Item = TypeVar("Item", PrimaryCandidate, SupportCandidate)
 
 
 @dataclass(frozen=True)
@@ -285,9 +286,6 @@ class Pairing:
         items = _of_step(self.found.primaries, step, but)
         numbers = sorted(items.keys() - self.found.dropped)
         return {p: items[p] for p in sorted(numbers, key=lambda p: items[p].cost)}
-
-
-Item = TypeVar("Item", PrimaryCandidate, SupportCandidate)
 
 
 def _of_step(items: Sequence[Item], step: int, but: str = "") -> dict[int, Item]:

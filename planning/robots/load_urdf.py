@@ -34,6 +34,9 @@ from planning.robots.descriptions.xml_files import number, read_xml
 from planning.robots.self_collision import never_colliding_pairs
 from planning.transforms import Array, inverse, readonly
 
+_SIDES = 24
+"""Side faces of what stands for something round: cylinders stand out by 0.9 % of the radius."""
+
 
 def load_urdf(
     path: Path,
@@ -230,10 +233,6 @@ def shape_vertices(shape: Any, name: str) -> Array:
         f"collision shape {kind} of {name!r} is not supported",
         choices=("box", "cylinder", "sphere", "mesh"),
     )
-
-
-_SIDES = 24
-"""Side faces of what stands for something round: cylinders stand out by 0.9 % of the radius."""
 
 
 def frustum(radius_low: float, radius_high: float, low: float, high: float) -> Array:

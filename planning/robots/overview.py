@@ -18,6 +18,18 @@ from planning.robots.descriptions.urdf_geometry import joint_link, pose_in_root
 from planning.robots.descriptions.xml_files import read_xml
 from planning.transforms import Transform
 
+_LEVER = 0.001
+"""A flange farther than this from the axis of its joint is swung by it [m]."""
+
+_PARALLEL = 0.99
+"""Cosine of the angle between axes that count as parallel."""
+
+_MOST_TURNED, _FASTEST, _LONGEST = 60.0, 30.0, 50.0
+"""Range of a joint that turns [rad], its speed [rad/s], and range of one that slides [m]: arms have less."""
+
+_SMALLEST = 0.01
+"""The largest body of an arm is longer than this share of the arm."""
+
 
 @dataclass(frozen=True)
 class LinkRow:
@@ -132,13 +144,6 @@ def _tool_links(root: Element, model: RobotModel) -> set[str]:
     }
 
 
-_LEVER = 0.001
-"""A flange farther than this from the axis of its joint is swung by it [m]."""
-
-_PARALLEL = 0.99
-"""Cosine of the angle between axes that count as parallel."""
-
-
 def _left_out(root: Element) -> list[str]:
     return [
         f"collision shapes of link {link.get('name')!r} ({kinds.replace(' ', ', ')}) have a size of 0 or no"
@@ -146,13 +151,6 @@ def _left_out(root: Element) -> list[str]:
         for link in root.findall("link")
         if (kinds := link.get(EMPTY))
     ]
-
-
-_MOST_TURNED, _FASTEST, _LONGEST = 60.0, 30.0, 50.0
-"""Range of a joint that turns [rad], its speed [rad/s], and range of one that slides [m]: arms have less."""
-
-_SMALLEST = 0.01
-"""The largest body of an arm is longer than this share of the arm."""
 
 
 def _doubts(root: Element, model: RobotModel) -> list[str]:

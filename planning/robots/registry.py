@@ -18,6 +18,31 @@ from planning.robots.descriptions.read_description import is_plain_urdf
 from planning.robots.descriptions.urdf_file import UrdfOptions
 from planning.transforms import from_rpy, identity, translation
 
+_DESCRIPTIONS = Path(__file__).parent / "urdf"
+
+_GP4_FLANGE_DEPTH = 0.072
+"""Distance of the GP4's flange from the centre of its wrist [m]."""
+
+# Last row of the Denavit-Hartenberg table per tool frame: d6 and a6 [m].
+_GP4_TOOL_ROWS = {
+    "tool": (-0.183, 0.0),
+    "assemble": (-0.1825, 0.0078),
+    "disassemble": (-0.192, 0.0),
+    "alt": (-0.1784, -0.0174),
+    "alt_assemble": (-0.1784, -0.0078),
+    "handover_assemble": (-0.1815, 0.0078),
+}
+
+# The face of the vacuum pad, z out of it.
+_MOBILE_PAD = {"tool": translation(0.0, 0.0, 0.11)}
+_IIWA_PAD = {"tool": translation(0.0, 0.0, 0.1)}
+_CRANE_PAD = {"tool": from_rpy((0.0, 0.0, -0.13), (np.pi, 0.0, 0.0))}
+
+_GP4_TOOLS = MappingProxyType({"dual-arm": "gp4", "slim": "gp4-slim-tool"})
+
+_FILE = "-file"
+"""What follows the name of a robot from a file that is called as a registered one."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RobotEntry(UrdfOptions):
@@ -52,29 +77,6 @@ class RobotEntry(UrdfOptions):
 
 def _radians(*degrees: float) -> tuple[float, ...]:
     return tuple(float(value) for value in np.radians(degrees))
-
-
-_DESCRIPTIONS = Path(__file__).parent / "urdf"
-
-_GP4_FLANGE_DEPTH = 0.072
-"""Distance of the GP4's flange from the centre of its wrist [m]."""
-
-# Last row of the Denavit-Hartenberg table per tool frame: d6 and a6 [m].
-_GP4_TOOL_ROWS = {
-    "tool": (-0.183, 0.0),
-    "assemble": (-0.1825, 0.0078),
-    "disassemble": (-0.192, 0.0),
-    "alt": (-0.1784, -0.0174),
-    "alt_assemble": (-0.1784, -0.0078),
-    "handover_assemble": (-0.1815, 0.0078),
-}
-
-# The face of the vacuum pad, z out of it.
-_MOBILE_PAD = {"tool": translation(0.0, 0.0, 0.11)}
-_IIWA_PAD = {"tool": translation(0.0, 0.0, 0.1)}
-_CRANE_PAD = {"tool": from_rpy((0.0, 0.0, -0.13), (np.pi, 0.0, 0.0))}
-
-_GP4_TOOLS = MappingProxyType({"dual-arm": "gp4", "slim": "gp4-slim-tool"})
 
 
 def _gp4(name: str, tool: str, file: str) -> RobotEntry:
@@ -205,9 +207,6 @@ _ENTRIES = (
         flange_link="flange",
     ),
 )
-
-_FILE = "-file"
-"""What follows the name of a robot from a file that is called as a registered one."""
 
 ROBOTS: Mapping[str, RobotEntry] = MappingProxyType({e.name: e for e in _ENTRIES})
 """Registered robots by name."""

@@ -23,6 +23,8 @@ _SAMPLES = 60
 _BUDGET = 500
 """Boxes of joint values that the proof of one pair may take."""
 
+_SOURCES = (__file__, exact.__file__, kinematic_chain.__file__)
+
 
 def never_colliding_pairs(
     chain: KinematicChain,
@@ -65,9 +67,6 @@ def never_colliding_pairs(
     names = frozenset({"pairs"})
     known = remembered("apart", b"".join(question), names, find, _SOURCES)
     return frozenset((int(a), int(b)) for a, b in known["pairs"])
-
-
-_SOURCES = (__file__, exact.__file__, kinematic_chain.__file__)
 
 
 class _Pairs:

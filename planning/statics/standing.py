@@ -43,6 +43,9 @@ _State = tuple[
 ]
 """What is there, joined and held, and what weighs."""
 
+DENSITY = 1000.0
+"""Of a part whose mass is not given [kg/m^3]."""
+
 
 @dataclass(frozen=True, eq=False)
 class PlacedBody:
@@ -61,10 +64,6 @@ class PlacedBody:
     pose: Transform
     mass: float
     centre: Array
-
-
-DENSITY = 1000.0
-"""Of a part whose mass is not given [kg/m^3]."""
 
 
 def body_at(item: CellObject | Fixture, pose: Transform) -> PlacedBody:

@@ -32,6 +32,20 @@ STRIDE = 0.0075
 joint space, which then strays from the straight line in the world by a fraction of a
 millimetre."""
 
+Pairs = frozenset[frozenset[str]]
+"""Unordered pairs of entities that may touch."""
+
+NOTHING: Pairs = frozenset()
+
+LARGEST_TURN = 1.2
+"""Most that a joint may turn between two subgoals of a skill; more is another arm posture [rad]."""
+
+Placed = tuple[CellObject, Attachment]
+"""An object and where it is."""
+
+Objects = Mapping[str, Placed]
+"""Objects by name, and where they are."""
+
 
 @dataclass(frozen=True)
 class Subgoal:
@@ -79,12 +93,6 @@ def straight_way(
         pose[:3, 3] += way * k / count
         out.append(Subgoal(name, frame, pose))
     return out
-
-
-Pairs = frozenset[frozenset[str]]
-"""Unordered pairs of entities that may touch."""
-
-NOTHING: Pairs = frozenset()
 
 
 class Phase(Enum):
@@ -144,10 +152,6 @@ def gripped(robot: str, item: str) -> Pairs:
 def touching(one: str, others: Iterable[str]) -> Pairs:
     """Return the contacts of one thing with others."""
     return frozenset(frozenset((one, other)) for other in others)
-
-
-LARGEST_TURN = 1.2
-"""Most that a joint may turn between two subgoals of a skill; more is another arm posture [rad]."""
 
 
 @dataclass(frozen=True)
@@ -253,12 +257,6 @@ def _follow(
 
 IN_IT = (Phase.UNTIL_CHANGE, Phase.SINCE_CHANGE)
 """Phases of the skill itself."""
-
-Placed = tuple[CellObject, Attachment]
-"""An object and where it is."""
-
-Objects = Mapping[str, Placed]
-"""Objects by name, and where they are."""
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ _SURELY = 1e-5
 
 
 _NO_JOINTS = np.empty(0)
+_AS_BEFORE = Obstruction("refused like another path")
 
 
 @dataclass(frozen=True)
@@ -307,9 +308,6 @@ def resolve_skill(
         reason = reason or found
     assert reason is not None
     return reason
-
-
-_AS_BEFORE = Obstruction("refused like another path")
 
 
 def _in_a_posture(

@@ -42,6 +42,12 @@ from planning.tasks.assignment import NO_TOOLS, Tools
 from planning.tasks.task import LEAVE_TOOL, STRAIGHT, TAKE_TOOL, Handling
 from planning.transforms import Transform, inverse, translation
 
+_RACK_TOUCH = 0.002
+"""A tool in its rack may touch what is nearer to it than this [m]."""
+
+_RACK_DEPTH = 0.002
+"""Deepest in it: hulls stand for the meshes of a tool, and fill the grooves that a rack reaches into [m]."""
+
 
 def with_each_tool(robots: Iterable[PlacedRobot]) -> Iterator[PlacedRobot]:
     """Yield each robot with each of its tools on it, those that change none as they are."""
@@ -106,13 +112,6 @@ def _all_at_once(arm: RobotModel, models: tuple[RobotModel, ...]) -> RobotModel:
     """Return a robot with the bodies of several tools; it only stands in the way of others."""
     tools = [p for model in models for p in model.parts if p.group == "tool"]
     return replace(arm, parts=(*arm.parts, *tools))
-
-
-_RACK_TOUCH = 0.002
-"""A tool in its rack may touch what is nearer to it than this [m]."""
-
-_RACK_DEPTH = 0.002
-"""Deepest in it: hulls stand for the meshes of a tool, and fill the grooves that a rack reaches into [m]."""
 
 
 @dataclass(frozen=True)

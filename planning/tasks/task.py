@@ -43,6 +43,44 @@ CLOSE, OPEN = "close", "open"
 ActuationKey = tuple[str, str, str | None]
 """What is done, by whose tool, and the name of that."""
 
+STILL = readonly(np.zeros((1, 1)))
+"""Path of a machine, which does not move."""
+
+ARRIVE = "arrive"
+"""Kind of the task that waits until the next part has come along a conveyor."""
+
+PRESENT = "present"
+"""Kind of the task after which the next part, or a full tray, is where it is picked."""
+
+LEAVE = "leave"
+"""Kind of the task after which a finished product is gone."""
+
+LAG = "lag"
+"""Kind of the task that lets the least time between two steps pass, see ``TimeWindow``."""
+
+BROUGHT = "brought"
+"""Kind of the task after which something is there that was late, or that a person brings or sees to."""
+
+GOES_ON = "goes-on"
+"""Kind of the task of a machine that was at work when a plan began in the middle: what is left of that."""
+
+SUPPLY_KINDS = (ARRIVE, PRESENT, LEAVE, LAG, BROUGHT, GOES_ON)
+"""Kinds of the tasks of machines that work at no part."""
+
+DOOR = "door"
+"""Kind of the object that is the door of a machine while that works."""
+
+GONE = "(gone)"
+"""Stands for the holder of an object that has left the cell; no robot can have this name."""
+
+T = TypeVar("T")
+
+ExceptionKey = tuple[str, str | None, str | None]
+"""Skill, robot and type of object of an exception; None stands for any."""
+
+EARLIER = -1
+"""In place of the index of a task that was done before the plan begins."""
+
 
 @dataclass(frozen=True)
 class Actuation:
@@ -179,41 +217,9 @@ def cell_with_steps(cell: Workcell, steps: Iterable[StepTasks]) -> Workcell:
     return replace(cell, objects=(*cell.objects, *new)) if new else cell
 
 
-STILL = readonly(np.zeros((1, 1)))
-"""Path of a machine, which does not move."""
-
-ARRIVE = "arrive"
-"""Kind of the task that waits until the next part has come along a conveyor."""
-
-PRESENT = "present"
-"""Kind of the task after which the next part, or a full tray, is where it is picked."""
-
-LEAVE = "leave"
-"""Kind of the task after which a finished product is gone."""
-
-LAG = "lag"
-"""Kind of the task that lets the least time between two steps pass, see ``TimeWindow``."""
-
-BROUGHT = "brought"
-"""Kind of the task after which something is there that was late, or that a person brings or sees to."""
-
-GOES_ON = "goes-on"
-"""Kind of the task of a machine that was at work when a plan began in the middle: what is left of that."""
-
-SUPPLY_KINDS = (ARRIVE, PRESENT, LEAVE, LAG, BROUGHT, GOES_ON)
-"""Kinds of the tasks of machines that work at no part."""
-
-
 def is_done_to_a_product(task: Task) -> bool:
     """Tell whether a task is done to a product, by a robot or a machine."""
     return task.kind not in (TRANSIT, "pick", *SUPPLY_KINDS)
-
-
-DOOR = "door"
-"""Kind of the object that is the door of a machine while that works."""
-
-GONE = "(gone)"
-"""Stands for the holder of an object that has left the cell; no robot can have this name."""
 
 
 def door_shut(door: str, pose: Transform) -> tuple[Handling, Handling]:
@@ -222,12 +228,6 @@ def door_shut(door: str, pose: Transform) -> tuple[Handling, Handling]:
     So nobody may be where it is for as long as the task may last, and it rests nowhere in between.
     """
     return Handling(door, 0, None, pose), Handling(door, 1, GONE, pose)
-
-
-T = TypeVar("T")
-
-ExceptionKey = tuple[str, str | None, str | None]
-"""Skill, robot and type of object of an exception; None stands for any."""
 
 
 def strongest_exception(
@@ -296,10 +296,6 @@ def allowed_pairs(
         if all(last_task.get(other or "", -1) in contact.tasks for other in others):
             pairs.add(frozenset((contact.first, contact.second)))
     return frozenset(pairs)
-
-
-EARLIER = -1
-"""In place of the index of a task that was done before the plan begins."""
 
 
 @dataclass(frozen=True)

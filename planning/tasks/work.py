@@ -22,6 +22,12 @@ from planning.transforms import Indices, Transform
 _MOST_WAYS = 12
 """How many ways are tried for one step."""
 
+Lying = tuple[str, Transform]
+"""Name of a part and where its centre lies in the world."""
+
+ORDER, DEPENDENCY = "order", "dependency"
+"""Kinds of edges: a robot does one task after another; a task waits for one of any robot."""
+
 
 def _no_items(_: object) -> tuple[()]:
     return ()
@@ -178,10 +184,6 @@ class StepExpansions:
             yield self.work.expand(self.plan, step, first_index)
 
 
-Lying = tuple[str, Transform]
-"""Name of a part and where its centre lies in the world."""
-
-
 @dataclass(frozen=True)
 class Refill:
     """Parts that come up at a source once it is empty.
@@ -243,9 +245,6 @@ if TYPE_CHECKING:
     TaskGraph = nx.DiGraph[int]
 else:
     TaskGraph = nx.DiGraph
-
-ORDER, DEPENDENCY = "order", "dependency"
-"""Kinds of edges: a robot does one task after another; a task waits for one of any robot."""
 
 
 def task_graph(tasks: Iterable[Task], dependencies: Indices) -> TaskGraph:

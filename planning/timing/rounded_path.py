@@ -31,6 +31,15 @@ added up [rad or m]."""
 _SWEEPS = 40
 """Times at most that all corners are looked at to find how far they can be rounded."""
 
+_RISE = 0.2
+"""Share of a window in which the acceleration rises, and in which it falls."""
+
+_BENT = 0.8
+"""Share of the acceleration that bends the way where nothing keeps a robot from full speed."""
+
+_SHORTEST = 1e-9
+"""What is between two breaks that are nearer than that is nothing [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class RoundedPath:
@@ -159,16 +168,6 @@ def _curvature(at: Array, turn: Array, reach: Array) -> Array:
             if rest > 0.0:
                 out[k] += turn[j] * rest / (reach[j] * reach[j])
     return out
-
-
-_RISE = 0.2
-"""Share of a window in which the acceleration rises, and in which it falls."""
-
-_BENT = 0.8
-"""Share of the acceleration that bends the way where nothing keeps a robot from full speed."""
-
-_SHORTEST = 1e-9
-"""What is between two breaks that are nearer than that is nothing [s]."""
 
 
 class BentPieces(NamedTuple):

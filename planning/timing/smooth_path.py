@@ -28,6 +28,33 @@ from planning.timing.rounded_path import STRAY, RoundedPath, curve_points, round
 from planning.timing.stretch import LEAST_BUILD_UP
 from planning.transforms import Array
 
+_FEWEST_STEPS, _MOST_STEPS = 32, 512
+"""Bounds of the number of time steps."""
+
+_BUILD_UP = 8.0
+"""Time steps, at least, in which an acceleration builds up ..."""
+
+_FINE = 96
+"""... unless that would be more in all: then it does so in one step, which takes a per cent longer."""
+
+_LONGEST = 0.01
+"""Longest time step of motions at full speed, unless it is the number that counts [s]."""
+
+Limits = tuple[Array, Array, Array, float]
+Curve = tuple[Array, Array, Array, Array]
+
+_ROUNDED = 0.8
+"""Share of it for rounding corners."""
+
+FOLLOWED = (1.0 - _ROUNDED) * STRAY
+"""Farthest from the rounded path when it is followed, all joints added up [rad or m]."""
+
+_SHARP = np.radians(20.0)
+"""A robot stops at corners that turn by more."""
+
+_SAME = 1e-12
+"""Waypoints nearer to each other are one [rad or m]."""
+
 
 def line_times(limits: MotionLimits, way: Array) -> tuple[Array, float]:
     """Return the quickest motion along a straight line in joint space, from rest to rest.
@@ -79,19 +106,6 @@ def s_curve_times(
     if whole >= 2.0 * build:
         return build, whole - 2.0 * build, 0.0
     return (0.5 * length / jolt) ** (1.0 / 3.0), 0.0, 0.0
-
-
-_FEWEST_STEPS, _MOST_STEPS = 32, 512
-"""Bounds of the number of time steps."""
-
-_BUILD_UP = 8.0
-"""Time steps, at least, in which an acceleration builds up ..."""
-
-_FINE = 96
-"""... unless that would be more in all: then it does so in one step, which takes a per cent longer."""
-
-_LONGEST = 0.01
-"""Longest time step of motions at full speed, unless it is the number that counts [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,10 +179,6 @@ def quickest_piece(
     curve, near = (begin, *curve_of(path)), (bends, stray)
     step = _quickest_steps(limit_rows(limits), curve, near, shape, ways, points)
     return PathPiece(path, ways, step) if np.isfinite(step) else None
-
-
-Limits = tuple[Array, Array, Array, float]
-Curve = tuple[Array, Array, Array, Array]
 
 
 def limit_rows(limits: MotionLimits) -> Limits:
@@ -311,19 +321,6 @@ def is_near(at: Array, bends: Array, stray: float, ways: Array) -> bool:
         if bend * wide * wide > 6.0 * stray * (1.0 + 1e-9):
             return False
     return True
-
-
-_ROUNDED = 0.8
-"""Share of it for rounding corners."""
-
-FOLLOWED = (1.0 - _ROUNDED) * STRAY
-"""Farthest from the rounded path when it is followed, all joints added up [rad or m]."""
-
-_SHARP = np.radians(20.0)
-"""A robot stops at corners that turn by more."""
-
-_SAME = 1e-12
-"""Waypoints nearer to each other are one [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)

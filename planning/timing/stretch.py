@@ -26,6 +26,17 @@ from planning.transforms import Array
 LEAST_BUILD_UP = 1e-6
 """Shortest time in which an acceleration builds up, where no jerk is too much [s]."""
 
+_ROUNDING = 1e-9
+"""Share of a way by which rounding may have made a way of braking longer."""
+
+_HALVINGS = 48
+
+_SLOWER = np.array([1.0, 1.2, 1.45, 1.8, 2.3])
+"""Times to full speed that are tried, over the least one."""
+
+_SHARES = np.array([0.25, 0.4, 0.6, 0.8])
+"""Shares of the rate of speed that are tried around corners; what bends the way has the rest."""
+
 
 @dataclass(frozen=True)
 class Stretch:
@@ -163,10 +174,6 @@ def from_rest_to_rest(cruise: float, ramp: float) -> float:
     return 2.0 * math.sqrt(cruise * ramp)
 
 
-_ROUNDING = 1e-9
-"""Share of a way by which rounding may have made a way of braking longer."""
-
-
 @kernel
 def exit_bound(length: Array, top: Array, node: int, last: int, ramp: Array) -> float:
     """Return the greatest speed at the end of a node from which one can stop at the end of another.
@@ -233,15 +240,6 @@ def braked(length: float, entry: float, ramp: float) -> tuple[float, float, floa
         return entry * ramp, 0.0, min(way, length)
     leave = math.sqrt(max(0.0, entry * entry - 2.0 * length / ramp))
     return (entry - leave) * ramp, leave, length
-
-
-_HALVINGS = 48
-
-_SLOWER = np.array([1.0, 1.2, 1.45, 1.8, 2.3])
-"""Times to full speed that are tried, over the least one."""
-
-_SHARES = np.array([0.25, 0.4, 0.6, 0.8])
-"""Shares of the rate of speed that are tried around corners; what bends the way has the rest."""
 
 
 @dataclass(frozen=True, eq=False)

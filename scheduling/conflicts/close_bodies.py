@@ -51,6 +51,13 @@ PROVED = -1
 _LEVELS = 2 * LEAF.bit_length() + 2
 """Lists of bodies that are needed at once: one a halving of two leaves, and two more."""
 
+_Sizes = tuple[int, ...]
+_LEFT: defaultdict[tuple[_Sizes, _Sizes], list[DescentRoom]] = defaultdict(list)
+"""Room that nobody uses, by the sizes of what is compared."""
+
+_KINDS = 200
+"""Room of more sizes is not kept."""
+
 
 class DescentRoom(NamedTuple):
     """Room for a descent.
@@ -127,14 +134,6 @@ def start_descent(
         if len(_LEFT) > _KINDS:
             _LEFT.clear()
         _LEFT[sizes].append(room)
-
-
-_Sizes = tuple[int, ...]
-_LEFT: defaultdict[tuple[_Sizes, _Sizes], list[DescentRoom]] = defaultdict(list)
-"""Room that nobody uses, by the sizes of what is compared."""
-
-_KINDS = 200
-"""Room of more sizes is not kept."""
 
 
 def _sizes(of: SweptSequence) -> _Sizes:

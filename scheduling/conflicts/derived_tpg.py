@@ -50,6 +50,12 @@ from scheduling.graph.total_order import (
     planned_ranks,
 )
 
+_KEPT_ANSWERS = 100_000
+"""Answers that are kept."""
+
+Window = tuple[Indices, Indices]
+"""Nodes that are asked for: above the floor and below the limit, see ``search_conflicts``."""
+
 
 @dataclass(frozen=True, eq=False)
 class DerivedTpg:
@@ -179,13 +185,6 @@ class DerivedTpg:
         task = int(own.task[node])
         label = next((t.label for t in self.tpg.tasks if t.index == task), "")
         return f"node {node} of robot {own.robot!r} (task {task}, {label})"
-
-
-_KEPT_ANSWERS = 100_000
-"""Answers that are kept."""
-
-Window = tuple[Indices, Indices]
-"""Nodes that are asked for: above the floor and below the limit, see ``search_conflicts``."""
 
 
 @dataclass

@@ -38,6 +38,12 @@ MOTION = 0.02
 _NO_TASK = np.full(1, ALWAYS, dtype=np.int64)
 """Tasks of a single segment that is no robot's node."""
 
+_Run = tuple[ObjectSpan, int, int]
+"""An object, and the segments, ``range(first, stop)``, in which it is there."""
+
+_PieceRun = tuple[ConvexBody, ObjectSpan, int, int]
+"""A convex piece of an object, and the same."""
+
 
 @dataclass(frozen=True)
 class Occupancy:
@@ -143,13 +149,6 @@ class _Segments(NamedTuple):
     node: Indices
     task: Indices
     other_task: Indices
-
-
-_Run = tuple[ObjectSpan, int, int]
-"""An object, and the segments, ``range(first, stop)``, in which it is there."""
-
-_PieceRun = tuple[ConvexBody, ObjectSpan, int, int]
-"""A convex piece of an object, and the same."""
 
 
 def chain_occupancy(

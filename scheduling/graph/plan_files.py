@@ -57,6 +57,14 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 
+FORMAT = "assembly-twin temporal plan graph"
+VERSION = 1
+
+LARGEST_BYTES = 2**28
+"""Most that the arrays of a plan may take in memory: 100 times the largest shipped one."""
+
+_AGAIN = "it was written by another version of this program; plan again"
+
 
 def check_plan(tpg: TemporalPlanGraph) -> None:
     """Check that indices are known, chains in order, and robots within joint limits.
@@ -198,15 +206,6 @@ def _check_waypoints(
     for handling in handlings:
         if handling.waypoint > most:
             raise OutputError(f"{place}: has no waypoint {handling.waypoint}")
-
-
-FORMAT = "assembly-twin temporal plan graph"
-VERSION = 1
-
-LARGEST_BYTES = 2**28
-"""Most that the arrays of a plan may take in memory: 100 times the largest shipped one."""
-
-_AGAIN = "it was written by another version of this program; plan again"
 
 
 def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:

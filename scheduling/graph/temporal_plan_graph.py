@@ -24,6 +24,18 @@ BY_JOINTS, BY_TOOL_SPEED, BY_EFFORT = 0, 1, 2
 from ``BY_EFFORT`` on, the effort of the joint that is counted on from there. Below zero, counted down
 from -1, is a joint whose effort does not bear the weight, however slow it is."""
 
+EVER = 2**61
+"""Patience of an edge that holds until its source is complete [ns]."""
+
+TASK_DEPENDENCY = 0
+MOTION_CONFLICT = 1
+
+Causes = npt.NDArray[np.uint8]
+"""TASK_DEPENDENCY or MOTION_CONFLICT, one an edge."""
+
+NO_EDGES = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.uint8)
+"""Edges of a graph without any, and their causes."""
+
 
 @dataclass(frozen=True, eq=False)
 class Drive:
@@ -155,19 +167,6 @@ def joined_corners(
         **{name: np.concatenate([own[name] for own in moved]) for name in moved[0]}
     )
     return joined._picked(np.argsort(joined.begin))
-
-
-EVER = 2**61
-"""Patience of an edge that holds until its source is complete [ns]."""
-
-TASK_DEPENDENCY = 0
-MOTION_CONFLICT = 1
-
-Causes = npt.NDArray[np.uint8]
-"""TASK_DEPENDENCY or MOTION_CONFLICT, one an edge."""
-
-NO_EDGES = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.uint8)
-"""Edges of a graph without any, and their causes."""
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,9 @@ _WAITING = 0.1
 _BROKEN = 1e4
 """Weight of a second by which a window of time is broken: whatever it costs."""
 
+BLOCK_GAP_S = 1e-6
+"""Planned time between blocks [s]: the order is that of planned starts."""
+
 
 class _DoneUnit(NamedTuple):
     """A completed unit of a robot, and the one before it."""
@@ -329,7 +332,3 @@ class TaskOrderSearch:
                 rest = max((tail[w] for w in after[unit]), default=0.0)
                 tail[unit] = rest + float(self._cum[unit][-1])
         return tail
-
-
-BLOCK_GAP_S = 1e-6
-"""Planned time between blocks [s]: the order is that of planned starts."""

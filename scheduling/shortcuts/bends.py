@@ -28,6 +28,12 @@ _LEAST = 1e-6
 _BESIDE = 1e-6
 """Bends begin and end that far beyond the zones of their corners [s]."""
 
+_SAME = 1e-9
+"""Ways that differ by less are the same [s]."""
+
+_SHORTEST = 1e-5
+"""What is left of a node beside a bend is no shorter [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Run:
@@ -179,13 +185,6 @@ def _runs_of(
         room = range(max(nodes[0], span.first), min(nodes[-1], span.last + 1))
         at = np.array(way)[[node - nodes[0] for node in nodes]]
         yield Run(pace, span.chain, room, nodes, at, points[a : b + 1], np.array(way))
-
-
-_SAME = 1e-9
-"""Ways that differ by less are the same [s]."""
-
-_SHORTEST = 1e-5
-"""What is left of a node beside a bend is no shorter [s]."""
 
 
 class BentNodes(NamedTuple):

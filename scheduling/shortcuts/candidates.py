@@ -28,6 +28,17 @@ from scheduling.graph.temporal_plan_graph import (
     pose_nodes,
 )
 
+LINE, CORNER, JOINT, SMOOTH = "line", "corner", "joint", "smooth"
+
+SHAPES = (LINE, SMOOTH, CORNER, CORNER, JOINT)
+"""Shapes of candidates, each as likely as it stands here."""
+
+_STRAIGHT = 1e-9
+"""Directions whose components differ by less, the largest being 1, are the same."""
+
+_ON_THE_WAY = 1e-9
+"""Farthest that a waypoint left out may be from the straight way past it [rad or m]."""
+
 
 @dataclass(frozen=True)
 class Span:
@@ -77,12 +88,6 @@ def find_spans(graph: DerivedTpg) -> list[Span]:
     return out
 
 
-LINE, CORNER, JOINT, SMOOTH = "line", "corner", "joint", "smooth"
-
-SHAPES = (LINE, SMOOTH, CORNER, CORNER, JOINT)
-"""Shapes of candidates, each as likely as it stands here."""
-
-
 def candidate_path(old: Array, shape: str, rng: np.random.Generator) -> Array:
     """Return a random polyline with the same ends.
 
@@ -96,10 +101,6 @@ def candidate_path(old: Array, shape: str, rng: np.random.Generator) -> Array:
     if shape == CORNER:
         return _with_corner(old, rng)
     return _straighten(corners(old), int(rng.integers(old.shape[1])))
-
-
-_STRAIGHT = 1e-9
-"""Directions whose components differ by less, the largest being 1, are the same."""
 
 
 def _with_corner(path: Array, rng: np.random.Generator) -> Array:
@@ -165,10 +166,6 @@ def corners(path: Array) -> Array:
             kept.append(k)
         along = direction
     return path[[*kept, len(path) - 1]]
-
-
-_ON_THE_WAY = 1e-9
-"""Farthest that a waypoint left out may be from the straight way past it [rad or m]."""
 
 
 def join_nodes(

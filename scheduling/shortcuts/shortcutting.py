@@ -39,6 +39,9 @@ _ASIDE = 0.3
 _SPREAD = 0x51DE
 """Sets the draws of sidesteps apart from those of shortcuts with the same seed."""
 
+_QUICK = 8
+"""Most candidates for each run in a quick look ahead."""
+
 
 def take_sidesteps(
     board: Board, candidates: int, seed: int, progress: Progress = no_progress
@@ -149,10 +152,6 @@ def _around_corner(
     corner = way[0] + rng.random() * (way[-1] - way[0])
     corner = corner + rng.normal(0.0, _ASIDE, len(corner))
     return np.array([way[0], np.clip(corner, model.lower, model.upper), way[-1]])
-
-
-_QUICK = 8
-"""Most candidates for each run in a quick look ahead."""
 
 
 def shorten_tpg(

@@ -41,6 +41,19 @@ from scheduling.verification.problems import Problem, node_problem, pair_problem
 
 _Node = tuple[int, int]
 
+_BLOCK = 4096
+"""Nodes whose ancestors are counted at once: it bounds the memory."""
+
+_SAME = 1e-6
+"""Joint values that differ by less are the same [rad or m]."""
+_FASTER = 1e-3
+"""Share by which a joint may be faster than its limit: what is rounded is far below it."""
+
+HANDLED_IN = frozenset(
+    {"pick", "place-down", "place-up", "handover", LEAVE_TOOL, TAKE_TOOL}
+)
+"""Kinds of tasks in which the object that they name changes hands."""
+
 
 def check_structure(tpg: TemporalPlanGraph) -> tuple[Precedence | None, list[Problem]]:
     """Check order, handlings and dependencies.
@@ -121,10 +134,6 @@ def _dependencies_not_kept(
                 yield pair_problem(tpg, "dependency", u, v, text)
 
 
-_BLOCK = 4096
-"""Nodes whose ancestors are counted at once: it bounds the memory."""
-
-
 @dataclass(frozen=True)
 class Precedence:
     """Precedence between nodes.
@@ -183,17 +192,6 @@ def _ancestors(
                 mine |= 1 << (u - start)
         bits[v] = mine
     return np.array([b.bit_count() for b in bits], dtype=np.int64)
-
-
-_SAME = 1e-6
-"""Joint values that differ by less are the same [rad or m]."""
-_FASTER = 1e-3
-"""Share by which a joint may be faster than its limit: what is rounded is far below it."""
-
-HANDLED_IN = frozenset(
-    {"pick", "place-down", "place-up", "handover", LEAVE_TOOL, TAKE_TOOL}
-)
-"""Kinds of tasks in which the object that they name changes hands."""
 
 
 def not_as_said(

@@ -31,6 +31,9 @@ _Moment = tuple[int, int, int]
 FlangeAt = Callable[[int, int, int], Transform]
 """World pose of a chain's flange at a moment: chain, node and waypoint; 0 is the node's start."""
 
+JUMP = 1e-4
+"""No point of an object may be further away from where it was as it changes hands [m]."""
+
 
 @dataclass(frozen=True)
 class Carried:
@@ -199,10 +202,6 @@ def _end_before(chain: NodeChain, stand: _Moment) -> _Moment | None:
 def _tasks(tpg: TemporalPlanGraph, chain: int, node: int) -> tuple[int, ...]:
     task = tpg.chains[chain].task
     return tuple(int(task[k]) for k in (node - 1, node) if 0 <= k < len(task))
-
-
-JUMP = 1e-4
-"""No point of an object may be further away from where it was as it changes hands [m]."""
 
 
 def jumps(tpg: TemporalPlanGraph, flange: FlangeAt) -> Iterator[Problem]:

@@ -48,6 +48,18 @@ ViolationKind = Literal[
     "duration",
 ]
 
+_TICK = 1e-9
+"""Times are whole nanoseconds [s]."""
+
+_LARGEST_LOG = 256 << 20
+"""Most bytes of an event log."""
+
+_TOLD = ("started", "completed", "recovered")
+"""Kinds of events with which nodes begin or are over."""
+
+_WITHOUT = ToolGrip((0.0, 0.0), "no tool")
+"""How a robot holds that has left its tool in the rack."""
+
 
 @dataclass(frozen=True)
 class Violation:
@@ -79,10 +91,6 @@ class Violation:
     depth_m: float
     detail: str = ""
     kind: ViolationKind = "contact"
-
-
-_TICK = 1e-9
-"""Times are whole nanoseconds [s]."""
 
 
 @dataclass(frozen=True)
@@ -176,13 +184,6 @@ def _standing(rows: RobotRows, way: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(found & (way <= rows.still))
 
 
-_LARGEST_LOG = 256 << 20
-"""Most bytes of an event log."""
-
-_TOLD = ("started", "completed", "recovered")
-"""Kinds of events with which nodes begin or are over."""
-
-
 def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
     """Return when nodes were started and completed, from the event log; what has failed is over once it is recovered from.
 
@@ -213,10 +214,6 @@ def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
                 f"{path}:{number}: is no event of this plan: {error}"
             ) from error
     return out
-
-
-_WITHOUT = ToolGrip((0.0, 0.0), "no tool")
-"""How a robot holds that has left its tool in the rack."""
 
 
 @dataclass(frozen=True)

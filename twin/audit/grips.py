@@ -56,6 +56,11 @@ _NEAR = 0.5
 _NUDGE = 1e-4
 """Something is moved by so much to see in which direction it is away [m]."""
 
+RIGHT = (0.0, "")
+"""Of a hold at which nothing is wrong."""
+
+_Sides = tuple[list[WatchedShape], list[WatchedShape]]
+
 
 def grip_violations(case: AuditCase) -> Iterator[Violation]:
     """Yield what is held by who does not touch it as it must, or wider than fingers open.
@@ -106,10 +111,6 @@ def _wrong(
     detail = f"is held {gap * 1e3:.2f} mm away from {nearest}"
     detail += f", which closes by {closing * 1e3:.2f} mm" if closing else ""
     return gap, detail
-
-
-RIGHT = (0.0, "")
-"""Of a hold at which nothing is wrong."""
 
 
 def as_shaped(
@@ -201,9 +202,6 @@ def _around(case: AuditCase, robot: str, t: float) -> Iterator[tuple[str, Transf
             yield item.name, stay.pose
         elif stay.holder in case.robots:
             yield item.name, case.flange(stay.holder, t) @ stay.pose
-
-
-_Sides = tuple[list[WatchedShape], list[WatchedShape]]
 
 
 @dataclass(frozen=True)

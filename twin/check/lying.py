@@ -29,6 +29,13 @@ _MISPLACED = 0.002
 _MERGED = 0.005
 """Fixtures of one piece of furniture may overlap by this [m]."""
 
+_MISSED = 1e-4
+"""So much of a surface may be outside of all pieces before it is worth a word [m]."""
+
+
+_OPEN = 0.005
+"""A mesh of which no more is missing is closed but for cracks, share of its surface."""
+
 
 def check_starts(subject: Subject) -> Findings:
     """Yield what overlaps at the start, and what lies on nothing."""
@@ -137,14 +144,6 @@ def _below(lying: Sequence[tuple[str, Lying]], name: str) -> str:
         if best is None or drop < best[0]:
             best = drop, other
     return "" if best is None else f"; {best[1]} is {millimetres(best[0])} below"
-
-
-_MISSED = 1e-4
-"""So much of a surface may be outside of all pieces before it is worth a word [m]."""
-
-
-_OPEN = 0.005
-"""A mesh of which no more is missing is closed but for cracks, share of its surface."""
 
 
 def check_meshes(subject: Subject) -> Findings:

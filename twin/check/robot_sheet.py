@@ -40,6 +40,13 @@ from twin.host.pictures import INK, new_picture, save_png
 _ARM_COLOUR, _TOOL_COLOUR = "#7f93ab", "#d9822b"
 _VIEWS = (Viewpoint("from the front (+x)", 1, 2, 0, 1.0), FROM_THE_SIDE)
 
+_CARRIER = "iiwa14"
+"""Robot on which a tool is mounted to look at it."""
+
+_TOOL = "tool"
+
+Rows = Sequence[tuple[str, ...]]
+
 
 @dataclass(frozen=True)
 class PicturedThing:
@@ -150,14 +157,6 @@ def _together(
         yield pose, names
         for name in names:
             del left[name]
-
-
-_CARRIER = "iiwa14"
-"""Robot on which a tool is mounted to look at it."""
-
-_TOOL = "tool"
-
-Rows = Sequence[tuple[str, ...]]
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,9 @@ _ALONG = 0.7
 
 _NOWHERE = np.zeros(0)
 
+_TOLD = 4
+"""How many joints are named."""
+
 
 def check_tool_frames(subject: Subject) -> Findings:
     """Yield tool frames that are beside the tool, or do not point out of it."""
@@ -91,10 +94,6 @@ def check_suction(subject: Subject) -> Findings:
                 f" description has {len(fingers)} joints that move ({', '.join(fingers[:_TOLD])}), as those of"
                 " fingers are: give opening_m in place of suction, or the description of a cup",
             )
-
-
-_TOLD = 4
-"""How many joints are named."""
 
 
 def _moving_fingers(model: RobotModel) -> list[str]:

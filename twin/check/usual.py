@@ -97,6 +97,12 @@ _CUT = 1.5
 USUAL = {key: own for keys, own in _RANGES.items() for key in keys.split()}
 """Usual values by key, and by class of the section and key where keys of several sections have one name."""
 
+_FASTER = 2.0
+"""A limit of velocity may be so many times that of the robot's description."""
+
+_LIGHTEST, _HEAVIEST = 0.5, 30_000.0
+"""Densities of bodies: air has 1.2, osmium 22,600 [kg/m^3]."""
+
 
 def usual_range(section: type[BaseModel], key: str) -> UsualRange | None:
     """Return the usual values of a key of a section; None where any value is usual."""
@@ -182,13 +188,6 @@ def check_rates(subject: Subject) -> Findings:
             f"rate_per_h {stalls.rate_per_h:g} makes robots stand still for {stood:.3g} h in an hour of work; usual is"
             " less than 0.1 h",
         )
-
-
-_FASTER = 2.0
-"""A limit of velocity may be so many times that of the robot's description."""
-
-_LIGHTEST, _HEAVIEST = 0.5, 30_000.0
-"""Densities of bodies: air has 1.2, osmium 22,600 [kg/m^3]."""
 
 
 def check_physics(subject: Subject) -> Findings:

@@ -19,6 +19,24 @@ from twin.host.pictures import FRAME, INK, style_axes
 _AXIS_COLOURS = ("#d62728", "#2ca02c", "#1f4fd6")
 """Of the x, y and z axes of frames."""
 
+NAME_SIZE = 6
+"""Size of names in the picture [points]."""
+
+_LETTER, _LINE = 0.3, 0.75
+"""Half the width and half the height of a name, over its size and letters."""
+
+_TINY = 18.0
+"""Things that are drawn smaller are drawn again [points]."""
+
+_NEAR = 0.06
+"""Things nearer to each other than this share of the view are drawn together."""
+
+_ROOM, _LARGER = 0.1, 1.5
+"""Room around what is drawn again, of its size, and how much larger it must become for it to be."""
+
+MOST = 4
+"""Close-ups of a picture."""
+
 
 @dataclass(frozen=True)
 class Viewpoint:
@@ -102,25 +120,6 @@ def hull_outline(points: Array) -> Array:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:  # seen edge-on
         return points
-
-
-NAME_SIZE = 6
-"""Size of names in the picture [points]."""
-
-_LETTER, _LINE = 0.3, 0.75
-"""Half the width and half the height of a name, over its size and letters."""
-
-_TINY = 18.0
-"""Things that are drawn smaller are drawn again [points]."""
-
-_NEAR = 0.06
-"""Things nearer to each other than this share of the view are drawn together."""
-
-_ROOM, _LARGER = 0.1, 1.5
-"""Room around what is drawn again, of its size, and how much larger it must become for it to be."""
-
-MOST = 4
-"""Close-ups of a picture."""
 
 
 @dataclass(frozen=True)

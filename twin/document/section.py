@@ -18,6 +18,15 @@ _ATTRIBUTES = re.compile(r"^Attributes:\n((?:[ ]+.*\n?|\n)*)", re.MULTILINE)
 _ENTRY = re.compile(r"^    (\w+(?:, \w+)*): ")
 _OR = re.compile(r"; or(?: else)?$")
 _CODE = re.compile(r"``([^`]+)``")
+NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
+Name = Annotated[str, Field(pattern=NAME, max_length=LONGEST_NAME)]
+"""Names become parts of file names and of paths in a recording."""
+
+
+Item = TypeVar("Item")
+
+Several = Annotated[tuple[Item, ...], Field(min_length=1)]
+"""Lists of two and of three entries, and lists that are not empty."""
 
 
 def described(schema: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
@@ -72,20 +81,12 @@ def _plain(text: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
-Name = Annotated[str, Field(pattern=NAME, max_length=LONGEST_NAME)]
-"""Names become parts of file names and of paths in a recording."""
-
-
-Item = TypeVar("Item")
 if TYPE_CHECKING:
     Two = tuple[Item, Item]
     Three = tuple[Item, Item, Item]
 else:
     Two = Annotated[tuple[Item, ...], Field(min_length=2, max_length=2)]
     Three = Annotated[tuple[Item, ...], Field(min_length=3, max_length=3)]
-Several = Annotated[tuple[Item, ...], Field(min_length=1)]
-"""Lists of two and of three entries, and lists that are not empty."""
 
 
 class Section(BaseModel):

@@ -32,6 +32,30 @@ _UNIT_WORDS = {
 Found = Iterator[tuple[KeyPath, str]]
 """What is wrong with a scenario, each with its key."""
 
+# Kinds of pydantic's errors, and what was expected.
+_EXPECTED = {
+    "string_type": "text",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+    "tuple_type": "a list [..]",
+    "list_type": "a list [..]",
+    "model_type": "a mapping (key: value)",
+    "model_attributes_type": "a mapping (key: value)",
+    "dict_type": "a mapping (key: value)",
+}
+_BOUNDS = {
+    "greater_than": ("gt", "must be greater than"),
+    "greater_than_equal": ("ge", "must be at least"),
+    "less_than": ("lt", "must be less than"),
+    "less_than_equal": ("le", "must be at most"),
+}
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
 
 class InvalidScenarioError(ScenarioError):
     """A scenario file with everything that is wrong with it.
@@ -141,31 +165,6 @@ def _split_unit(key: str) -> tuple[str, str]:
         if key.endswith("_" + unit):
             return key[: -len(unit) - 1], unit
     return key, ""
-
-
-# Kinds of pydantic's errors, and what was expected.
-_EXPECTED = {
-    "string_type": "text",
-    "int_type": "a whole number",
-    "int_from_float": "a whole number",
-    "float_type": "a number",
-    "finite_number": "a finite number",
-    "bool_type": "true or false",
-    "tuple_type": "a list [..]",
-    "list_type": "a list [..]",
-    "model_type": "a mapping (key: value)",
-    "model_attributes_type": "a mapping (key: value)",
-    "dict_type": "a mapping (key: value)",
-}
-_BOUNDS = {
-    "greater_than": ("gt", "must be greater than"),
-    "greater_than_equal": ("ge", "must be at least"),
-    "less_than": ("lt", "must be less than"),
-    "less_than_equal": ("le", "must be at most"),
-}
-
-
-Model = TypeVar("Model", bound=BaseModel)
 
 
 def parsed(path: Path, text: str) -> YamlDocument:

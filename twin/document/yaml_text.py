@@ -46,6 +46,9 @@ _FLOAT = re.compile(
     r"|^[-+]?\.(?:inf|Inf|INF)$|^\.(?:nan|NaN|NAN)$"
 )
 
+_WIDTH = 100
+"""Columns of a line of YAML, about."""
+
 
 @dataclass(frozen=True)
 class Mark:
@@ -283,10 +286,6 @@ def plain_scalar(text: str) -> Any:
 
 def _mark(node: yaml.Node) -> Mark:
     return Mark(node.start_mark.line + 1, node.start_mark.column + 1)
-
-
-_WIDTH = 100
-"""Columns of a line of YAML, about."""
 
 
 class _Dumper(yaml.SafeDumper):

@@ -19,6 +19,7 @@ _TINT = 0.55
 """Share of the team's colour in the tint."""
 
 _WHITE = (1.0, 1.0, 1.0)
+_GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
 
 
 def paint(
@@ -85,9 +86,6 @@ def _saturation(channels: tuple[float, ...]) -> float:
     """Return how far from grey a colour is, 0 to 1; what is nearly black counts as grey."""
     bright = max(channels, default=0.0)
     return (bright - min(channels)) / bright if bright > 0.2 else 0.0
-
-
-_GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
 
 
 def coloured_fixtures(

@@ -28,6 +28,9 @@ _MATTER = 6
 _MEAN = "mean_s"
 _SECONDS = ("makespan_s", "mean_s", "p50_s", "p90_s")
 
+_REASONS, _LONGEST = 6, 300
+"""Reasons that are shown why designs are refused, and their letters."""
+
 
 def shown_designs(found: ExploreSummary) -> list[RankedDesign]:
     """Return the designs that are shown: the best, or the compromises, and the scenario as it is."""
@@ -188,10 +191,6 @@ def signed(found: Interval) -> str:
     if found.low == found.high or not bounds:
         return f"{found.estimate:+.4g}"
     return f"{found.estimate:+.3g} ({bounds})"
-
-
-_REASONS, _LONGEST = 6, 300
-"""Reasons that are shown why designs are refused, and their letters."""
 
 
 def print_explored(found: ExploreSummary, folder: Path) -> None:

@@ -43,6 +43,7 @@ EFFORTS: Mapping[str, float] = {
 Kind = Literal["order", "home", "grip", "feeder", "base", "tool"]
 Key = Annotated[str, Field(min_length=1, max_length=300)]
 Number = int | float
+SamplerName = Literal["tpe", "cma-es", "nsga-ii", "random"]
 
 
 def _checked(text: str) -> str:
@@ -50,7 +51,6 @@ def _checked(text: str) -> str:
 
 
 Condition = Annotated[str, AfterValidator(_checked)]
-SamplerName = Literal["tpe", "cma-es", "nsga-ii", "random"]
 
 
 class VarySection(Section):

@@ -31,6 +31,25 @@ from twin.run.events import Event, EventLogError, parse_event, read_log
 from twin.run.folder import EVENTS, require_as_written
 from twin.trial.plan_result import plan_of_run
 
+LABELS = ("skill", "robot", "object")
+"""Columns that can tell groups apart."""
+
+FEWEST = 10
+"""Fewer durations say too little to tell distributions apart."""
+
+DURATION = "duration_s"
+"""Column of durations where none is named."""
+
+_STAMPS = (
+    ("start", "end"),
+    ("start_s", "end_s"),
+    ("start_time", "end_time"),
+    ("started", "completed"),
+)
+"""Columns of time stamps that are understood where there is no column of durations."""
+
+_Rows = Iterator[tuple[tuple[str, ...], float]]
+
 
 class LoggedSkill(NamedTuple):
     """A skill that was done: which, by whom, to a type of objects ("" for none), for how long."""
@@ -122,26 +141,6 @@ def _event(log: Path, number: int, line: str) -> Event:
         return parse_event(line)
     except EventLogError as error:
         raise error.with_message(f"{log}:{number}: {error.message}") from error
-
-
-LABELS = ("skill", "robot", "object")
-"""Columns that can tell groups apart."""
-
-FEWEST = 10
-"""Fewer durations say too little to tell distributions apart."""
-
-DURATION = "duration_s"
-"""Column of durations where none is named."""
-
-_STAMPS = (
-    ("start", "end"),
-    ("start_s", "end_s"),
-    ("start_time", "end_time"),
-    ("started", "completed"),
-)
-"""Columns of time stamps that are understood where there is no column of durations."""
-
-_Rows = Iterator[tuple[tuple[str, ...], float]]
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,15 @@ from twin.host.atomic_files import finite
 from twin.run.activities import RobotProgress
 from twin.run.events import Event
 
+_MOST_VIOLATIONS = 5
+"""Forbidden events, and unreadable lines, that are shown."""
+
+_SILENT_S = 5.0
+"""Silence that is told of [s]."""
+
+_PAUSE_S = 0.1
+"""Least time between two drawings [s]."""
+
 
 def as_json(news: News) -> str:
     """Return news as an object of JSON; empty where nothing is to be said."""
@@ -119,16 +128,6 @@ def _ends(forecast: Forecast) -> str:
 def _failing(forecast: Forecast) -> str:
     share = 100 * forecast.failing
     return f"  a task fails in {share:.1f} % of futures" if share > 0 else ""
-
-
-_MOST_VIOLATIONS = 5
-"""Forbidden events, and unreadable lines, that are shown."""
-
-_SILENT_S = 5.0
-"""Silence that is told of [s]."""
-
-_PAUSE_S = 0.1
-"""Least time between two drawings [s]."""
 
 
 class TerminalDisplay:

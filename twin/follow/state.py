@@ -23,6 +23,9 @@ from twin.run.execution_record import Policy
 from twin.uncertainty.disturbances import Speed
 from twin.uncertainty.draws import LEAST_UNIFORM
 
+Versions = Callable[[int], TemporalPlanGraph]
+"""Returns the plan of a version, given its number, from 1."""
+
 
 @dataclass(frozen=True)
 class ForbiddenEvent:
@@ -43,10 +46,6 @@ class ForbiddenEvent:
     task: int
     edges: tuple[tuple[str, int], ...]
     text: str
-
-
-Versions = Callable[[int], TemporalPlanGraph]
-"""Returns the plan of a version, given its number, from 1."""
 
 
 @dataclass

@@ -29,6 +29,21 @@ _WORDS = re.compile(
 INK, GRID, FRAME = "#2b2f36", "#e4e7eb", "#b8bec6"
 """Colours of text and lines, of the grid, and of the lines around the axes."""
 
+WIDTH_IN = 10.0
+"""Width of a picture: letters are still read where a page shows it at three quarters [in]."""
+
+_NAME = 38
+"""Letters of a line of a name beside a bar."""
+
+_LEGEND_SIZE = 9
+"""Size of the legend [points]."""
+
+_MARK = 4.5
+"""What the mark of an entry and the gap to the next take, in letters' heights."""
+
+_ROW_IN = 0.19
+"""Height of a row of the legend [in]."""
+
 
 def new_picture(width: float, height: float, *, dpi: int = 120) -> Figure:
     """Return a picture of a size [in] whose parts make room for each other."""
@@ -77,22 +92,6 @@ def save_png(picture: Figure, path: Path) -> None:
     """Write a picture, replacing what is there; OutputError when that cannot be done."""
     with replacing(path) as temporary:
         picture.savefig(temporary, format="png")
-
-
-WIDTH_IN = 10.0
-"""Width of a picture: letters are still read where a page shows it at three quarters [in]."""
-
-_NAME = 38
-"""Letters of a line of a name beside a bar."""
-
-_LEGEND_SIZE = 9
-"""Size of the legend [points]."""
-
-_MARK = 4.5
-"""What the mark of an entry and the gap to the next take, in letters' heights."""
-
-_ROW_IN = 0.19
-"""Height of a row of the legend [in]."""
 
 
 def one_chart(height: float) -> tuple[Figure, Axes]:

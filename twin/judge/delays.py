@@ -20,6 +20,12 @@ from twin.judge.open_plan import OpenMotion, OpenPlan
 _STILL = 1e-9
 """A motion whose joints are slower than this at its end comes to rest there [rad/s or m/s]."""
 
+Stretch = Callable[[str, OpenMotion, float], float | None]
+"""Returns how many times as long as planned work takes at a quantile; None for a plain move.
+
+Its arguments are whose it is, a motion of it, and the quantile.
+"""
+
 
 class CircularWaitsError(TwinError):
     """Motions of a plan wait for each other.
@@ -50,12 +56,6 @@ class DelayModel:
 
 DELAYS = DelayModel()
 """The delay model of the open benchmark."""
-
-Stretch = Callable[[str, OpenMotion, float], float | None]
-"""Returns how many times as long as planned work takes at a quantile; None for a plain move.
-
-Its arguments are whose it is, a motion of it, and the quantile.
-"""
 
 
 def delayed_spans(

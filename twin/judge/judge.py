@@ -45,6 +45,16 @@ from twin.trial.simulation import skill_durations
 DELAYED = "delays"
 """Name of the stage for progress displays."""
 
+_ROUNDING = 1e-6
+"""Share of a limit by which it may be exceeded."""
+
+_SKILLS_OF = {
+    "take": ("pick", "handover", TAKE_TOOL),
+    "put": ("place-down", "place-up", LEAVE_TOOL),
+    "give": ("handover",),
+}
+"""What work may be called in which something changes hands; the first, where it is called otherwise."""
+
 
 @dataclass(frozen=True)
 class DelayedRun:
@@ -283,17 +293,6 @@ class JudgedPlan:
         found, _ = self.look(spans)
         contacts = sum(violation.kind == "contact" for violation in found)
         return DelayedRun(seed, makespan_s(self.plan, spans), contacts, found)
-
-
-_ROUNDING = 1e-6
-"""Share of a limit by which it may be exceeded."""
-
-_SKILLS_OF = {
-    "take": ("pick", "handover", TAKE_TOOL),
-    "put": ("place-down", "place-up", LEAVE_TOOL),
-    "give": ("handover",),
-}
-"""What work may be called in which something changes hands; the first, where it is called otherwise."""
 
 
 class WorkRules:

@@ -23,6 +23,9 @@ _AGAIN_S = 0.5
 _MOST = 50_000
 """Samples that are kept for a dispatcher that does not answer."""
 
+Deliver = Callable[[Report], None]
+"""Is given every report; it may be called from any thread."""
+
 
 class Unheard:
     """Samples, numbered from 0 on, that are told until they have been heard of."""
@@ -171,10 +174,6 @@ class DriverEnd:
             first,
             self._samples.kept,
         )
-
-
-Deliver = Callable[[Report], None]
-"""Is given every report; it may be called from any thread."""
 
 
 class Wire(Protocol):

@@ -31,6 +31,18 @@ from twin.run.events import Event, EventCode
 from twin.run.execution_record import Measured
 from twin.run.folder import LARGEST_RESULT
 
+_BEGIN = "#begin"
+"""First column of the line that says when the run began."""
+
+_LONGEST_LINE = 1 << 16
+"""Most bytes of a line."""
+
+_UNSEEN_NS = 100_000_000
+"""Samples that are farther apart than this are taken to have others between them that were lost [ns]."""
+
+_LATER_S = 1e-6
+"""How much later than the one before each of them was measured, by the clock of the driver [s]."""
+
 
 @dataclass
 class MeasuredRows:
@@ -105,13 +117,6 @@ class MeasuredRows:
     def measured(self) -> Measured:
         """Return all of it."""
         return Measured(np.array(self.t_ns), np.array(self.q), np.array(self.node))
-
-
-_BEGIN = "#begin"
-"""First column of the line that says when the run began."""
-
-_LONGEST_LINE = 1 << 16
-"""Most bytes of a line."""
 
 
 class MeasuredLog:
@@ -223,13 +228,6 @@ def _stands(first: Sample, own: Sample) -> bool:
     if (first.begun, first.done) != (own.begun, own.done):
         return False
     return own.begun == own.done or np.array_equal(first.q, own.q)
-
-
-_UNSEEN_NS = 100_000_000
-"""Samples that are farther apart than this are taken to have others between them that were lost [ns]."""
-
-_LATER_S = 1e-6
-"""How much later than the one before each of them was measured, by the clock of the driver [s]."""
 
 
 def samples_between(

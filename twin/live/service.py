@@ -52,6 +52,9 @@ _MOST_REFUSED = 5
 
 _log = logging.getLogger(__name__)
 
+_AGAIN_S = 0.2
+"""How long it waits before it asks again [s]."""
+
 
 def grpc_module() -> Any:
     """Return the module grpc.
@@ -327,10 +330,6 @@ def channel_to(address: str, certificates: Certificates | None) -> Any:
     )
     named = ("grpc.ssl_target_name_override", NAME)
     return grpc.secure_channel(address, secure, options=[*options, named])
-
-
-_AGAIN_S = 0.2
-"""How long it waits before it asks again [s]."""
 
 
 def drive_remotely(

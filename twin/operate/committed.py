@@ -16,6 +16,9 @@ from scheduling.rolling.forecast import Clock
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes
 
+Draw = Callable[[TemporalPlanGraph, Mapping[int, TaskName]], NodeTimes]
+"""Returns the times of the nodes of a graph, given the names of the draws of tasks."""
+
 
 @dataclass(frozen=True)
 class Failure:
@@ -83,10 +86,6 @@ class PlanRevision:
     cpu_s: float
     cause: str
     recovered: tuple[str, ...] = ()
-
-
-Draw = Callable[[TemporalPlanGraph, Mapping[int, TaskName]], NodeTimes]
-"""Returns the times of the nodes of a graph, given the names of the draws of tasks."""
 
 
 def cut_at(

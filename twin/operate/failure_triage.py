@@ -48,6 +48,11 @@ from twin.operate.person import AGAIN, Ledger, Person, Question
 from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.draws import uniforms
 
+_NO_PROCESS = (
+    *(*HANDLING, *SUPPLY_KINDS, TRANSIT, STRAIGHT, HOLD, FAILED, LEFT_OUT),
+    *(LEAVE_TOOL, TAKE_TOOL, TAKEN_OUT),
+)
+
 
 class Fate(StrEnum):
     """Outcome for the object of a skill that failed; the value words it."""
@@ -56,12 +61,6 @@ class Fate(StrEnum):
     SLIPPED = "has slipped in the hand"
     WRONG = "is a wrong part"
     BESIDE = "lies beside its place"
-
-
-_NO_PROCESS = (
-    *(*HANDLING, *SUPPLY_KINDS, TRANSIT, STRAIGHT, HOLD, FAILED, LEFT_OUT),
-    *(LEAVE_TOOL, TAKE_TOOL, TAKEN_OUT),
-)
 
 
 @dataclass(frozen=True)

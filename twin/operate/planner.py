@@ -33,6 +33,9 @@ from twin.uncertainty.draws import TaskName
 _Skill = tuple[int, str]
 """Step and kind of a task."""
 
+Extension = tuple[TemporalPlanGraph, TemporalPlanGraph, CommittedPrefix]
+"""All of a longer graph, what is new only, and what is committed."""
+
 
 @dataclass(frozen=True)
 class TaskSeeds:
@@ -96,9 +99,6 @@ class RecoveryState:
 
 
 State = TypeVar("State", bound=RecoveryState)
-
-Extension = tuple[TemporalPlanGraph, TemporalPlanGraph, CommittedPrefix]
-"""All of a longer graph, what is new only, and what is committed."""
 
 
 class Planner(ABC, Generic[State]):

@@ -38,6 +38,9 @@ SHORTCUTS = "shortcuts"
 CANDIDATES_PER_STEP, FEWEST_CANDIDATES = 150, 5000
 """Most shortcuts tried by default; they end when they stop paying."""
 
+MOST_CANDIDATES = 10_000_000
+"""Shortcuts tried where only time limits them."""
+
 
 def plan_motions(
     scenario: Scenario,
@@ -203,10 +206,6 @@ def shorten(
         shorter = min(found, key=worth)
         # A transit past HOME may serve two slots: there is nothing to wait for together any more.
         return replace(shorter, slots=np.empty(0, dtype=np.int64))
-
-
-MOST_CANDIDATES = 10_000_000
-"""Shortcuts tried where only time limits them."""
 
 
 def planned_shortcuts(scenario: Scenario) -> int:

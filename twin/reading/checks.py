@@ -32,6 +32,21 @@ from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.sections.shapes import ShapeSection
 
+_STATES = ("waiting", "stalled", "stopped", "retrying", "failed", "idle")
+"""States of a robot in charts, beside the skills."""
+
+_MOTIONS = (HOLD, STRAIGHT, TRANSIT, LEAVE_TOOL, TAKE_TOOL)
+_TAKEN = frozenset((*SKILLS, *_MOTIONS, *SUPPLY_KINDS, *_STATES))
+"""Names that no process may have: those of tasks, and of these states."""
+
+_KINDS = {
+    "stock": "a brick in stock",
+    "processes": "an unattended process",
+    "products": "the outfeed of products",
+    "steps": "a wait between steps",
+}
+"""What an entry of some sections is; of the others, their name in the singular says it."""
+
 
 def _changed_tools(cell: CellSection) -> tuple[str, ...]:
     """Return the names of the tools that are changed."""
@@ -85,14 +100,6 @@ def _check_tool_speeds(scenario: Scenario) -> Found:
                     f"{key} is kept to with planning.speed_model: limits, and this plan has the speed"
                     f" model {scenario.speed_model!r}",
                 )
-
-
-_STATES = ("waiting", "stalled", "stopped", "retrying", "failed", "idle")
-"""States of a robot in charts, beside the skills."""
-
-_MOTIONS = (HOLD, STRAIGHT, TRANSIT, LEAVE_TOOL, TAKE_TOOL)
-_TAKEN = frozenset((*SKILLS, *_MOTIONS, *SUPPLY_KINDS, *_STATES))
-"""Names that no process may have: those of tasks, and of these states."""
 
 
 def find_problems(scenario: Scenario, folder: Path) -> Found:
@@ -161,15 +168,6 @@ def _check_names(scenario: Scenario) -> Found:
             yield path, Elsewhere(what, names[name])
         elif (owner := assembly.reserved(name)) is not None:
             yield path, f"the name {name!r} is that of {owner}"
-
-
-_KINDS = {
-    "stock": "a brick in stock",
-    "processes": "an unattended process",
-    "products": "the outfeed of products",
-    "steps": "a wait between steps",
-}
-"""What an entry of some sections is; of the others, their name in the singular says it."""
 
 
 def _kind_at(path: KeyPath) -> str:

@@ -82,6 +82,16 @@ _OTHER_COLOURS = (
     "#94596a",
 )
 
+STANDING = frozenset({WAITING, HOLDING, STALLED, STOPPED, RETRYING, FAILED})
+"""States in which a robot stands. Holding is what it is there for: it supports something, or keeps hold
+of what it placed, until others are done."""
+
+TOLD = STANDING | {CLOSE, OPEN}
+"""States that are told beside the task that they are a part of."""
+
+_SUPPORTS = ("support-bottom", "support-top", HOLD)
+_PLACES = ("place-down", "place-up")
+
 
 def lane_colours(kinds: Iterable[str]) -> dict[str, str]:
     """Return the colours of all states of lanes, those of other kinds of tasks in their order."""
@@ -92,17 +102,6 @@ def lane_colours(kinds: Iterable[str]) -> dict[str, str]:
 def plan_colours(tpg: TemporalPlanGraph) -> dict[str, str]:
     """Return the colours of the states of the lanes of a plan."""
     return lane_colours(task.kind for task in tpg.tasks)
-
-
-STANDING = frozenset({WAITING, HOLDING, STALLED, STOPPED, RETRYING, FAILED})
-"""States in which a robot stands. Holding is what it is there for: it supports something, or keeps hold
-of what it placed, until others are done."""
-
-TOLD = STANDING | {CLOSE, OPEN}
-"""States that are told beside the task that they are a part of."""
-
-_SUPPORTS = ("support-bottom", "support-top", HOLD)
-_PLACES = ("place-down", "place-up")
 
 
 @dataclass(frozen=True)

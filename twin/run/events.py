@@ -34,6 +34,13 @@ EventKind = Literal[
     "ordered",
     "finished",
 ]
+_KINDS = frozenset(get_args(EventKind))
+
+LARGEST_LOG = 256 << 20
+"""Most bytes of an event log [B]."""
+
+MOST_LINES = 4_000_000
+"""Most lines of an event log."""
 
 
 class EventCode(StrEnum):
@@ -79,15 +86,6 @@ class Event:
     def code(self) -> EventCode | None:
         """Code that the detail is the value of, None where it is text for people."""
         return _CODES.get(self.detail)
-
-
-_KINDS = frozenset(get_args(EventKind))
-
-LARGEST_LOG = 256 << 20
-"""Most bytes of an event log [B]."""
-
-MOST_LINES = 4_000_000
-"""Most lines of an event log."""
 
 
 class EventLogError(TwinError):

@@ -55,6 +55,12 @@ _LAST = (SUMMARY, COMPARISON)  # written when all else has been
 # killed while it moves them leaves .aside, from which they all go back.
 _ASIDE, _BEFORE, _GONE = ".aside", ".before", ".gone"
 
+LARGEST_RESULT = 1 << 30
+"""Most bytes of a file of a run that is read back."""
+
+PLAN_FILES = ("plan.json", "plan.npz")
+_READ_BACK = (*PLAN_FILES, EVENTS, TRAJECTORY, OBJECTS)
+
 
 @contextmanager
 def run_folder(out: str | PathLike[str] | None, name: str) -> Iterator[Path]:
@@ -212,13 +218,6 @@ def _new_log_folder(name: str) -> Path:
         count += 1
         folder = first.with_name(f"{first.name}-{count}")
     return folder
-
-
-LARGEST_RESULT = 1 << 30
-"""Most bytes of a file of a run that is read back."""
-
-PLAN_FILES = ("plan.json", "plan.npz")
-_READ_BACK = (*PLAN_FILES, EVENTS, TRAJECTORY, OBJECTS)
 
 
 def hashes_as_written(folder: Path) -> dict[str, str]:

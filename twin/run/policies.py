@@ -29,6 +29,9 @@ ASYNCHRONOUS = "asynchronous"
 ASYNCHRONOUS_SHORTCUTS = "asynchronous + shortcuts"
 OPEN_LOOP = "open-loop"
 
+PLAIN_POLICIES = (SEQUENTIAL, SYNCHRONOUS, SYNCHRONOUS_TPG, ASYNCHRONOUS)
+"""Those that are safe and take no shortcuts: what shortcuts are worth is told against these."""
+
 
 class NamedPolicy(NamedTuple):
     """A policy by its parts: the plan that is executed, and how its nodes are released."""
@@ -47,10 +50,6 @@ NAMED_POLICIES = {
     OPEN_LOOP: NamedPolicy(IN_TURNS, "open-loop"),
 }
 """What each name means, in the order of tables and charts."""
-
-
-PLAIN_POLICIES = (SEQUENTIAL, SYNCHRONOUS, SYNCHRONOUS_TPG, ASYNCHRONOUS)
-"""Those that are safe and take no shortcuts: what shortcuts are worth is told against these."""
 
 
 def _letters(text: str) -> str:

@@ -37,6 +37,22 @@ _NO_AUDIT = {"key": "--no-audit", "check": "Whether what was executed is audited
 _UNKNOWN = RunHeader()
 """Header of a run of which nothing was known before."""
 
+_MOST_VIOLATIONS = 10
+"""Violations that are printed."""
+
+_MILLIMETRES = {"contact": "deep", "jump": "far"}
+"""What the depth of a violation of a kind is; others have none, or say it in their sentence."""
+
+_STAGES = {
+    "sequence": "which brick when",
+    "assignment": "who does what",
+    "motion": "motions",
+    "synchronous": "who moves at once",
+    "tpg": "what waits for what",
+    "shortcut": "shortcuts",
+    "products": "all products",
+}
+
 
 def summarise(
     tpg: TemporalPlanGraph,
@@ -158,23 +174,6 @@ def lower_bound_s(tpg: TemporalPlanGraph, run: ExecutionRecord) -> float:
     busy = [d + s for d, s in zip(run.duration_ns, run.stood_ns, strict=True)]
     ends = [e[-1] for e in earliest_times(free, busy).end if len(e)]
     return float(np.max(ends, initial=0)) / NANOSECONDS
-
-
-_MOST_VIOLATIONS = 10
-"""Violations that are printed."""
-
-_MILLIMETRES = {"contact": "deep", "jump": "far"}
-"""What the depth of a violation of a kind is; others have none, or say it in their sentence."""
-
-_STAGES = {
-    "sequence": "which brick when",
-    "assignment": "who does what",
-    "motion": "motions",
-    "synchronous": "who moves at once",
-    "tpg": "what waits for what",
-    "shortcut": "shortcuts",
-    "products": "all products",
-}
 
 
 def print_summary(

@@ -55,6 +55,9 @@ BASELINES = (SEQUENTIAL, SYNCHRONOUS)
 _RELATIVE = {"relative_makespan": "makespan_s", "relative_wait": "wait_s"}
 """Figures over those of the sequential plan with the same seed."""
 
+Figure = dict[str, Any]
+"""Keys mean, std and per_seed."""
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -79,9 +82,6 @@ class Measurement:
     nodes: int
     type2_edges: int
 
-
-Figure = dict[str, Any]
-"""Keys mean, std and per_seed."""
 
 Rows = Mapping[int, Mapping[str, Measurement]]
 """Measurements of all policies, by seed and policy."""

@@ -44,6 +44,16 @@ REPLICATIONS, TASKS, EDGES = (
 PRODUCTS = "products.parquet"
 SUMMARY, REPORT = "summary.json", "report.html"
 
+CAUSES = {
+    TASK_DEPENDENCY: "dependency",
+    MOTION_CONFLICT: "conflict",
+    OTHER: "turn",
+}
+"""Causes of edges, as ``edges.parquet`` names them."""
+
+ROWS_A_GROUP = 20_000
+"""Rows of a row group; fixed, so that the file does not depend on how blocks were cut."""
+
 
 @dataclass(frozen=True)
 class Refused:
@@ -194,17 +204,6 @@ def require_no_study(folder: Path | None, scenario: Scenario) -> None:
             f"{folder} holds a study already: go on with it by --resume {folder}, or give"
             " another folder"
         )
-
-
-CAUSES = {
-    TASK_DEPENDENCY: "dependency",
-    MOTION_CONFLICT: "conflict",
-    OTHER: "turn",
-}
-"""Causes of edges, as ``edges.parquet`` names them."""
-
-ROWS_A_GROUP = 20_000
-"""Rows of a row group; fixed, so that the file does not depend on how blocks were cut."""
 
 
 def write_replications(path: Path, experiment: Experiment, blocks: Path) -> None:

@@ -53,6 +53,9 @@ from twin.trial.simulation import scenario_execution
 Plans = Mapping[str, TemporalPlanGraph]
 """Plans by their names in twin.run.policies; those of several layouts by plan_key."""
 
+LAYOUTS = "layouts planned"
+"""Name of the stage for progress displays."""
+
 
 def default_policies(scenario: Scenario) -> tuple[str, ...]:
     """Return the policies that a study has by default: that of a run, and what it is compared with."""
@@ -276,10 +279,6 @@ def workload(
         graph = plan  # whom the clock stops in a skill brakes along its path
     held = held_back(graph, model)
     return Workload(held, model, seed, free=None if held is graph else graph)
-
-
-LAYOUTS = "layouts planned"
-"""Name of the stage for progress displays."""
 
 
 def distinct(variants: Iterable[Variant]) -> list[Variant]:

@@ -31,6 +31,7 @@ Due = tuple[tuple[float, ...], int | None]
 """When each product is due [s], and how many at the beginning do not count."""
 
 _QUANTILES = (0.5, 0.9, 0.99)
+Flags = npt.NDArray[np.bool_]
 
 
 class DueSummary(Figures):
@@ -153,9 +154,6 @@ def _quantiles(values: Array) -> dict[str, float]:
         f"p{100 * q:.0f}": float(v)
         for q, v in zip(_QUANTILES, np.quantile(values, _QUANTILES), strict=True)
     }
-
-
-Flags = npt.NDArray[np.bool_]
 
 
 class WindowFigures(Figures):

@@ -58,6 +58,11 @@ CREWS = "who takes part"
 _NEAR = 0.05
 """Share of the makespan within which shortcuts may turn the ranks of the plans of two crews."""
 
+_NO_SKILLS = {TRANSIT, STRAIGHT, LEAVE_TOOL, TAKE_TOOL, *SUPPLY_KINDS}
+
+LOSES = 0.2
+"""Share of failed attempts that lose what is handled, where only a chance to fail is given; synthetic."""
+
 
 def plan_scenario(
     scenario: Scenario | LoadedScenario,
@@ -114,12 +119,6 @@ def _plan_to_keep(case: LoadedScenario, watch: StageWatch) -> PlanResult:
         return shortest_plan(case, watch, motions)
     # Shortened as much as the steps that come after them will be.
     return _coordinated(case, motions, watch, sections.execution.recovery.shortcuts)
-
-
-_NO_SKILLS = {TRANSIT, STRAIGHT, LEAVE_TOOL, TAKE_TOOL, *SUPPLY_KINDS}
-
-LOSES = 0.2
-"""Share of failed attempts that lose what is handled, where only a chance to fail is given; synthetic."""
 
 
 def with_failures(

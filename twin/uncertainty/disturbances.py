@@ -17,6 +17,9 @@ from twin.durations.model import DurationModel, Factor, Skill
 from twin.durations.normal import Lognormal
 from twin.uncertainty.base_errors import PoseErrorSection
 
+Probability = Annotated[float, Field(ge=0, le=1)]
+"""Of something that happens or not."""
+
 
 class _FactorSection(Section):
     """A distribution of a factor, with the keys of one of durations but for the unit."""
@@ -164,10 +167,6 @@ class Breakdowns(MachineBreakdowns):
     def affects(self, name: str, clock: Literal["busy", "run"]) -> bool:
         """Tell whether a robot of a name breaks down by a clock."""
         return self.clock == clock and (self.robots is None or name in self.robots)
-
-
-Probability = Annotated[float, Field(ge=0, le=1)]
-"""Of something that happens or not."""
 
 
 class SkillFailure(Section):

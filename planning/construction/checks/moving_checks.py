@@ -25,6 +25,8 @@ from planning.transforms import Array
 _PROBE = 0.4
 """Places on motions longer than this are looked at first [s, rad or m]."""
 
+_MOTION = ROW, float64, ROW, float64
+
 
 def _first_meeting(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
@@ -268,7 +270,6 @@ def _motion_clear(
     )
 
 
-_MOTION = ROW, float64, ROW, float64
 CHECKS = Checks(
     STILL,
     SharedKernel(_first_meeting, float64, _MOTION),

@@ -22,6 +22,10 @@ _TINY = 1e-9
 _SPANS = 16
 """Spans kept at one place."""
 
+_GAIN = 1e-6
+_SPACING = 0.5
+"""Travel time between the places on a path at which waits are possible [s]."""
+
 
 @kernel
 def earliest_along(
@@ -178,11 +182,6 @@ def _span_at(spans: Array, count: int, t: float) -> int:
         if spans[m, 0] - _TINY <= t <= spans[m, 1] + _TINY:
             return m
     return -1
-
-
-_GAIN = 1e-6
-_SPACING = 0.5
-"""Travel time between the places on a path at which waits are possible [s]."""
 
 
 def shorten(

@@ -47,6 +47,8 @@ _Key = tuple[RobotTimeline, tuple[HandChange, ...]]
 Follower = tuple[PlacedRobot, RobotTimeline, Sequence[HandChange]]
 """A robot, its timeline, and what it holds from when on."""
 
+_WORDS = {"pick": "pick", "place-down": "place", "handover": "hand over"}
+
 
 class SweptTracks:
     """Keeps the swept tracks of the timelines that were used last, and where objects rest.
@@ -238,9 +240,6 @@ class FixedWorld:
         there at once, in the world that this returns.
         """
         return self.with_robot(self.robots[robot].work())
-
-
-_WORDS = {"pick": "pick", "place-down": "place", "handover": "hand over"}
 
 
 @dataclass(frozen=True)

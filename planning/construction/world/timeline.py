@@ -20,6 +20,21 @@ from planning.transforms import Array, Transform, readonly
 SAME = 1e-9
 """Times that differ by less are the same time [s]; likewise joint values [rad or m]."""
 
+Hand = tuple[tuple[str, bytes], ...]
+"""Objects held by a robot: names, and poses in the flange frame as bytes."""
+
+HandChange = tuple[float, Hand]
+"""From when on a robot holds what [s]."""
+
+STEP = 0.1
+"""Length of the cells of time, and of pose nodes [s]."""
+
+SPACING = 0.025
+"""Distance of the tool poses on a straight way [m]."""
+
+_BEND = 0.35
+"""Most that a joint moves between two of them; more is another posture [rad or m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class RobotTimeline:
@@ -178,13 +193,6 @@ class ObjectTimeline:
         return ObjectTimeline(self.object, (*self.changes, change))
 
 
-Hand = tuple[tuple[str, bytes], ...]
-"""Objects held by a robot: names, and poses in the flange frame as bytes."""
-
-HandChange = tuple[float, Hand]
-"""From when on a robot holds what [s]."""
-
-
 def hands(objects: Mapping[str, ObjectTimeline]) -> dict[str, list[HandChange]]:
     """Return what each robot that ever holds anything holds, see ``hand_changes``."""
     spans: dict[str, list[tuple[float, float, str, bytes]]] = {}
@@ -217,10 +225,6 @@ def _changes(spans: Sequence[tuple[float, float, str, bytes]]) -> list[HandChang
 def pose_of(hand: bytes) -> Transform:
     """Return a pose from its bytes."""
     return np.frombuffer(hand, dtype=np.float64).reshape(4, 4)
-
-
-STEP = 0.1
-"""Length of the cells of time, and of pose nodes [s]."""
 
 
 class MotionPieces(NamedTuple):
@@ -327,13 +331,6 @@ def _cut_times(
     times = np.concatenate([[begin], grid, given, ends, [last]])
     times = np.unique(times[(times >= begin) & (times <= max(last, begin))])
     return np.asarray(times[np.concatenate([[True], np.diff(times) > SAME])])
-
-
-SPACING = 0.025
-"""Distance of the tool poses on a straight way [m]."""
-
-_BEND = 0.35
-"""Most that a joint moves between two of them; more is another posture [rad or m]."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,28 @@ LAYER_HEIGHT = 0.0096
 BRICK_LEVELS = 3
 """Height of a brick in levels: a plate is one level high."""
 
+GridPlace = tuple[int, int, int]
+"""A place on the grid: stud in x and y from 0, level from 0 on the plate."""
+
+# Of 1x3, 2x3 and 2x8 the masses lie on the lines through those of the other sizes.
+_MASSES: dict[tuple[int, int], float] = {
+    (1, 1): 0.00044,
+    (1, 2): 0.0008,
+    (1, 3): 0.0012,
+    (1, 4): 0.0016,
+    (1, 6): 0.0023,
+    (1, 8): 0.00308,
+    (2, 2): 0.0012,
+    (2, 3): 0.0017,
+    (2, 4): 0.0022,
+    (2, 6): 0.00328,
+    (2, 8): 0.00436,
+}
+
+# Catalogues of parts weigh plates of 1 x 4 studs at 0.71 g and of 2 x 3 at 0.93 g; the others of
+# their width are in proportion to their studs.
+_PLATE_STUD_MASSES = {1: 0.00071 / 4, 2: 0.00093 / 6}
+
 
 @dataclass(frozen=True)
 class BrickType:
@@ -97,10 +119,6 @@ class Cell:
         """Place in words, such as ``"[3, 4, 1]"`` or ``"[3, 4, 1] raised 2"``."""
         raised = f" raised {self.raised}" if self.raised else ""
         return f"[{self.x}, {self.y}, {self.z}]{raised}"
-
-
-GridPlace = tuple[int, int, int]
-"""A place on the grid: stud in x and y from 0, level from 0 on the plate."""
 
 
 class GridSpan(NamedTuple):
@@ -332,26 +350,6 @@ class LegoAssembly:
     def plate_of(self, item: StockBrick) -> Plate:
         """Return the plate that a stock brick stands on."""
         return self.plate if item.fixed or self.storage is None else self.storage
-
-
-# Of 1x3, 2x3 and 2x8 the masses lie on the lines through those of the other sizes.
-_MASSES: dict[tuple[int, int], float] = {
-    (1, 1): 0.00044,
-    (1, 2): 0.0008,
-    (1, 3): 0.0012,
-    (1, 4): 0.0016,
-    (1, 6): 0.0023,
-    (1, 8): 0.00308,
-    (2, 2): 0.0012,
-    (2, 3): 0.0017,
-    (2, 4): 0.0022,
-    (2, 6): 0.00328,
-    (2, 8): 0.00436,
-}
-
-# Catalogues of parts weigh plates of 1 x 4 studs at 0.71 g and of 2 x 3 at 0.93 g; the others of
-# their width are in proportion to their studs.
-_PLATE_STUD_MASSES = {1: 0.00071 / 4, 2: 0.00093 / 6}
 
 
 def _library() -> Iterator[BrickType]:

@@ -33,23 +33,6 @@ from planning.lego.bricks.brick_tiles import BrickTiles
 from planning.lego.bricks.grid import box_pose, box_size, bricks_above, top_pose
 from planning.transforms import Transform, readonly, translation
 
-
-def copy_name(station: str, number: int) -> str:
-    """Return the name of a station's brick, counted from 1 in the order of their picks."""
-    return f"{station}.{number}"
-
-
-def source_of(name: str, stations: Collection[str]) -> str:
-    """Return the station that an object comes from; for any other object its own name."""
-    station, _, number = name.rpartition(".")
-    return station if number.isdecimal() and station in stations else name
-
-
-def next_copy(item: CellObject, station: str, number: int) -> CellObject:
-    """Return a brick that comes up at a station, made after another one of it."""
-    return replace(item, name=copy_name(station, number), later=True)
-
-
 STORAGE = "storage-plate"
 """Name of the plate of the stock as a fixture, where it is another than ``"plate"``."""
 
@@ -68,6 +51,23 @@ _COLOURS: dict[tuple[int, int], tuple[int, int, int]] = {
 }
 _OTHER = (160, 165, 169)
 _FIXED = (100, 103, 101)
+Placed = tuple[CellObject, Attachment]
+
+
+def copy_name(station: str, number: int) -> str:
+    """Return the name of a station's brick, counted from 1 in the order of their picks."""
+    return f"{station}.{number}"
+
+
+def source_of(name: str, stations: Collection[str]) -> str:
+    """Return the station that an object comes from; for any other object its own name."""
+    station, _, number = name.rpartition(".")
+    return station if number.isdecimal() and station in stations else name
+
+
+def next_copy(item: CellObject, station: str, number: int) -> CellObject:
+    """Return a brick that comes up at a station, made after another one of it."""
+    return replace(item, name=copy_name(station, number), later=True)
 
 
 def brick_colour(brick: BrickType) -> tuple[int, int, int]:
@@ -100,9 +100,6 @@ def plate_fixture(plate: Plate, name: str = "plate") -> Fixture:
     size = np.array([*(n * STUD_PITCH for n in plate.studs), PLATE_THICKNESS])
     pose = plate.pose @ translation(0.0, 0.0, -PLATE_THICKNESS / 2)
     return Fixture(name, box_shape(name, size), readonly(pose))
-
-
-Placed = tuple[CellObject, Attachment]
 
 
 def goal_name(step: int) -> str:

@@ -51,6 +51,19 @@ _APPROACHES = tuple(product((1, -1), (APPROACH_HEIGHT, HIGH_APPROACH)))
 _TIP_SHIFTS = ((0, 0), (-1, 0), (0, -1))
 """Shifts of a supporting tool's cell by which its tip still covers a stud."""
 
+Point = tuple[float, float]
+
+_LEVELS = {
+    InsertionWay.DOWN_HELD_BELOW: (-9, -6, -12, -8, -7, -10, -11, -5, -4),
+    InsertionWay.UP: (9, 12, 8, 7, 6, 5, 10, 11),
+    InsertionWay.DOWN_HELD_ABOVE: (),
+}
+"""Levels of a support's cell from the contact of the press that are looked at first, those of
+whole layers before the others."""
+
+_SHIFTS = (0, -1, 1)
+"""Studs by which it is aside from the contact then, in x and in y."""
+
 
 @dataclass(frozen=True)
 class SupportPlace:
@@ -230,20 +243,6 @@ def _extent(one: Array, other: Array) -> float:
     """Return how far two boxes reach together, along x plus along y [m]."""
     far = np.maximum(one[1], other[1]) - np.minimum(one[0], other[0])
     return float(far[0] + far[1])
-
-
-Point = tuple[float, float]
-
-_LEVELS = {
-    InsertionWay.DOWN_HELD_BELOW: (-9, -6, -12, -8, -7, -10, -11, -5, -4),
-    InsertionWay.UP: (9, 12, 8, 7, 6, 5, 10, 11),
-    InsertionWay.DOWN_HELD_ABOVE: (),
-}
-"""Levels of a support's cell from the contact of the press that are looked at first, those of
-whole layers before the others."""
-
-_SHIFTS = (0, -1, 1)
-"""Studs by which it is aside from the contact then, in x and in y."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,12 @@ from planning.lego.bricks.assembly import BrickType, PlacedBrick, Press
 TOOLS_APART = 0.095
 """Two upright tools whose axes are nearer than this meet at their force sensors [m]."""
 
+Grip = tuple[str, Press, bool]
+"""A brick's name, where it is gripped, and whether it goes in from below."""
+
+NO_ARM = "the reach of all arms"
+"""Stands for what is in the way of a grip that no arm of the cell can have, whatever stands there."""
+
 
 class InsertionWay(Enum):
     """A way to press a brick on, the preferred ones first."""
@@ -40,13 +46,6 @@ class InsertionWay(Enum):
     def held(self) -> bool:
         """True when the other arm holds the structure."""
         return self is not InsertionWay.DOWN
-
-
-Grip = tuple[str, Press, bool]
-"""A brick's name, where it is gripped, and whether it goes in from below."""
-
-NO_ARM = "the reach of all arms"
-"""Stands for what is in the way of a grip that no arm of the cell can have, whatever stands there."""
 
 
 @dataclass(frozen=True)

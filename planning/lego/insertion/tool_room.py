@@ -45,6 +45,21 @@ _THICK = 0.0045
 _SAME = 1e-6
 """Corners at the same height, or above each other, to within this [m]."""
 
+PLATE = "the plate"
+"""Name that stands for the plate where a blocking brick is named."""
+
+GRID = Plate(translation(24 * STUD_PITCH, 24 * STUD_PITCH, 0.0), (48, 48))
+"""A plate whose corner is the origin: poses on it are poses in the plate's frame."""
+
+TOUCH = 0.0005
+"""Overlap that counts as touching [m]."""
+
+KEPT = 0.0006
+"""Clearance that planning keeps around a robot, and a little more [m]."""
+
+Approach = tuple[int, float]
+"""Side that a brick comes from (+1 or -1), and height of its approach [m]."""
+
 
 def _box(corners: Array) -> Array:
     return readonly([corners.min(axis=0), corners.max(axis=0)])
@@ -62,22 +77,6 @@ def _cut(corners: Array) -> list[Array]:
     )
     count = 1 if same else int(np.ceil(np.ptp(z) / _THICK))
     return cut_across(corners, 2, count)
-
-
-PLATE = "the plate"
-"""Name that stands for the plate where a blocking brick is named."""
-
-GRID = Plate(translation(24 * STUD_PITCH, 24 * STUD_PITCH, 0.0), (48, 48))
-"""A plate whose corner is the origin: poses on it are poses in the plate's frame."""
-
-TOUCH = 0.0005
-"""Overlap that counts as touching [m]."""
-
-KEPT = 0.0006
-"""Clearance that planning keeps around a robot, and a little more [m]."""
-
-Approach = tuple[int, float]
-"""Side that a brick comes from (+1 or -1), and height of its approach [m]."""
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,9 @@ _MOST_TRIES = 12
 _PATIENCE = 3
 """So many of them in turn may leave no fewer steps undone than the best before."""
 
+Sequencer = Callable[[SequencingRules], tuple[LegoAssembly, SequencedStructure]]
+"""Finds a sequence by some rules."""
+
 
 class GripReach:
     """Whether some arm of a cell reaches a place of a plate with a grip, remembered by place.
@@ -102,10 +105,6 @@ class ArmSequence:
     def done(self) -> bool:
         """Whether every step can be done by some arms."""
         return not self.candidates.problem.impossible
-
-
-Sequencer = Callable[[SequencingRules], tuple[LegoAssembly, SequencedStructure]]
-"""Finds a sequence by some rules."""
 
 
 def sequence_for_arms(

@@ -32,6 +32,7 @@ from planning.lego.stability.partial_structures import Names
 from planning.steps.skill import SkillPath, SkillTargets, skill_postures
 
 Part = TypeVar("Part")
+_Attempt = tuple[PlacedRobot, SkillTargets]
 
 
 def remaining(
@@ -194,9 +195,6 @@ def _no_room(blocker: str) -> str:
         return "no arm of the cell gets there with a grip that has room"
     thing = blocker if blocker == "the plate" else f"brick {blocker!r}"
     return f"the tool has no room: {thing} is in its way"
-
-
-_Attempt = tuple[PlacedRobot, SkillTargets]
 
 
 def check_reach(

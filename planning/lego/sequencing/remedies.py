@@ -20,6 +20,9 @@ from planning.lego.sequencing.blocking import remaining, smallest_blocking_set
 from planning.lego.sequencing.removal import ShutIn, shut_in
 from planning.lego.stability.partial_structures import Names, PartialStructures
 
+_MOST_COLUMNS = 40
+"""So many places for a column are tried at once."""
+
 
 def columns_below(
     item: PlacedBrick,
@@ -126,10 +129,6 @@ def on_plinth(
         for layer in range(1, layers + 1)
     )
     return raised, plinth
-
-
-_MOST_COLUMNS = 40
-"""So many places for a column are tried at once."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,9 @@ from planning.progress import Progress, no_progress
 _FIRST_TRY = 30
 """Partial structures that the first try may look at beyond one for each brick."""
 
+_TRIES = 100
+"""Partial structures looked at, beyond one for each brick, before more scaffolding is added."""
+
 
 def _search(
     design: Design, limit: int, progress: Progress
@@ -57,10 +60,6 @@ def _search(
         if end is not None:
             removals.urgency.update(n for n in end if insertions.perhaps(end, n))
         beyond += beyond // 2
-
-
-_TRIES = 100
-"""Partial structures looked at, beyond one for each brick, before more scaffolding is added."""
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,45 @@ HIGH_APPROACH = 0.012
 _LIFT = 0.015
 """Way straight up after a twist [m]."""
 
+LEVER_WALL = 0.0032
+"""The wall beside the tool's grip stands out this far along the tool [m]."""
+
+STUD_HEIGHT = 0.0017
+"""Height of a stud [m]."""
+
+TOP_SHIFT = 0.002
+"""The tool of a support-top stands this far inside the edge, along its x [m]."""
+
+BOTTOM_LEAD = 0.001
+"""A support-bottom is approached from this far below [m]."""
+
+TOP_LEAD = 0.005
+"""A support-top is approached from this far above [m]."""
+
+ORIENTATIONS = (0, 1, 2, 3)
+
+_YAW = (0.0, -np.pi / 2, np.pi / 2, np.pi)
+"""Where the tool of each orientation points: towards +x, -y, +y and -x."""
+
+# The 1 x 2 cell behind the supported one, and the side of it that faces back.
+_BEHIND = ((1, 0), (0, -1), (0, 1), (-1, 0))
+_SIDE = (1, 4, 1, 4)
+
+# Level tool: z along the heading (x for orientation 0), x up.
+_LEVEL = np.array(
+    [[0.0, 0, 1, 0], [0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]], dtype=np.float64
+)
+# Tool that points down, x along the heading.
+_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
+
+_TOUCH = 0.001
+"""A fixture whose top is this near to a brick's bottom carries it [m]."""
+
+PRESSED = 0.003
+"""How deep a tool may go into bricks that it is allowed to touch: the audit lets pass as much [m]."""
+
+Bricks = Mapping[str, OnGrid]
+
 
 @dataclass(frozen=True)
 class BrickGrip:
@@ -232,38 +271,6 @@ def _lifted(pose: Transform) -> Transform:
     return out
 
 
-LEVER_WALL = 0.0032
-"""The wall beside the tool's grip stands out this far along the tool [m]."""
-
-STUD_HEIGHT = 0.0017
-"""Height of a stud [m]."""
-
-TOP_SHIFT = 0.002
-"""The tool of a support-top stands this far inside the edge, along its x [m]."""
-
-BOTTOM_LEAD = 0.001
-"""A support-bottom is approached from this far below [m]."""
-
-TOP_LEAD = 0.005
-"""A support-top is approached from this far above [m]."""
-
-ORIENTATIONS = (0, 1, 2, 3)
-
-_YAW = (0.0, -np.pi / 2, np.pi / 2, np.pi)
-"""Where the tool of each orientation points: towards +x, -y, +y and -x."""
-
-# The 1 x 2 cell behind the supported one, and the side of it that faces back.
-_BEHIND = ((1, 0), (0, -1), (0, 1), (-1, 0))
-_SIDE = (1, 4, 1, 4)
-
-# Level tool: z along the heading (x for orientation 0), x up.
-_LEVEL = np.array(
-    [[0.0, 0, 1, 0], [0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]], dtype=np.float64
-)
-# Tool that points down, x along the heading.
-_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
-
-
 def support_targets(plate: Plate, support: Support) -> tuple[SkillTargets, ...]:
     """Return the poses of a support, along the plate's axes.
 
@@ -330,15 +337,6 @@ def _support(
     pre[:3, 3] += frame[:3, :3] @ np.asarray(offset)
     subgoals = (Subgoal("pre", "tool", pre), Subgoal("support", "tool", pose))
     return SkillTargets(skill, subgoals)
-
-
-_TOUCH = 0.001
-"""A fixture whose top is this near to a brick's bottom carries it [m]."""
-
-PRESSED = 0.003
-"""How deep a tool may go into bricks that it is allowed to touch: the audit lets pass as much [m]."""
-
-Bricks = Mapping[str, OnGrid]
 
 
 def contacts_at_rest(

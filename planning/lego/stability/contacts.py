@@ -40,6 +40,9 @@ CONTACT_RADIUS = 0.25
 LAYER = LAYER_HEIGHT / STUD_PITCH
 """Height of a layer [studs]."""
 
+UP = (0.0, 0.0, 1.0)
+LEVEL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+
 
 @dataclass(frozen=True)
 class KnobJoint:
@@ -169,10 +172,6 @@ def _cavity(nx: int, ny: int, i: int, j: int) -> Array:
     out = np.array(points, dtype=np.float64)
     out.setflags(write=False)
     return out
-
-
-UP = (0.0, 0.0, 1.0)
-LEVEL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,10 @@ Region = tuple[Point, ...]
 _EPS = 1e-9
 """Points as near as this are the same [studs], areas as small are none."""
 
+Names = frozenset[str]
+
+_STRENGTH = JointStrength()
+
 
 def resting_region(
     item: PlacedBrick, joints: Iterable[KnobJoint], regions: Mapping[str, Region]
@@ -97,11 +101,6 @@ def convex_hull(points: Collection[Point]) -> Region:
 
 def _cross(a: Point, b: Point, c: Point) -> float:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-
-Names = frozenset[str]
-
-_STRENGTH = JointStrength()
 
 
 @dataclass(frozen=True)

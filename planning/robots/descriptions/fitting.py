@@ -26,6 +26,15 @@ from planning.robots.descriptions.urdf_geometry import (
 from planning.robots.descriptions.xml_files import number, vector
 from planning.transforms import Array, Transform, identity, readonly
 
+_ELEMENT = "assembly_twin"
+_INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+_SHORTEST = 0.01
+"""No tool is shorter than this [m]."""
+
+_SLACK = 1e-6
+"""A value may be past a limit by this: rounding of files [rad or m]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Tool:
@@ -83,9 +92,6 @@ class Fitting:
     def is_nothing(self) -> bool:
         """Whether the description stays as it is."""
         return self == Fitting()
-
-
-_ELEMENT = "assembly_twin"
 
 
 def write_options(root: Element, options: UrdfOptions) -> None:
@@ -150,12 +156,6 @@ def _grip(element: Element) -> ToolGrip:
     return ToolGrip((least, most), tool, presses)
 
 
-_INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-
-_SHORTEST = 0.01
-"""No tool is shorter than this [m]."""
-
-
 def weigh(body: Element, link: str, mass: float, centre: Array, length: float) -> None:
     """Let the links of a description weigh so much together.
 
@@ -197,10 +197,6 @@ def weigh(body: Element, link: str, mass: float, centre: Array, length: float) -
                 key: repr(turning if key[1] == key[2] else 0.0) for key in _INERTIAS
             }
             SubElement(inertial, "inertia", same)
-
-
-_SLACK = 1e-6
-"""A value may be past a limit by this: rounding of files [rad or m]."""
 
 
 def hold_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:

@@ -66,6 +66,8 @@ _COLOUR = "0.35 0.37 0.40 1"
 Piece = tuple[str, dict[str, str], Transform]
 """Tag and attributes of a shape of URDF, and its pose in the frame of the form."""
 
+_KEPT = ("link", "joint", "material")
+
 
 def urdf_of_shapes(name: str, shapes: Sequence[PlacedForm]) -> Element:
     """Return the description of a thing of one link.
@@ -159,9 +161,6 @@ def _obj(vertices: Array, faces: Indices | Array) -> str:
         draft.write_text(text)
         draft.replace(path)
     return str(path)
-
-
-_KEPT = ("link", "joint", "material")
 
 
 def fitted_description(

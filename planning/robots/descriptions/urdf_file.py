@@ -29,6 +29,15 @@ _CONTINUOUS_LIMIT = 2.0 * math.pi
 BY_JOINT = ("velocity", "acceleration", "jerk", "effort")
 """Limits that are given of joints."""
 
+_FLANGES = ("tool0", "flange")
+"""Names of flanges, best first. On ROS-Industrial robots z points out of the flange in ``tool0``,
+and x does in ``flange``; on others ``flange`` is all there is."""
+
+_TIP = re.compile(
+    r"(^|[_./-])(tcp|tool_cent(er|re)_point|grasp_?target|grasp(_frame)?|pinch|tool_tip)$",
+    re.IGNORECASE,
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class GivenLimits:
@@ -360,16 +369,6 @@ def _drive(limit: Element, key: str, where: str) -> float:
                 )
             return value if 0.0 < value <= FASTEST_DESCRIBED else math.inf
     return math.inf
-
-
-_FLANGES = ("tool0", "flange")
-"""Names of flanges, best first. On ROS-Industrial robots z points out of the flange in ``tool0``,
-and x does in ``flange``; on others ``flange`` is all there is."""
-
-_TIP = re.compile(
-    r"(^|[_./-])(tcp|tool_cent(er|re)_point|grasp_?target|grasp(_frame)?|pinch|tool_tip)$",
-    re.IGNORECASE,
-)
 
 
 def flange_link(description: UrdfFile, wanted: str | None) -> str:

@@ -15,6 +15,19 @@ from planning.files import is_file, read_file, ros_folders
 # Some files begin with comments, and say only then that they are XML.
 _DECLARATION = re.compile(rb"\A((?:\s+|<!--.*?-->)+)<\?xml[^>]*\?>", re.DOTALL)
 
+_ABOVE = 3
+"""So many folders above that of a description are searched."""
+
+# What a link may measure and how far from its joint it may be [m], [rad]: libraries crash,
+# or never end, on bodies of 1e300 m and of no size at all.
+SIZES = {
+    "size": (1e-6, 1000.0, 3),
+    "radius": (1e-6, 1000.0, 1),
+    "length": (1e-6, 1000.0, 1),
+    "scale": (1e-9, 1e6, 3),
+}
+_PLACES = {"xyz": (0.0, 1000.0, 3), "rpy": (0.0, 1e4, 3)}
+
 
 def read_xml(path: Path) -> Element:
     """Return the root of an XML file, prefixes of names left as they are written.
@@ -55,10 +68,6 @@ def without_prefixes(root: Element) -> None:
             del element.attrib[key]
 
 
-_ABOVE = 3
-"""So many folders above that of a description are searched."""
-
-
 def search_folders(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[Path, ...]:
     """Return where the meshes of a description are looked up, its own folder first.
 
@@ -92,16 +101,6 @@ def bare_name(name: str) -> str:
         name = name.removeprefix(scheme)
     return name
 
-
-# What a link may measure and how far from its joint it may be [m], [rad]: libraries crash,
-# or never end, on bodies of 1e300 m and of no size at all.
-SIZES = {
-    "size": (1e-6, 1000.0, 3),
-    "radius": (1e-6, 1000.0, 1),
-    "length": (1e-6, 1000.0, 1),
-    "scale": (1e-9, 1e6, 3),
-}
-_PLACES = {"xyz": (0.0, 1000.0, 3), "rpy": (0.0, 1e4, 3)}
 
 SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 SHAPES |= {"mesh": ("filename",)}

@@ -18,6 +18,9 @@ from twin.audit.motion.executed import Stay
 from twin.audit.motion.reach import RobotSamples, motion_bounds
 from twin.audit.worlds.world import AuditWorld, WatchedShape
 
+_AT_ONCE = 400_000
+"""So many pairs times samples are looked at at once, to bound memory."""
+
 
 @dataclass(frozen=True, eq=False)
 class Track:
@@ -34,10 +37,6 @@ class Track:
     holder: int | None
     link: int
     pose: Transform | None
-
-
-_AT_ONCE = 400_000
-"""So many pairs times samples are looked at at once, to bound memory."""
 
 
 @dataclass(frozen=True)

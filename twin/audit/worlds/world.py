@@ -29,6 +29,9 @@ FAR = 10.0
 _WALL = 1.0
 """Edge of the wall to which the reach of tools is measured, and how far away it stands [m]."""
 
+Convex = Box | Cylinder | Capsule | Array
+"""A form, or the corners of a hull, shape (c, 3)."""
+
 
 @dataclass(frozen=True)
 class WatchedShape:
@@ -63,10 +66,6 @@ class WatchedShape:
     def at(self, pose: Transform) -> Transform:
         """Return its pose where the fixture or object that it belongs to is at ``pose``."""
         return pose if self.local is None else pose @ self.local
-
-
-Convex = Box | Cylinder | Capsule | Array
-"""A form, or the corners of a hull, shape (c, 3)."""
 
 
 class AuditWorld:

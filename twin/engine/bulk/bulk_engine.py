@@ -38,6 +38,11 @@ from twin.uncertainty.disturbances import Disturbances, Speed
 from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
 from twin.uncertainty.skill_durations import SkillDraws, cumulative_shares
 
+_SEED = 7_919
+"""Of the draws of forecasts, beside those of the runs."""
+
+_DRAWS, _MOST_VALUES = 2000, 10_000_000
+
 
 class _Shares(NamedTuple):
     """Shares of drawn tasks in the segments of a contraction.
@@ -205,12 +210,6 @@ def _add_shares(totals: Nanoseconds, shares: _Shares, busy: Nanoseconds) -> None
             total = float(totals[draw, r])
             part = np.rint(shares.high[k] * total) - np.rint(shares.low[k] * total)
             busy[segment, r] += np.int64(part)
-
-
-_SEED = 7_919
-"""Of the draws of forecasts, beside those of the runs."""
-
-_DRAWS, _MOST_VALUES = 2000, 10_000_000
 
 
 def held_back(tpg: TemporalPlanGraph, model: ExecutionModel) -> TemporalPlanGraph:

@@ -46,6 +46,12 @@ from twin.uncertainty.skill_durations import nominal_ns
 OTHER = 2
 """Cause of a wait that the plan did not ask for: a message under way, the clock, a turn."""
 
+_BLOCK = 64
+"""Replications computed together: their ends of all nodes of a cell stay in the cache."""
+
+AT_ONCE = Messages()
+"""Messages that take no time."""
+
 
 class PrecedenceArrays(NamedTuple):
     """A flat graph with the causes of its edges and earliest starts.
@@ -137,10 +143,6 @@ def _sequential_order(tpg: TemporalPlanGraph) -> Indices:
     return np.fromiter(sequential_order(tpg), dtype=np.int64)
 
 
-_BLOCK = 64
-"""Replications computed together: their ends of all nodes of a cell stay in the cache."""
-
-
 @dataclass(frozen=True)
 class Completions:
     """Node times, waits and critical paths of replications.
@@ -193,10 +195,6 @@ class Past(NamedTuple):
     start_ns: Nanoseconds
     end_ns: Nanoseconds
     not_before_ns: Nanoseconds
-
-
-AT_ONCE = Messages()
-"""Messages that take no time."""
 
 
 def end_times(

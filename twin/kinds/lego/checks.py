@@ -78,6 +78,9 @@ _MEETS = 0.001
 
 _NOWHERE = np.zeros(0)
 
+_MOST_STEPS = 6
+"""Steps out of reach of an assembly of bricks that are named."""
+
 
 def lego_kind(subject: Subject) -> LegoKind:
     """Return the LEGO assembly of a scenario."""
@@ -201,10 +204,6 @@ def check_helpers(subject: Subject) -> Findings:
                 ("assembly", "rules"),
                 f"a temporary brick that it takes cannot be taken out again: {found.words}",
             )
-
-
-_MOST_STEPS = 6
-"""Steps out of reach of an assembly of bricks that are named."""
 
 
 def _check_bricks(subject: Subject, section: LegoSection) -> Findings:

@@ -28,6 +28,7 @@ from twin.scenario.sections.kind import AssemblySection
 from twin.scenario.sections.shapes import Colour, PoseSection, as_planned
 
 Studs = Two[Annotated[int, Field(ge=1, le=1000)]]
+TwistDeg = Annotated[float, Field(gt=0, lt=90)]
 
 
 class PlateSection(Section):
@@ -168,9 +169,6 @@ class BrickStepSection(Section):
         if self.supports and self.support != self.supports[0]:
             raise ValueError("'support' must be the first of 'supports'")
         return self
-
-
-TwistDeg = Annotated[float, Field(gt=0, lt=90)]
 
 
 class TwistSection(Section):

@@ -9,6 +9,8 @@ from pydantic import Field, model_validator
 from planning.bounds import LONGEST_S
 from twin.document.section import Name, Section, Two
 
+Lag = Annotated[float, Field(ge=0, le=LONGEST_S)]
+
 
 class FitSection(Section):
     """Two parts that are pressed into each other, or a part and a fixture.
@@ -21,9 +23,6 @@ class FitSection(Section):
 
     parts: Two[Name]
     press_m: Annotated[float, Field(gt=0, le=0.05)]
-
-
-Lag = Annotated[float, Field(ge=0, le=LONGEST_S)]
 
 
 class AfterSection(Section):

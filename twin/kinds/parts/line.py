@@ -30,6 +30,9 @@ from twin.scenario.sections.standing import JoinedSection
 
 Pair = TypeVar("Pair", JoinedSection, FitSection)
 
+OUTFEED = "outfeed"
+"""Name of the machine that takes products away."""
+
 
 @dataclass(frozen=True)
 class MachineJob:
@@ -76,10 +79,6 @@ def machine_jobs(section: PartsSection, period: int) -> Mapping[int, MachineJob]
             door = part if section.products is None else numbered(part, product)
         found[number] = MachineJob(machine, door, part, product)
     return found
-
-
-OUTFEED = "outfeed"
-"""Name of the machine that takes products away."""
 
 
 @dataclass(frozen=True)

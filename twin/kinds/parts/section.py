@@ -22,6 +22,13 @@ from twin.scenario.sections.shapes import (
 )
 from twin.scenario.sections.standing import BalanceSection, JoinedParts
 
+Distance = Annotated[float, Field(ge=1e-4, le=1)]
+Positions = Annotated[int, Field(ge=1, le=50)]
+Margin = Annotated[float, Field(ge=0, le=1)]
+Steepest = Annotated[float, Field(ge=0, le=180)]
+Tilt = Annotated[float, Field(gt=-90, lt=90)]
+Around = Annotated[float, Field(ge=1, le=360)]
+
 
 class DoorSection(ShapedSection):
     """Room that no robot may be in while its machine works: the leaf of a door, or a zone.
@@ -51,13 +58,7 @@ def _real_direction(value: tuple[float, ...]) -> tuple[float, ...]:
     return value
 
 
-Distance = Annotated[float, Field(ge=1e-4, le=1)]
 Direction = Annotated[Vector3, AfterValidator(_real_direction)]
-Positions = Annotated[int, Field(ge=1, le=50)]
-Margin = Annotated[float, Field(ge=0, le=1)]
-Steepest = Annotated[float, Field(ge=0, le=180)]
-Tilt = Annotated[float, Field(gt=-90, lt=90)]
-Around = Annotated[float, Field(ge=1, le=360)]
 
 
 class PartSection(ShapedSection):

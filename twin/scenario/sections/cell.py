@@ -43,6 +43,14 @@ FINGERS_S, SUCTION_S = 0.4, 0.2
 """What fingers take to close or to open, and suction to come on or to go off, where nobody says: an
 assumption, and no measurement [s]."""
 
+_Limit = Annotated[float, Field(ge=SLOWEST, le=FASTEST)]
+_Effort = Annotated[float, Field(gt=0, le=1e6)]
+_ToolSpeed = Annotated[float, Field(ge=SLOWEST, le=1000)]
+Vector2 = Two[Coordinate]
+
+_OF_A_TEAM = ("model", "tool", "flange", "limits", "joints")
+"""What all robots of a team have alike."""
+
 
 def actuation_model(given: ActuationTime | None, *, suction: bool) -> DurationModel:
     """Return how long a tool takes to close or to open, given what is said of it."""
@@ -50,11 +58,6 @@ def actuation_model(given: ActuationTime | None, *, suction: bool) -> DurationMo
         return given
     usual = SUCTION_S if suction else FINGERS_S
     return Fixed(value_s=usual if given is None else given)
-
-
-_Limit = Annotated[float, Field(ge=SLOWEST, le=FASTEST)]
-_Effort = Annotated[float, Field(gt=0, le=1e6)]
-_ToolSpeed = Annotated[float, Field(ge=SLOWEST, le=1000)]
 
 
 class RackSection(PoseSection):
@@ -187,9 +190,6 @@ class LimitsSection(Section):
     loaded_tool_speed_m_s: _ToolSpeed | None = None
 
 
-Vector2 = Two[Coordinate]
-
-
 class ParkedSection(Section):
     """Pose of a mobile robot at HOME, on the ground of its base frame.
 
@@ -273,10 +273,6 @@ class RingSection(Section):
     radius_m: Annotated[float, Field(ge=0.001, le=LARGEST_M)]
     centre_m: Vector2 = (0.0, 0.0)
     start_deg: Coordinate = 0.0
-
-
-_OF_A_TEAM = ("model", "tool", "flange", "limits", "joints")
-"""What all robots of a team have alike."""
 
 
 class TeamSection(Section):

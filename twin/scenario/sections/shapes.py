@@ -31,6 +31,12 @@ Mass = Annotated[float, Field(ge=0, le=HEAVIEST_KG)]
 Configuration = Annotated[
     tuple[Coordinate, ...], Field(min_length=1, max_length=MOST_JOINTS)
 ]
+Planned = TypeVar("Planned", bound="DataclassInstance")
+
+_UNITS = ("m", "rad", "deg", "kg", "n", "nm")
+Length = Annotated[float, Field(ge=THINNEST_M, le=LARGEST_M)]
+FORMS = ("box", "cylinder", "capsule", "mesh", "compound")
+"""Keys of a shape, of which one is given."""
 
 
 class PoseSection(Section):
@@ -102,11 +108,6 @@ def plain_values(section: Section) -> dict[str, Any]:
     return out
 
 
-Planned = TypeVar("Planned", bound="DataclassInstance")
-
-_UNITS = ("m", "rad", "deg", "kg", "n", "nm")
-
-
 def _plain(value: Any) -> Any:
     """Return a value with transforms for poses."""
     if isinstance(value, PoseSection):
@@ -114,11 +115,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _plain(entry) for key, entry in value.items()}
     return value
-
-
-Length = Annotated[float, Field(ge=THINNEST_M, le=LARGEST_M)]
-FORMS = ("box", "cylinder", "capsule", "mesh", "compound")
-"""Keys of a shape, of which one is given."""
 
 
 class CylinderSection(Section):

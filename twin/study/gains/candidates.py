@@ -16,6 +16,20 @@ from twin.engine.execution_model import ExecutionModel
 from twin.study.gains.replays import Lever, Replay
 from twin.uncertainty.chain_draws import Cause
 
+WAIT_NAMES = {
+    MOTION_CONFLICT: "all waits for the way to be free",
+    TASK_DEPENDENCY: "all waits for another robot's task",
+}
+_STANDS: dict[Cause, str] = {
+    "stall": "stalls",
+    "breakdown": "breakdowns",
+    "retry": "failed attempts",
+}
+_EVERYONE = "all robots"
+_SKILL_NAMES = {TRANSIT: "every motion", STRAIGHT: "every straight way"}
+
+Scored = Iterator[tuple[float, Lever]]
+
 
 class Most(NamedTuple):
     """Most candidates of each kind, those that were critical for the longest time.
@@ -40,20 +54,6 @@ class Most(NamedTuple):
 MANY = Most(tasks=20, skills=7, waits=12, robots=8)
 FEW = Most(tasks=6, skills=7, waits=0, robots=2)
 """By longest paths, and by events, which take a thousand times as long."""
-
-WAIT_NAMES = {
-    MOTION_CONFLICT: "all waits for the way to be free",
-    TASK_DEPENDENCY: "all waits for another robot's task",
-}
-_STANDS: dict[Cause, str] = {
-    "stall": "stalls",
-    "breakdown": "breakdowns",
-    "retry": "failed attempts",
-}
-_EVERYONE = "all robots"
-_SKILL_NAMES = {TRANSIT: "every motion", STRAIGHT: "every straight way"}
-
-Scored = Iterator[tuple[float, Lever]]
 
 
 def candidates(

@@ -46,6 +46,9 @@ _LEAST_BY_EVENTS, _MOST_BY_EVENTS = 8, 200
 _MOST_VALUES = 8_000_000
 """Nodes and edges times replications that are in memory at once."""
 
+LEVER_FIELDS = ("kind", "many", "name", "robot", "task")
+"""What both files say of a lever."""
+
 
 class Saving(Figures):
     """Fall of the makespan.
@@ -187,10 +190,6 @@ def _affordable(load: Workload, count: int, share: float) -> int:
 
 def _seconds(nanoseconds: Indices) -> Array:
     return np.asarray(nanoseconds / NANOSECONDS)
-
-
-LEVER_FIELDS = ("kind", "many", "name", "robot", "task")
-"""What both files say of a lever."""
 
 
 def gain_content(gain: Gain) -> dict[str, Any]:

@@ -44,6 +44,13 @@ OPERATED = (
     " knew from the beginning what would be lost, in which attempts fail and never for good. What follows further"
     " down, such as what is worth fixing, is of the first plan, and of replications in which nothing was planned anew."
 )
+_SHARE = "{:.1f} %"
+
+HEAD = (
+    *("products an hour", "takt [s]", "takt P99 [s]", "cycle time [s]"),
+    *("cycle time P99 [s]", "work in progress"),
+)
+LATE = "late products"
 
 
 def gains_tables(cell: CellGains, label: str, *, confidence: float, most: int) -> str:
@@ -128,15 +135,6 @@ def busy_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
         for cell in cells
     ]
     return ["busy", *names], rows
-
-
-_SHARE = "{:.1f} %"
-
-HEAD = (
-    *("products an hour", "takt [s]", "takt P99 [s]", "cycle time [s]"),
-    *("cycle time P99 [s]", "work in progress"),
-)
-LATE = "late products"
 
 
 def line_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:

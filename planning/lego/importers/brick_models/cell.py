@@ -50,6 +50,25 @@ APART = 2
 AWAY = 3
 """Studs between a station and the structure."""
 
+STUDS = 48
+"""Studs of the plate along x and y."""
+
+_WIDER = (56, 64)
+"""Studs along x of the plates for models that would stand in the way of picks at their stations."""
+
+_MODEL = "gp4"
+_BASE_Z = 0.9246
+_PLATE = (0.44, 0.0, 1.1145)
+_TABLE = {
+    "name": "table",
+    "size_m": [0.6, 1.2, 0.02],
+    "pose": {"xyz_m": [0.44, 0, 1.1045]},
+}
+_ROBOTS = (("left", 0.0, 0.0), ("right", 0.88, 180.0))
+"""Name, x of the base [m], and yaw [deg]."""
+
+_MOST_WIDE = STUDS - 2 * (APART + 2 + AWAY)
+
 
 @dataclass(frozen=True)
 class Station(OnGrid):
@@ -140,13 +159,6 @@ def _reaches(robot: PlacedRobot, plate: Plate, station: Station) -> bool:
     )
 
 
-STUDS = 48
-"""Studs of the plate along x and y."""
-
-_WIDER = (56, 64)
-"""Studs along x of the plates for models that would stand in the way of picks at their stations."""
-
-
 class Finished:
     """Picks at stations once a model stands.
 
@@ -178,20 +190,6 @@ class Finished:
             if not isinstance(found, ResolvedSkill) or skills.latest(found) is not None:
                 return False
         return True
-
-
-_MODEL = "gp4"
-_BASE_Z = 0.9246
-_PLATE = (0.44, 0.0, 1.1145)
-_TABLE = {
-    "name": "table",
-    "size_m": [0.6, 1.2, 0.02],
-    "pose": {"xyz_m": [0.44, 0, 1.1045]},
-}
-_ROBOTS = (("left", 0.0, 0.0), ("right", 0.88, 180.0))
-"""Name, x of the base [m], and yaw [deg]."""
-
-_MOST_WIDE = STUDS - 2 * (APART + 2 + AWAY)
 
 
 def model_cell(model: BrickModel) -> dict[str, Any]:

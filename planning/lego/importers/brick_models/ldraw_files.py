@@ -50,6 +50,62 @@ _WRITTEN = re.compile(r"(?:0x[0-9a-f]{1,2}|#)?([0-9a-f]{6})")
 _DEFINED = re.compile(
     r"0\s+!COLOUR\s+\S+\s+CODE\s+(\d{1,9})\s+VALUE\s+#([0-9A-Fa-f]{6})\b"
 )
+_COLOUR = re.compile(r"[+-]?\d{1,10}|(0x|#)[0-9a-fA-F]{6,8}", re.ASCII)
+_REFERENCE = 15
+_LARGEST = 1e7
+
+FORM = (
+    "a line starts with 0 to 5; a part is a line such as"
+    " '1 4 20 -24 0 1 0 0 0 1 0 0 0 1 3001.dat': 1, colour, x y z, nine of its rotation, file"
+)
+
+STUD, LEVEL = 20, 8
+"""Distance of studs, and height of a plate; a brick is three times as high [LDraw units]."""
+
+_NUMBERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "1x1": ("3005",),
+        "1x2": ("3004",),
+        "1x3": ("3622",),
+        "1x4": ("3010",),
+        "1x6": ("3009",),
+        "1x8": ("3008",),
+        "2x2": ("3003",),
+        "2x3": ("3002",),
+        "2x4": ("3001",),
+        "2x6": ("2456", "44237"),
+        "2x8": ("3007",),
+        "1x1-plate": ("3024",),
+        "1x2-plate": ("3023", "3023a", "3023b"),
+        "1x3-plate": ("3623",),
+        "1x4-plate": ("3710",),
+        "1x6-plate": ("3666",),
+        "1x8-plate": ("3460",),
+        "2x2-plate": ("3022",),
+        "2x3-plate": ("3021",),
+        "2x4-plate": ("3020",),
+        "2x6-plate": ("3795",),
+        "2x8-plate": ("3034",),
+    }
+)
+
+PARTS: Mapping[str, BrickType] = MappingProxyType(
+    {number: BRICKS[kind] for kind, all_ in _NUMBERS.items() for number in all_}
+)
+"""Brick types by the number of their part."""
+
+_BASEPLATES = frozenset(
+    ("3497", "3334", "3645", "3811", "3857", "3865", "3867", "4186", "4187")
+)
+"""Thin plates that models stand on, from 8 x 16 to 48 x 48 studs."""
+
+_OF_SIZE = {
+    (tuple(sorted(BRICKS[kind].studs)), BRICKS[kind].height): numbers[0]
+    for kind, numbers in _NUMBERS.items()
+}
+
+# Printed ones have a p and more behind the number, such as 3005p01.
+_PRINTED = re.compile(r"(\d+[ab]?)p\w*")
 
 
 def colour_of(text: str, defined: Mapping[int, Colour]) -> Colour | None:
@@ -70,16 +126,6 @@ def colour_of(text: str, defined: Mapping[int, Colour]) -> Colour | None:
 
 def _split(value: int) -> Colour:
     return value >> 16, value >> 8 & 255, value & 255
-
-
-_COLOUR = re.compile(r"[+-]?\d{1,10}|(0x|#)[0-9a-fA-F]{6,8}", re.ASCII)
-_REFERENCE = 15
-_LARGEST = 1e7
-
-FORM = (
-    "a line starts with 0 to 5; a part is a line such as"
-    " '1 4 20 -24 0 1 0 0 0 1 0 0 0 1 3001.dat': 1, colour, x y z, nine of its rotation, file"
-)
 
 
 @dataclass(frozen=True)
@@ -195,55 +241,6 @@ def _reference(words: Sequence[str], number: int) -> Reference | str:
     pose[:3, 3] = values[:3]
     pose[:3, :3] = np.reshape(values[3:], (3, 3))
     return Reference(number, pose, file_name(words[14]), words[1].casefold())
-
-
-STUD, LEVEL = 20, 8
-"""Distance of studs, and height of a plate; a brick is three times as high [LDraw units]."""
-
-_NUMBERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "1x1": ("3005",),
-        "1x2": ("3004",),
-        "1x3": ("3622",),
-        "1x4": ("3010",),
-        "1x6": ("3009",),
-        "1x8": ("3008",),
-        "2x2": ("3003",),
-        "2x3": ("3002",),
-        "2x4": ("3001",),
-        "2x6": ("2456", "44237"),
-        "2x8": ("3007",),
-        "1x1-plate": ("3024",),
-        "1x2-plate": ("3023", "3023a", "3023b"),
-        "1x3-plate": ("3623",),
-        "1x4-plate": ("3710",),
-        "1x6-plate": ("3666",),
-        "1x8-plate": ("3460",),
-        "2x2-plate": ("3022",),
-        "2x3-plate": ("3021",),
-        "2x4-plate": ("3020",),
-        "2x6-plate": ("3795",),
-        "2x8-plate": ("3034",),
-    }
-)
-
-PARTS: Mapping[str, BrickType] = MappingProxyType(
-    {number: BRICKS[kind] for kind, all_ in _NUMBERS.items() for number in all_}
-)
-"""Brick types by the number of their part."""
-
-_BASEPLATES = frozenset(
-    ("3497", "3334", "3645", "3811", "3857", "3865", "3867", "4186", "4187")
-)
-"""Thin plates that models stand on, from 8 x 16 to 48 x 48 studs."""
-
-_OF_SIZE = {
-    (tuple(sorted(BRICKS[kind].studs)), BRICKS[kind].height): numbers[0]
-    for kind, numbers in _NUMBERS.items()
-}
-
-# Printed ones have a p and more behind the number, such as 3005p01.
-_PRINTED = re.compile(r"(\d+[ab]?)p\w*")
 
 
 def part_of(name: str) -> BrickType | None:

@@ -27,6 +27,14 @@ from twin.durations.model import DurationModel
 from twin.kinds.parts.checks.context import of_parts
 from twin.kinds.parts.ordered_parts import OrderedParts
 
+_USES = {
+    "pick": (CLOSE,),
+    "place-down": (OPEN,),
+    "handover": (CLOSE, OPEN),
+    HOLD: (CLOSE,),
+}
+"""What tools do in a skill of an assembly of parts."""
+
 
 @of_parts
 def check_holds(subject: Subject, parts: OrderedParts) -> Findings:
@@ -129,15 +137,6 @@ def check_pads(subject: Subject, _: OrderedParts) -> Findings:
                 " farther out than what is between: whether it touches the parts that it grips is neither"
                 " planned nor audited; give its fingers shapes of their own, on both sides along 'closing'",
             )
-
-
-_USES = {
-    "pick": (CLOSE,),
-    "place-down": (OPEN,),
-    "handover": (CLOSE, OPEN),
-    HOLD: (CLOSE,),
-}
-"""What tools do in a skill of an assembly of parts."""
 
 
 def check_grip_times(subject: Subject) -> Findings:

@@ -38,6 +38,12 @@ from twin.kinds.parts.checks.context import of_parts
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.section import MachineSection
 
+_BRIDGED = 0.02
+"""A tool that stays no farther than this from what it works at works at it [m]."""
+
+_BESIDE = 0.5
+"""A machine works at parts no farther than this from its door, and from each other [m]."""
+
 
 @of_parts
 def check_goals(subject: Subject, parts: OrderedParts) -> Findings:
@@ -101,13 +107,6 @@ def check_balance(subject: Subject, parts: OrderedParts) -> Findings:
                 error=True,
             )
             return
-
-
-_BRIDGED = 0.02
-"""A tool that stays no farther than this from what it works at works at it [m]."""
-
-_BESIDE = 0.5
-"""A machine works at parts no farther than this from its door, and from each other [m]."""
 
 
 @of_parts
