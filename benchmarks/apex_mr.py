@@ -37,7 +37,7 @@ from planning.lego.importers.apex_mr.importer import available_tasks
 from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.kinds.lego.imports import import_task
-from twin.planning.pipeline import plan_in_slots
+from twin.planning.pipeline import plan_synchronously
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario, follow_references
 from twin.study.comparison import (
@@ -234,7 +234,7 @@ class _Case:
 def _slots(turns: PlannedMotions) -> Iterator[int]:
     """Yield the slots of a plan and those that are planned jointly, always jointly and not."""
     for always in (True, False):
-        found = plan_in_slots(turns, StageWatch(), always_jointly=always)
+        found = plan_synchronously(turns, StageWatch(), always_jointly=always)
         yield int(np.max(found.slot_of_task, initial=-1)) + 1
         yield len(found.jointly_planned)
 

@@ -16,7 +16,7 @@ from benchmarks.apex_mr_tables import (
     quality,
 )
 from benchmarks.machine import load_line
-from planning.files import replacing
+from planning.files import replace_atomically
 from twin.host.atomic_files import write_json
 from twin.run.policies import SEQUENTIAL
 from twin.study.report.comparison_chart import draw_comparison
@@ -121,7 +121,7 @@ def write_report(
     if more:
         parts += [cells(more), quality(more, "Cells with more robots")]
     target = folder / f"{skills.file}.md"
-    with replacing(target) as temporary:
+    with replace_atomically(target) as temporary:
         text = "\n\n".join("\n".join(part) for part in parts if part)
         temporary.write_text(text + "\n", encoding="utf-8")
     return target

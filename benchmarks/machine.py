@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.kinematics import kinematics
 
 
@@ -43,4 +43,4 @@ def load_line(loads: Sequence[tuple[float, float]]) -> str:
 
 def forget_answers() -> None:
     """Let inverse kinematics forget what it was asked before, which would spare what is measured."""
-    kinematics._SOLVED = KeptAnswers(20_000)  # noqa: SLF001
+    kinematics._SOLVED = BoundedCache(20_000)  # noqa: SLF001

@@ -24,7 +24,7 @@ from pathlib import Path
 from benchmarks.apex_mr_paper import STRUCTURES, TABLE_II
 from benchmarks.machine import date_line, forget_answers, load_line, machine_line
 from twin.host.progress import StageWatch
-from twin.planning.pipeline import order_motions, plan_motions
+from twin.planning.pipeline import build_plan_graph, plan_motions
 from twin.reading.scenario_file import load_scenario
 
 RESULTS = Path(__file__).parent / "results"
@@ -114,7 +114,7 @@ def _plan(structure: str) -> tuple[int, int, _Clocks]:
     scenario = load_scenario(file)
     clocks = _Clocks()
     turns = plan_motions(scenario, file.parent, clocks)
-    order_motions(turns.motion_plan, clocks)
+    build_plan_graph(turns.motion_plan, clocks)
     return len(turns.task_plan.choices), scenario.seed, clocks
 
 

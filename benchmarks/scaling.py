@@ -34,7 +34,7 @@ from planning.lego.sequencing.blocking import check_reach
 from planning.lego.sequencing.stable_steps import stable_steps
 from planning.lego.skills.candidates import find_candidates
 from planning.lego.skills.expansion import lego_work
-from planning.motion.sequential import plan_sequential
+from planning.motion.sequential import plan_motions_sequentially
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import StepExpansions
 from scheduling.build_tpg import build_tpg
@@ -51,8 +51,8 @@ from twin.reading.scenario_file import load_scenario
 from twin.trial import executor
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import given_plan
+from twin.trial.run_plan import run_plan_to_folder
 from twin.trial.run_result import RunResult
-from twin.trial.trial import run_plan_to_folder
 
 RESULTS = Path(__file__).parent / "results"
 SIZES = (25, 50, 100, 200, 400, 800)
@@ -227,7 +227,9 @@ def _go_through(bricks: int, clock: Clock, *, shortcuts: bool) -> Measurement:
             choices = assign_steps(work.problem)
         with clock.stage("motion"):
             ways = StepExpansions(work, choices)
-            motions = plan_sequential(cell, ways.callables(), work.link, settings)
+            motions = plan_motions_sequentially(
+                cell, ways.callables(), work.link, settings
+            )
         with clock.stage("graph"):
             tpg = build_tpg(motions)
         cost, memory, violations = sum(c.cost for c in choices.choices), None, None

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from planning.errors import OutputError
-from planning.files import replacing
+from planning.files import replace_atomically
 from planning.tasks.task import Task
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
-from twin.planning.pipeline import order_motions, plan_motions
+from twin.planning.pipeline import build_plan_graph, plan_motions
 from twin.reading.scenario_file import load_scenario
 from twin.study.replications.timing_graph import bare_cell, timing_graph
 from twin.uncertainty.contraction import contract
@@ -48,7 +48,7 @@ def save_timing_graph(path: Path, graph: TemporalPlanGraph) -> None:
     items = graph.cell.objects
     arrays["object_name"] = np.array([item.name for item in items], dtype=str)
     arrays["object_kind"] = np.array([item.kind for item in items], dtype=str)
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         np.savez_compressed(temporary, **arrays)
 
 
@@ -115,7 +115,7 @@ def contracted_graph(
     scenario = load_scenario(path)
     watch = StageWatch(progress)
     turns = plan_motions(scenario, path.parent, watch)
-    tpg = order_motions(turns.motion_plan, watch)
+    tpg = build_plan_graph(turns.motion_plan, watch)
     return timing_graph(contract(tpg).tpg)
 
 

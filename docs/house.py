@@ -50,7 +50,7 @@ WAY = {
     "build_workcell": "make the cell",
     "assembly_kind": "find who could do which step, and how",
     "assign_steps": "choose who does what",
-    "plan_sequential": "plan how everyone moves",
+    "plan_motions_sequentially": "plan how everyone moves",
     "build_tpg": "find what must wait for what",
     "reorder_tasks": "put the tasks into a better order",
     "shorten_tpg": "take shortcuts past HOME",
@@ -58,7 +58,7 @@ WAY = {
     "Simulator": "let robots run, stall and wait",
     "JsonlRecorder": "write each event as it happens",
     "RunAuditor": "replay and measure it",
-    "summarise": "say what came of it",
+    "summarize_run": "say what came of it",
 }
 """Stages of ``twin run``, by the function or class that stands for each."""
 

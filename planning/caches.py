@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.errors import OutputError
-from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replacing
+from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replace_atomically
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
-WORTH = 0.1
+LEAST_SECONDS_TO_CACHE = 0.1
 """What is found in less time is found anew every time [s]."""
 
 Answer = TypeVar("Answer")
@@ -31,7 +31,7 @@ def cache_folder(kind: str) -> Path:
     return Path(named or Path.home() / ".cache") / "assembly-twin" / kind
 
 
-def remembered(
+def load_or_compute(
     kind: str,
     question: bytes,
     names: frozenset[str],
@@ -61,7 +61,7 @@ def remembered(
             return known
     begin = perf_counter()
     found = find()
-    if perf_counter() - begin >= WORTH:
+    if perf_counter() - begin >= LEAST_SECONDS_TO_CACHE:
         _write(file, found)
     return found
 
@@ -76,11 +76,11 @@ def _write(file: Path, answer: Arrays) -> None:
     arrays: dict[str, Any] = dict(answer)
     with suppress(OSError, OutputError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(file) as part:
+        with replace_atomically(file) as part:
             np.savez_compressed(part, **arrays)
 
 
-class KeptAnswers(Generic[Answer]):
+class BoundedCache(Generic[Answer]):
     """Answers by what was asked; all are forgotten when there are too many.
 
     Args:

@@ -150,26 +150,26 @@ class OutputError(TwinError):
     """A file or folder cannot be written or read."""
 
 
-def in_a_line(message: str) -> str:
+def join_lines(message: str) -> str:
     """Return a message of several lines in one, where what is told has room for no more."""
     lines = (" ".join(line.split()) for line in message.splitlines())
     return "; ".join(filter(None, lines)).replace(":; ", ": ")
 
 
-def printable(text: str) -> str:
+def escape_control_characters(text: str) -> str:
     """Return a text with every character that a terminal would obey replaced by a question mark."""
     if not isinstance(text, str):
         raise TypeError(f"{text!r} is no text")
     return "".join(c if c.isprintable() or c in "\n\t" else "?" for c in text)
 
 
-def listed(names: Sequence[str], most: int = 6) -> str:
+def format_names(names: Sequence[str], most: int = 6) -> str:
     """Return names for a message, and how many are left out where there are too many."""
     shown = ", ".join(names[:most])
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
-def told(faults: Sequence[str], most: int = 6, *, what: str = "") -> str:
+def format_faults(faults: Sequence[str], most: int = 6, *, what: str = "") -> str:
     """Return faults for a message, a line each, and how many are left out, and of what."""
     more = len(faults) - most
     return "\n".join(

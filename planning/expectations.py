@@ -49,7 +49,7 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False)
-class WantedProcess:
+class ExpectedProcess:
     """A process that is to be done once.
 
     Attributes:
@@ -82,7 +82,7 @@ class WantedProcess:
 
 
 @dataclass(frozen=True, eq=False)
-class WantedRest:
+class ExpectedRest:
     """A part lies somewhere on its way, or while something is done to it without a robot.
 
     Attributes:
@@ -163,10 +163,10 @@ class Expectations:
     gripped_at: str | None = None
     by_suction: frozenset[str] = frozenset()
     helpers: bool = False
-    processes: tuple[WantedProcess, ...] = ()
+    processes: tuple[ExpectedProcess, ...] = ()
     joined: Mapping[frozenset[str], float] = field(default_factory=dict)
     overlaps_m: Mapping[frozenset[str], float] = field(default_factory=dict)
-    rests: tuple[WantedRest, ...] = ()
+    rests: tuple[ExpectedRest, ...] = ()
     doors: frozenset[str] = frozenset()
     tools: tuple[ChangedTool, ...] = ()
     keeps: Mapping[str, str] = field(default_factory=dict)

@@ -197,7 +197,7 @@ def is_file(path: Path) -> bool:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replace_atomically(path: Path) -> Iterator[Path]:
     """Give a temporary path beside ``path`` to write to; it takes its place at the end.
 
     When writing fails the temporary file goes and what was at ``path`` stays.
@@ -217,14 +217,14 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def arrays_text(arrays: Mapping[str, npt.NDArray[Any]]) -> Iterator[bytes]:
+def digest_parts(arrays: Mapping[str, npt.NDArray[Any]]) -> Iterator[bytes]:
     """Yield what a hash of named arrays is made of: names, types, shapes and contents."""
     for name in sorted(arrays):
         yield f"{name} {arrays[name].dtype} {arrays[name].shape}".encode()
         yield np.ascontiguousarray(arrays[name]).tobytes()
 
 
-def file_named(name: str, folder: Path, error: type[TwinError]) -> Path:
+def resolve_file_name(name: str, folder: Path, error: type[TwinError]) -> Path:
     """Return the file that a name means: a path, or ``package://PACKAGE/PATH``.
 
     Args:

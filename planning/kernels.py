@@ -202,7 +202,7 @@ def copy_row(out: Any, values: Any) -> None:
 
 
 @inner_kernel
-def order_of_few(values: Any) -> Any:
+def argsort_few(values: Any) -> Any:
     """Return the places of a few numbers from the least to the greatest, equal ones as they stand.
 
     It is an insertion: sorts of numba, for any number of them, take longer to compile than all else here.

@@ -18,7 +18,7 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
-def side_by_side(
+def map_in_parallel(
     function: Callable[[Item], Result], items: Iterable[Item]
 ) -> list[Result]:
     """Apply a function to all items in parallel; return results in the order of the items.

@@ -13,7 +13,7 @@ import pulp
 
 
 @contextmanager
-def silenced() -> Iterator[None]:
+def silence_output() -> Iterator[None]:
     """Discard what compiled code prints: PyBullet prints a greeting when it is imported.
 
     Python's own output goes through the same two files; nothing else should happen inside.
@@ -33,10 +33,10 @@ def silenced() -> Iterator[None]:
         yield
 
 
-def new_highs() -> Any:
+def make_quiet_solver() -> Any:
     """Return a solver that prints nothing."""
     new_solver: Callable[[], Any] = highspy.Highs
-    with silenced():
+    with silence_output():
         solver = new_solver()
     solver.setOptionValue("output_flag", False)
     return solver
@@ -54,5 +54,5 @@ class QuietHighs(pulp.HiGHS):  # type: ignore[misc]  # PuLP does not say its typ
 
     def createAndConfigureSolver(self, lp: pulp.LpProblem) -> None:  # noqa: N802, PuLP's name
         """Make the solver of a program."""
-        with silenced():
+        with silence_output():
             super().createAndConfigureSolver(lp)

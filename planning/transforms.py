@@ -94,7 +94,7 @@ def inverse(pose: Transform) -> Transform:
     return out
 
 
-def readonly(values: npt.ArrayLike) -> Array:
+def read_only_copy(values: npt.ArrayLike) -> Array:
     """Return a float copy that cannot be written to."""
     out = np.array(values, dtype=np.float64)
     out.setflags(write=False)

@@ -9,7 +9,7 @@ import numpy as np
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task import TRANSIT, Task, still_borders
-from planning.transforms import Array, Indices, readonly
+from planning.transforms import Array, Indices, read_only_copy
 from scheduling.graph.temporal_plan_graph import (
     NO_EDGES,
     NodeChain,
@@ -82,7 +82,12 @@ def _nodes_of_robot(
         for h in task.handlings:
             node, waypoint = where[h.waypoint]
             handling = NodeHandling(
-                h.object, chain, first + node, waypoint, h.holder, readonly(h.pose)
+                h.object,
+                chain,
+                first + node,
+                waypoint,
+                h.holder,
+                read_only_copy(h.pose),
             )
             handlings.append((float(time[h.waypoint]), handling))
         parts.append(nodes)

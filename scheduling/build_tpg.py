@@ -7,7 +7,7 @@ from itertools import count, permutations
 import numpy as np
 
 from planning.motion.motion_plan import MotionPlan
-from planning.parallel import side_by_side
+from planning.parallel import map_in_parallel
 from planning.progress import Progress, no_progress
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
@@ -21,7 +21,7 @@ from scheduling.graph.temporal_plan_graph import (
     Causes,
     TemporalPlanGraph,
 )
-from scheduling.graph.total_order import nodes_before, order_and_reduce
+from scheduling.graph.total_order import nodes_before, transitive_reduction
 from scheduling.invariant import check_invariant
 
 
@@ -95,7 +95,7 @@ def find_motion_edges(
         progress: called after each ordered pair of robots with pairs done and in all, by the
             thread that searched it.
     """
-    implied, _ = order_and_reduce(nodes.ranks, task_edges)
+    implied, _ = transitive_reduction(nodes.ranks, task_edges)
     occupancies = nodes.occupancies
     todo = list(permutations(range(len(occupancies)), 2))
     done = count(1)
@@ -110,5 +110,5 @@ def find_motion_edges(
         progress(next(done), len(todo))
         return edges
 
-    edges = {edge for found in side_by_side(search, todo) for edge in found}
+    edges = {edge for found in map_in_parallel(search, todo) for edge in found}
     return np.array(sorted(edges), dtype=np.int64).reshape(-1, 4)

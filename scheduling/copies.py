@@ -62,10 +62,10 @@ class Pattern:
         if name not in self.objects:
             return name
         part, product = self.objects[name]
-        return numbered(part, product + copy * self.period)
+        return product_part_name(part, product + copy * self.period)
 
 
-def numbered(part: str, product: int) -> str:
+def product_part_name(part: str, product: int) -> str:
     """Return the name of a product's part, counted from 1."""
     return f"{part}.{product}"
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
-from planning.parallel import side_by_side
+from planning.parallel import map_in_parallel
 from planning.transforms import Indices
 from scheduling.conflicts.conflict_search import first_conflict
 from scheduling.conflicts.derived_tpg import (
@@ -24,7 +24,7 @@ from scheduling.conflicts.derived_tpg import (
     rest_stretch,
     standing_stretch,
 )
-from scheduling.conflicts.object_spans import Node, Rest, while_at_rest
+from scheduling.conflicts.object_spans import Node, Rest, nodes_meeting_rest
 from scheduling.conflicts.occupancy import Occupancy
 
 
@@ -126,7 +126,7 @@ def _check_rests(graph: DerivedTpg) -> None:
     def node_into(rest: Rest) -> Node | None:
         occupancy = rest_stretch(graph, rest).occupancy
         for i, chain in enumerate(graph.tpg.chains):
-            floor, limit = while_at_rest(graph.order, rest, i, len(chain))
+            floor, limit = nodes_meeting_rest(graph.order, rest, i, len(chain))
             if floor + 1 < limit:
                 window = np.full(1, floor), np.full(1, limit)
                 found = _conflict(graph, occupancy, i, *window)
@@ -135,7 +135,7 @@ def _check_rests(graph: DerivedTpg) -> None:
         return None
 
     rests = graph.history.rests
-    for rest, node in zip(rests, side_by_side(node_into, rests), strict=True):
+    for rest, node in zip(rests, map_in_parallel(node_into, rests), strict=True):
         if node is not None:
             raise PlanInvariantError(
                 f"{graph.node_name(*node)} runs into {rest.object!r}"

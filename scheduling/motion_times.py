@@ -17,7 +17,7 @@ import numpy.typing as npt
 from planning.cell.motion_limits import MotionLimits
 from planning.kernels import kernel
 from planning.timing.smooth_path import SmoothPath, smooth_path
-from planning.timing.stretch import exit_bound, pass_through
+from planning.timing.stretch import exit_bound, passage_seconds
 from planning.transforms import Array, Indices
 from scheduling.graph.actuations import chain_actuations
 from scheduling.graph.temporal_plan_graph import (
@@ -41,7 +41,7 @@ _TURN = 1e-7
 """Unit directions that differ by less are the same straight line."""
 
 
-def within_limits(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+def assign_node_times(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
     """Return a graph whose nodes take the times that their robots' limits ask for.
 
     Order, paths and edges stay as they are. Chains of robots without limits, and of machines, too.
@@ -60,7 +60,7 @@ def is_driven(tpg: TemporalPlanGraph) -> bool:
     return any(chain.drive is not None for chain in tpg.chains)
 
 
-def at_full_speed(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+def with_full_speed_times(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
     """Return a graph in which pose nodes take as long as at the speed that they may be passed at.
 
     No node may take less than it does at least. That is what durations are drawn of; the engines
@@ -151,10 +151,10 @@ def stretch_numbers(tpg: TemporalPlanGraph, k: int) -> Indices:
     """
     chain = tpg.chains[k]
     ends = node_ends(chain, 0, len(chain))
-    way = np.diff(ends, axis=0)
-    leave, enter = _directions(way), _directions(way)
+    displacement = np.diff(ends, axis=0)
+    leave, enter = _directions(displacement), _directions(displacement)
     inside = np.zeros(max(len(chain) - 1, 0), dtype=np.bool_)
-    moves = (np.linalg.norm(way, axis=1) > _STILL) & ~chain.skill
+    moves = (np.linalg.norm(displacement, axis=1) > _STILL) & ~chain.skill
     for bend in chain_bends(chain):
         begin, stop = bend.begin, bend.stop
         enter[begin] = _directions(bend.corner[:1] - ends[begin])[0]
@@ -198,7 +198,7 @@ def _nominal(
         for node in range(begin, end + 1):
             if ramp[node] > 0.0:
                 bound = exit_bound(cruise, cap, node, end, ramp)
-                out[node], speed, _ = pass_through(
+                out[node], speed, _ = passage_seconds(
                     cruise[node], cap[node], speed, bound, ramp[node]
                 )
         out[begin] += lag[begin]

@@ -26,10 +26,10 @@ from planning.timing.stretch import (
 from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along
 from planning.timing.torque import (
     ArmDynamics,
-    Bearing,
-    Payload,
-    borne_stretch,
-    why_unchecked,
+    HandPayload,
+    TorqueScaling,
+    explain_unchecked_efforts,
+    torque_limited_stretch,
 )
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import (
@@ -75,34 +75,36 @@ class Pace:
         self.limits = limits
         self._robot, self._loads = robot, loads
         self._joints = joint_table(robot.model)
-        self._weighed = why_unchecked(robot) is None
+        self._weighed = explain_unchecked_efforts(robot) is None
         self._dynamics: dict[HandLoad, ArmDynamics] = {}
 
-    def stretch(self, node: int, start: Array, way: Array) -> tuple[Stretch, Slowing]:
+    def stretch(
+        self, node: int, start: Array, displacement: Array
+    ) -> tuple[Stretch, Slowing]:
         """Return how a stretch is passed.
 
         Args:
             node: its first.
             start: where it begins, shape (n,).
-            way: from there to its end, shape (n,).
+            displacement: from there to its end, shape (n,).
         """
-        free = found = straight_stretch(self.limits, way)
+        free = found = straight_stretch(self.limits, displacement)
         slowing = Slowing()
         if free.cruise <= 0.0:
             return free, slowing
         load = self._loads.after(node, 0)
-        seconds = self._tool_seconds(load, start, way)
+        seconds = self._tool_seconds(load, start, displacement)
         if seconds > 0.0:
-            found = straight_stretch(self.limits, way, seconds)
+            found = straight_stretch(self.limits, displacement, seconds)
             # Over a short way full speed may never be reached, with the limit or without.
             slowing = _slower(found.seconds / free.seconds, BY_TOOL_SPEED)
         if self._weighed:
-            borne = self._dynamics_with(load).along_stretch(start, way, found)
-            found = borne_stretch(found, borne)
+            borne = self._dynamics_with(load).along_stretch(start, displacement, found)
+            found = torque_limited_stretch(found, borne)
             slowing = _borne(slowing, borne, found.seconds / free.seconds)
         return found, slowing
 
-    def full_speed_seconds(self, node: int, start: Array, way: Array) -> float:
+    def full_speed_seconds(self, node: int, start: Array, displacement: Array) -> float:
         """Return how long a straight line takes at the full speed of a way with rounded corners [s].
 
         At that speed the tool is not too fast anywhere on it, and joints can still bear that the robot
@@ -111,13 +113,13 @@ class Pace:
         Args:
             node: the first of the way.
             start: where the line begins, shape (n,).
-            way: from there to its end, shape (n,).
+            displacement: from there to its end, shape (n,).
         """
         load = self._loads.after(node, 0)
-        least = self._tool_seconds(load, start, way)
-        seconds = straight_stretch(self.limits, way, least).cruise
+        least = self._tool_seconds(load, start, displacement)
+        seconds = straight_stretch(self.limits, displacement, least).cruise
         if self._weighed and seconds > 0.0:
-            ends = np.array([start, start + way])
+            ends = np.array([start, start + displacement])
             line = BlendedPath(np.array([0.0, seconds]), ends, np.empty(0))
             bounds = self._dynamics_with(load).along_legs(line)
             seconds *= bounds.full_speed_factor()
@@ -145,8 +147,11 @@ class Pace:
         bounds = self._bounds(node, path)
         if bounds is None:
             return Slowing()
-        ways, taken = np.diff(path.points, axis=0), np.diff(path.at)
-        least = [straight_stretch(self.limits, way).cruise for way in ways]
+        displacements, taken = np.diff(path.points, axis=0), np.diff(path.at)
+        least = [
+            straight_stretch(self.limits, displacement).cruise
+            for displacement in displacements
+        ]
         share = float(np.max(np.array(least) / taken))
         quick = BlendedPath(path.at * share, path.points, path.window * share)
         free = rounded_stretch(self.limits, quick)
@@ -208,7 +213,7 @@ class Pace:
         if load not in self._dynamics:
             model = self._robot.model if load.tool is None else load.tool.model
             held = [
-                Payload(part.mass, part.shape, pose)
+                HandPayload(part.mass, part.shape, pose)
                 for part, pose in load.parts
                 if part.mass > 0.0
             ]
@@ -220,12 +225,14 @@ class Pace:
             return self.limits.tool_speed
         return min(self.limits.tool_speed, self.limits.loaded_tool_speed)
 
-    def _tool_seconds(self, load: HandLoad, start: Array, way: Array) -> float:
+    def _tool_seconds(self, load: HandLoad, start: Array, displacement: Array) -> float:
         """Return how long a straight line takes for the tool not to be too fast, 0 for no limit [s]."""
         cap = self._tool_speed(load)
         if not np.isfinite(cap):
             return 0.0
-        return tool_speed_along(self._joints, self._tip(load), start, way) / cap
+        return (
+            tool_speed_along(self._joints, self._tip(load), start, displacement) / cap
+        )
 
     def _tip(self, load: HandLoad) -> Array:
         """Return the point of the tool in the last joint's frame; without a tool, of the flange."""
@@ -239,7 +246,7 @@ def _slower(factor: float, cause: int) -> Slowing:
     return Slowing(factor, cause) if factor > _SAME else Slowing()
 
 
-def _borne(slowing: Slowing, borne: Bearing, factor: float) -> Slowing:
+def _borne(slowing: Slowing, borne: TorqueScaling, factor: float) -> Slowing:
     """Return what limits of effort make of a motion that is slowed down already.
 
     Args:
@@ -270,4 +277,4 @@ def _is_bounded(robot: PlacedRobot) -> bool:
     if limits is None:
         return False
     caps = limits.tool_speed, limits.loaded_tool_speed
-    return bool(np.isfinite(caps).any()) or why_unchecked(robot) is None
+    return bool(np.isfinite(caps).any()) or explain_unchecked_efforts(robot) is None

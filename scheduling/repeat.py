@@ -29,7 +29,7 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.copies import Pattern, copied_nodes
 from scheduling.graph.task_edges import task_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.total_order import order_and_reduce, planned_ranks
+from scheduling.graph.total_order import planned_ranks, transitive_reduction
 
 _MORE = 4
 """Copies that are built beyond those needed before it is given up that edges repeat."""
@@ -113,7 +113,7 @@ def _whole(
 
 def _require_waits(tpg: TemporalPlanGraph) -> None:
     """Require that edges follow the planned order and keep all dependencies of tasks."""
-    order, _ = order_and_reduce(planned_ranks(tpg.chains), tpg.edges)
+    order, _ = transitive_reduction(planned_ranks(tpg.chains), tpg.edges)
     nodes = {own.task: own for chain in task_nodes(tpg.chains) for own in chain}
     for a, b in tpg.dependencies.tolist():
         if a not in nodes or b not in nodes:

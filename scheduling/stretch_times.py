@@ -38,9 +38,9 @@ class Bend(NamedTuple):
             start: where its first node begins, shape (n,).
             end: where its last node ends, shape (n,).
         """
-        way = np.diff(np.concatenate([[0.0], self.at, [self.length]]))
+        durations = np.diff(np.concatenate([[0.0], self.at, [self.length]]))
         legs = np.diff(np.vstack([start, self.corner, end]), axis=0)
-        return np.asarray(legs / way[:, None])
+        return np.asarray(legs / durations[:, None])
 
 
 def stretch_drive(pace: Pace, chain: NodeChain, begin: int, stop: int) -> Drive:

@@ -9,7 +9,7 @@ import pytest
 from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_motions
-from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.sections.scenario import Scenario, resolve_scenario
 
 
 class PlannedOnce:
@@ -30,7 +30,7 @@ class PlannedOnce:
         """Return the motions, with the time that each stage took in the watch."""
         if whole or first is not None:
             return plan_motions(scenario, folder, watch, whole=whole, first=first)
-        content = resolved(scenario)
+        content = resolve_scenario(scenario)
         execution = content.pop("execution")
         skills = [execution[key] for key in ("skills", "skill_overrides")]
         key = json.dumps([content, skills, str(folder.resolve())])

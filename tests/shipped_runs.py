@@ -11,12 +11,12 @@ from typing import Any
 from twin.reading.scenario_file import load_scenario
 from twin.run.folder import prepare_run_folder
 from twin.scenario.sections.cell import choose_robots
-from twin.scenario.sections.scenario import Scenario, resolved, restored
+from twin.scenario.sections.scenario import Scenario, resolve_scenario, restore_scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
+from twin.trial.run_plan import run_plan_to_folder
 from twin.trial.run_result import RunResult
-from twin.trial.trial import run_plan_to_folder
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 
@@ -73,9 +73,9 @@ def _shared(folder: Path, file: Path, robots: int | None) -> ShippedRun:
 def _plan_and_run(folder: Path, file: Path, robots: int | None) -> ShippedRun:
     scenario = load_scenario(file)
     if robots is not None:
-        content = resolved(scenario)
+        content = resolve_scenario(scenario)
         choose_robots(content["cell"], robots)
-        scenario = restored(content)
+        scenario = restore_scenario(content)
     planned = plan_scenario(scenario, file.parent)
     trial = run_plan_to_folder(
         given_plan(LoadedScenario(scenario, file.parent), planned.tpg),

@@ -19,7 +19,7 @@ from tests.twin.operate.operated import STACK, lost, operated, planned
 from tests.twin.written import checked, written
 from twin.check.finding import Finding
 from twin.engine.narrator import Narrator
-from twin.operate.person import Ask, Ledger, Question
+from twin.operate.person import Ask, OperationLedger, Question
 from twin.run.events import EventCode
 
 PARTS = CELL.replace("  parts:", "  grips: {positions: 2}\n  parts:")
@@ -48,7 +48,7 @@ def other_messages() -> Iterator[None]:
         for kind, names in TEXTS:
             patch.setattr(kind, "__init__", _with_texts(kind.__init__, names))
         patch.setattr(TwinError, "__init__", _with_message(TwinError.__init__))
-        patch.setattr(Ledger, "give_up", _with_reason(Ledger.give_up))
+        patch.setattr(OperationLedger, "give_up", _with_reason(OperationLedger.give_up))
         patch.setattr(Narrator, "emit", _with_detail(Narrator.emit))
         yield
 

@@ -26,7 +26,7 @@ from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import motion_settings
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.cell import choose_robots
-from twin.scenario.sections.scenario import Scenario, resolved, restored
+from twin.scenario.sections.scenario import Scenario, resolve_scenario, restore_scenario
 
 FOLDER = Path(__file__).parents[2] / "scenarios" / "construction"
 
@@ -40,12 +40,12 @@ class OutOfTimeError(TwinError):
 
 def case_scenario(model: str, robots: int, seed: int) -> Scenario:
     """Return a shipped construction with so many robots, of its team or one by one, and a seed."""
-    content = resolved(load_scenario(FOLDER / f"{model}.yaml"))
+    content = resolve_scenario(load_scenario(FOLDER / f"{model}.yaml"))
     cell = content["cell"]
     alone = len(cell["robots"]) if cell["team"] is not None else 0
     choose_robots(cell, robots - alone)
     content["seed"] = seed
-    return restored(content)
+    return restore_scenario(content)
 
 
 def measure_method(

@@ -21,7 +21,7 @@ from benchmarks.construction.rows import (
 )
 from benchmarks.construction.tables import paper_total
 from benchmarks.store import Row
-from planning.files import replacing
+from planning.files import replace_atomically
 
 _INK = "#2b2f36"
 _GRID = "#e4e7eb"
@@ -217,5 +217,5 @@ def _finish(
         handlelength=1.6,
         columnspacing=1.4,
     )
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         picture.savefig(temporary, format="png")

@@ -16,11 +16,11 @@ from planning.construction.keyframes import (
     Keyframe,
     KeyframeSolver,
     Phase,
-    holds_of,
+    feasible_holds,
 )
 from planning.construction.planner import (
     ConstructionPlan,
-    plan_with,
+    plan_with_solver,
 )
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import reach_bounds
@@ -34,10 +34,10 @@ from planning.construction.subproblem import (
     SubproblemSolver,
     retreat_hints,
 )
-from planning.construction.world.fixed_world import Building
+from planning.construction.world.fixed_world import BuildState
 from planning.construction.world.timeline import SkillMotion
 from planning.progress import Progress, no_progress
-from planning.steps.skill import gripped
+from planning.steps.skill import grip_contact
 from planning.transforms import Array
 
 _TRIALS = 11
@@ -76,19 +76,19 @@ class FixedTimeSolver(SubproblemSolver):
 
     duration: float = 4.0
 
-    def solve(self, building: Building, attempt: Attempt) -> Solution | None:
+    def solve(self, building: BuildState, attempt: Attempt) -> Solution | None:
         """Return how a part can be brought to its place, None where that failed."""
         part, latest, robot = attempt.part, attempt.latest, attempt.robots[0]
         settings = self.attempt_settings(attempt)
         rng = np.random.default_rng(attempt.seed)
         hints = retreat_hints(building.world, robot)
-        world = building.world.without_way_out(robot)
+        world = building.world.without_retreat(robot)
         building = replace(building, world=world)
         scenes = StepScenes(self.problem, world, part, (robot,))
         opens = self.earliest_times(building, part)
         solver = FixedTimeKeyframes(scenes, self.bounds, opens, settings.keyframes, rng)
         legs = LegPlanner(settings.rrt, rng, self.watch)
-        holds = holds_of(self.bounds, robot, part)
+        holds = feasible_holds(self.bounds, robot, part)
         hold = holds[int(rng.integers(len(holds)))]
         begin = world.robots[robot].end
 
@@ -102,7 +102,7 @@ class FixedTimeSolver(SubproblemSolver):
             goals = self._drawn(solver, instant, lambda: solver.places(robot, hold))
             if not goals:
                 return None
-            allowed = gripped(robot, part.name)
+            allowed = grip_contact(robot, part.name)
             return legs.leg(
                 building, robot, goals, allowed=allowed, linger=True, latest=latest
             )
@@ -113,7 +113,7 @@ class FixedTimeSolver(SubproblemSolver):
         building, key, start, earliest, lost = leg
         late = start - earliest
         pose = self.problem.held_in_flange(robot, part, *hold)
-        allowed = gripped(robot, part.name)
+        allowed = grip_contact(robot, part.name)
         touching = allowed | self.problem.start_contacts[part.name]
         building = building.worked(
             key.motion, "pick", part.name, start, robot, pose, touching
@@ -175,4 +175,4 @@ def plan_fixed_time(
     settings = settings or PlannerSettings()
     bounds = reach_bounds(problem)
     solver = FixedTimeSolver(bounds, settings.subproblem, duration=duration)
-    return plan_with(solver, settings.search, progress)
+    return plan_with_solver(solver, settings.search, progress)

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from benchmarks.construction.schedule import CARRY, DRIVE, HOME
 from benchmarks.store import Row
-from planning.files import replacing
+from planning.files import replace_atomically
 from twin.run.activities import LANE_COLOURS
 
 _INK = "#2b2f36"
@@ -76,7 +76,7 @@ def draw_schedules(path: Path, charts: Sequence[Chart], title: str) -> None:
         handlelength=1.2,
     )
     picture.text(0.98, 0.06 / height, "time [s]", size=8, color=_INK, ha="right")
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         picture.savefig(temporary, format="png")
 
 

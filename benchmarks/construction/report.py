@@ -25,7 +25,7 @@ from benchmarks.construction.rows import (
 )
 from benchmarks.construction.tables import paper_total
 from benchmarks.store import Row
-from planning.files import replacing
+from planning.files import replace_atomically
 from twin.host.atomic_files import write_json
 
 _TENTH = 0.1
@@ -179,7 +179,7 @@ def write_report(folder: Path, rows: Sequence[Row]) -> Path:
         parts += [tables.checks(rows), list(_schedules(folder, rows))]
     parts.append(tables.not_planned(rows))
     target = folder / f"{NAME}.md"
-    with replacing(target) as temporary:
+    with replace_atomically(target) as temporary:
         text = "\n\n".join("\n".join(part) for part in parts if part)
         temporary.write_text(text + "\n", encoding="utf-8")
     return target

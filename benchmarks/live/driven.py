@@ -23,8 +23,8 @@ from twin.run.execution_record import ExecutionRecord
 from twin.run.folder import MEASURED
 from twin.run.tracking import TrackingError, tracking_errors
 from twin.trial.plan_result import PlanResult
+from twin.trial.run_plan import run_plan_to_folder
 from twin.trial.run_result import RunResult
-from twin.trial.trial import run_plan_to_folder
 
 _LOOK_S = 0.1
 """Time between looks at the simulator's clock [s]."""
@@ -207,8 +207,8 @@ def latencies_s(tpg: TemporalPlanGraph, record: ExecutionRecord) -> Array:
     for r, u, k, v in tpg.edges.tolist():
         ready[k, v] = max(ready.get((k, v), 0), int(record.end_ns[r][u]))
     found = []
-    for (k, v), told in ready.items():
+    for (k, v), known in ready.items():
         own = int(record.end_ns[k][v - 1]) if v else 0
-        if told > own:
-            found.append((int(record.start_ns[k][v]) - told) / NANOSECONDS)
+        if known > own:
+            found.append((int(record.start_ns[k][v]) - known) / NANOSECONDS)
     return np.array(found)

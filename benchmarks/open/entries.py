@@ -69,7 +69,7 @@ def own_plan(task: LoadedScenario, policy: str) -> Document:
         CannotEnterError: the task is not planned for this policy.
     """
     scenario, named = task.sections, policies.NAMED_POLICIES[policy]
-    if assembly_kind(scenario.assembly).at_once and named.plan != policies.IN_TURNS:
+    if assembly_kind(scenario.assembly).space_time and named.plan != policies.IN_TURNS:
         raise CannotEnterError(
             "planned in space and time at once, there is no such plan"
         )
@@ -127,7 +127,7 @@ def one_at_a_time(task: LoadedScenario, finder: PathFinder, planner: str) -> Doc
     """
     if (
         task.sections.speed_model == "limits"
-        or assembly_kind(task.sections.assembly).at_once
+        or assembly_kind(task.sections.assembly).space_time
     ):
         raise CannotEnterError(
             "paths are timed by joint speeds, and robots move in turns"

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
-from planning.caches import Arrays, remembered
+from planning.caches import Arrays, load_or_compute
 from planning.cell.body import Capsules, ConvexBody
-from planning.transforms import Array, readonly
+from planning.transforms import Array, read_only_copy
 
 _ROUNDING = 1e-9
 """Added to every radius [m]: more than all rounding in the cuts at metre scale."""
@@ -81,10 +81,14 @@ def capsule_covers(
             "rows": np.vstack([_rows(c) for c in covers] or [np.empty((0, 7))]),
         }
 
-    known = remembered("covers", b"".join(question), _NAMES, find, [__file__])
+    known = load_or_compute("covers", b"".join(question), _NAMES, find, [__file__])
     ends = np.cumsum(known["counts"])[:-1]
     return tuple(
-        Capsules(readonly(own[:, :3]), readonly(own[:, 3:6]), readonly(own[:, 6]))
+        Capsules(
+            read_only_copy(own[:, :3]),
+            read_only_copy(own[:, 3:6]),
+            read_only_copy(own[:, 6]),
+        )
         for own in np.split(known["rows"], ends)[: len(corners)]
     )
 
@@ -99,9 +103,9 @@ def _cover(corners: bytes, tolerance: float, most: int, thrift: float) -> Capsul
     points = hull_vertices(np.frombuffer(corners).reshape(-1, 3))
     axes = _tightest_axes(points)
     local = points @ axes
-    normals = directions()
+    normals = sphere_directions()
     # Grids are compared on a sketch of the hull; the one chosen is cut from all of it.
-    sketch = local[np.unique((local @ directions(40).T).argmax(axis=0))]
+    sketch = local[np.unique((local @ sphere_directions(40).T).argmax(axis=0))]
     support = (sketch @ normals.T).max(axis=0)
     sides = range(1, most + 1)
     chosen, least = (1, 1, 1), np.inf
@@ -155,12 +159,12 @@ def hull_vertices(vertices: npt.ArrayLike) -> Array:
 @lru_cache(maxsize=256)
 def _box(x: float, y: float, z: float) -> tuple[Array, Capsules]:
     size = np.array([x, y, z])
-    vertices = readonly(list(product(*((-s / 2, s / 2) for s in size))))
+    vertices = read_only_copy(list(product(*((-s / 2, s / 2) for s in size))))
     short, middle, _ = np.argsort(size, kind="stable")
     counts = [1, 1, 1]
     tiles = round(float(size[middle] / size[short]))
     counts[middle] = min(max(tiles, 1), _MOST_BOX_TILES)
-    normals = directions()
+    normals = sphere_directions()
     support = (vertices @ normals.T).max(axis=0)
     segments = [
         _capsule(cell, normals, support)
@@ -169,7 +173,7 @@ def _box(x: float, y: float, z: float) -> tuple[Array, Capsules]:
     return vertices, _capsules(segments, np.eye(3))
 
 
-def cut_across(vertices: npt.ArrayLike, axis: int, count: int) -> list[Array]:
+def cut_along_axis(vertices: npt.ArrayLike, axis: int, count: int) -> list[Array]:
     """Cut a convex hull into pieces of equal extent along a coordinate axis.
 
     Args:
@@ -185,7 +189,7 @@ def cut_across(vertices: npt.ArrayLike, axis: int, count: int) -> list[Array]:
     return _cells(hull_vertices(vertices), (counts[0], counts[1], counts[2]))
 
 
-def directions(count: int = 300) -> Array:
+def sphere_directions(count: int = 300) -> Array:
     """Return unit vectors spread over the sphere, the coordinate axes among them."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
@@ -309,7 +313,7 @@ def _excess_each(
 
 def _capsules(segments: list[_Segment], axes: Array) -> Capsules:
     return Capsules(
-        readonly(np.array([s for s, _, _ in segments]) @ axes.T),
-        readonly(np.array([e for _, e, _ in segments]) @ axes.T),
-        readonly([r for _, _, r in segments]),
+        read_only_copy(np.array([s for s, _, _ in segments]) @ axes.T),
+        read_only_copy(np.array([e for _, e, _ in segments]) @ axes.T),
+        read_only_copy([r for _, _, r in segments]),
     )

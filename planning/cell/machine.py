@@ -16,10 +16,10 @@ import numpy as np
 from planning.cell.body import ConvexBody
 from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
 from planning.cell.workcell import PlacedRobot
-from planning.transforms import readonly
+from planning.transforms import read_only_copy
 
 
-def immovable(name: str, bodies: Sequence[ConvexBody] = ()) -> RobotModel:
+def immovable_model(name: str, bodies: Sequence[ConvexBody] = ()) -> RobotModel:
     """Return the model of a slide without travel.
 
     Args:
@@ -31,26 +31,26 @@ def immovable(name: str, bodies: Sequence[ConvexBody] = ()) -> RobotModel:
         urdf=Path(name),
         package_dirs=(),
         joint_names=("none",),
-        lower=readonly(np.zeros(1)),
-        upper=readonly(np.zeros(1)),
-        velocity=readonly(np.ones(1)),
+        lower=read_only_copy(np.zeros(1)),
+        upper=read_only_copy(np.zeros(1)),
+        velocity=read_only_copy(np.ones(1)),
         chain=KinematicChain(
-            readonly(np.eye(4)[None]),
-            readonly(np.array([[1.0, 0.0, 0.0]])),
+            read_only_copy(np.eye(4)[None]),
+            read_only_copy(np.array([[1.0, 0.0, 0.0]])),
             np.ones(1, dtype=np.bool_),
         ),
-        flange=readonly(np.eye(4)),
+        flange=read_only_copy(np.eye(4)),
         frames={},
         parts=tuple(LinkPart(0, "arm", body) for body in bodies),
         never_collide=frozenset(combinations(range(len(bodies)), 2)),
-        home=readonly(np.zeros(1)),
+        home=read_only_copy(np.zeros(1)),
     )
 
 
-MODEL = immovable("machine")
+MODEL = immovable_model("machine")
 """A slide that never moves and carries nothing."""
 
 
-def machine(name: str) -> PlacedRobot:
+def machine_robot(name: str) -> PlacedRobot:
     """Return the machine of a name."""
-    return PlacedRobot(name, MODEL, readonly(np.eye(4)), MODEL.home)
+    return PlacedRobot(name, MODEL, read_only_copy(np.eye(4)), MODEL.home)

@@ -18,10 +18,10 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.body import Capsules, ConvexBody
 from planning.cell.cover import box_body, capsule_cover, capsule_covers
-from planning.transforms import Array, Indices, Transform, readonly
+from planning.transforms import Array, Indices, Transform, read_only_copy
 
 _STANDS_OUT = 1e-4
 """Sides are added until a polyhedron stands out of its form by no more than this [m]."""
@@ -30,13 +30,13 @@ _FEWEST_SIDES, _MOST_SIDES, _STEP = 16, 48, 4
 """Numbers of sides: from, to, and in steps of."""
 
 _LATITUDES = np.linspace(0.0, 0.5 * math.pi, 5)
-_UPRIGHT: Transform = readonly(np.eye(4))
+_UPRIGHT: Transform = read_only_copy(np.eye(4))
 
 
 Placed = tuple[str, ConvexBody, Transform]
 """A convex piece of something at rest: the name of what it belongs to, and its pose."""
 
-_SHAPES: KeptAnswers[Shape] = KeptAnswers(2000)
+_SHAPES: BoundedCache[Shape] = BoundedCache(2000)
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ Form = Box | Cylinder | Capsule | Mesh
 """Any of them."""
 
 
-def sides(radius: float) -> int:
+def polyhedron_sides(radius: float) -> int:
     """Return the number of sides of the polyhedron around a round bar: a multiple of four."""
     for count in range(_FEWEST_SIDES, _MOST_SIDES, _STEP):
         if radius * (1.0 / math.cos(math.pi / count) - 1.0) <= _STANDS_OUT:
@@ -130,7 +130,7 @@ def sides(radius: float) -> int:
 def round_body(form: Cylinder | Capsule) -> ConvexBody:
     """Return the polyhedron around a cylinder or a capsule, in the frame of the form."""
     rings = _of_cylinder(form) if isinstance(form, Cylinder) else _of_capsule(form)
-    count = sides(form.radius)
+    count = polyhedron_sides(form.radius)
     # Corners are half-way between the points where the faces touch the round side.
     turn = 2.0 * math.pi * (np.arange(count) + 0.5) / count
     vertices = np.vstack(
@@ -141,18 +141,18 @@ def round_body(form: Cylinder | Capsule) -> ConvexBody:
             for out, high in rings
         ]
     )
-    return ConvexBody("round", readonly(vertices), capsule_cover(vertices))
+    return ConvexBody("round", read_only_copy(vertices), capsule_cover(vertices))
 
 
 def _of_cylinder(form: Cylinder) -> list[tuple[float, float]]:
     """Return the rings of corners: how far from the axis, and how high."""
-    out = form.radius / math.cos(math.pi / sides(form.radius))
+    out = form.radius / math.cos(math.pi / polyhedron_sides(form.radius))
     return [(out, -0.5 * form.length), (out, 0.5 * form.length)]
 
 
 def _of_capsule(form: Capsule) -> list[tuple[float, float]]:
     """Return the rings of corners, each where the faces of two latitudes meet."""
-    edge = math.cos(math.pi / sides(form.radius))
+    edge = math.cos(math.pi / polyhedron_sides(form.radius))
     rings = []
     for low, high in pairwise(_LATITUDES.tolist()):
         faces = [[math.cos(a) * edge, math.sin(a)] for a in (low, high)]
@@ -202,22 +202,22 @@ class Shape:
     @cached_property
     def low(self) -> Array:
         """Least corner of the box around it, parallel to its axes, shape (3,) [m]."""
-        return readonly(np.min([piece.low for piece in self.pieces], axis=0))
+        return read_only_copy(np.min([piece.low for piece in self.pieces], axis=0))
 
     @cached_property
     def high(self) -> Array:
         """Greatest corner of that box, shape (3,) [m]."""
-        return readonly(np.max([piece.high for piece in self.pieces], axis=0))
+        return read_only_copy(np.max([piece.high for piece in self.pieces], axis=0))
 
     @cached_property
     def size(self) -> Array:
         """Edge lengths of that box, shape (3,) [m]."""
-        return readonly(self.high - self.low)
+        return read_only_copy(self.high - self.low)
 
     @cached_property
     def middle(self) -> Array:
         """Centre of that box, shape (3,) [m]."""
-        return readonly(0.5 * (self.high + self.low))
+        return read_only_copy(0.5 * (self.high + self.low))
 
     @cached_property
     def volume(self) -> float:
@@ -231,7 +231,7 @@ class Shape:
             return self.own_centre
         weights = np.array([element.form.volume for element in self.elements])
         centres = np.array([_centre(element) for element in self.elements])
-        return readonly(weights @ centres / weights.sum())
+        return read_only_copy(weights @ centres / weights.sum())
 
     def placed(self, name: str, pose: Transform) -> list[Placed]:
         """Return the pieces of what has this shape, each with its name, at a pose."""
@@ -308,7 +308,7 @@ def _bodies(name: str, element: Element) -> list[ConvexBody]:
 
 def _placed(body: ConvexBody, pose: Transform) -> ConvexBody:
     def there(points: Array) -> Array:
-        return readonly(points @ pose[:3, :3].T + pose[:3, 3])
+        return read_only_copy(points @ pose[:3, :3].T + pose[:3, 3])
 
     covers = body.capsules
     capsules = Capsules(there(covers.start), there(covers.end), covers.radius)

@@ -34,7 +34,7 @@ class PoseError:
         """Tell whether there is any."""
         return self.m > 0.0 or self.rad > 0.0
 
-    def takes(self, distance: float) -> float:
+    def displacement(self, distance: float) -> float:
         """Return how far it takes a point at a distance from the origin, at most [m]."""
         return self.m + self.rad * distance
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import ReachBounds
-from planning.construction.world.fixed_world import Building
+from planning.construction.world.fixed_world import BuildState
 from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array
 
@@ -35,7 +35,7 @@ _FIRST = 3.0
 
 
 def robot_groups(
-    building: Building, team: tuple[str, ...], size: int
+    building: BuildState, team: tuple[str, ...], size: int
 ) -> list[tuple[str, ...]]:
     """Return the groups of robots of a given size, the earliest free first (eq. 7).
 
@@ -53,7 +53,7 @@ def robot_groups(
 
 
 def skeletons(
-    bounds: ReachBounds, building: Building, part: Part, most: int | None = None
+    bounds: ReachBounds, building: BuildState, part: Part, most: int | None = None
 ) -> Iterator[Skeleton]:
     """Yield the skeletons that no lower bound rules out, in order of preference.
 
@@ -75,7 +75,7 @@ def skeletons(
                     yield robots
 
 
-def ready_at(
+def earliest_placement_time(
     problem: ConstructionProblem, part: str, placed: Mapping[str, float]
 ) -> float:
     """Return the time before which a part must not be placed [s].
@@ -137,13 +137,13 @@ def rank_parts(
         near = graph.placed_neighbours(part, there)
         away = (float(np.linalg.norm((where[part] - at)[:2])) for at in busy)
         crowd = sum(distance < ROOM for distance in away)
-        ready = ready_at(problem, part, placed)
+        ready = earliest_placement_time(problem, part, placed)
         soon = ready
         if tool is not None:
             start = problem.object(problem.part(part)).start[:3, 3]
-            way = np.linalg.norm((start - tool)[:2])
-            way += np.linalg.norm((where[part] - start)[:2])
-            soon = max(ready, free + float(way) / _PACE)
+            distance = np.linalg.norm((start - tool)[:2])
+            distance += np.linalg.norm((where[part] - start)[:2])
+            soon = max(ready, free + float(distance) / _PACE)
         if busy and problem.carried:
             soon -= _FIRST * graph.piled_on[part]
         soon = np.floor(soon / _ALIKE)
@@ -155,7 +155,7 @@ def rank_parts(
 
 def rank_next(
     problem: ConstructionProblem,
-    building: Building,
+    building: BuildState,
     closed: Mapping[str, Collection[frozenset[str]]],
     rng: np.random.Generator,
 ) -> list[str]:

@@ -17,19 +17,19 @@ from planning.construction.subproblem import (
     Solution,
     SubproblemSolver,
 )
-from planning.construction.world.fixed_world import Building, Keeping
-from planning.construction.world.timeline import follow
+from planning.construction.world.fixed_world import BuildState, HeldPlacement
+from planning.construction.world.timeline import follow_straight_line
 from planning.kinematics.kinematics import frame_pose
-from planning.steps.skill import gripped
+from planning.steps.skill import grip_contact
 from planning.transforms import Array
 
-Teams = Callable[[Building, Part], Iterable[Skeleton]]
+Teams = Callable[[BuildState, Part], Iterable[Skeleton]]
 """Returns who may place a part in a state, in order of preference."""
 
 
-def place_held(
+def plan_held_part(
     solver: SubproblemSolver,
-    building: Building,
+    building: BuildState,
     teams: Teams | None = None,
     holds: Mapping[str, Hold] | None = None,
     effort: int = 0,
@@ -59,15 +59,17 @@ def place_held(
             kept = solver.solve(building, attempt)
             if kept is None:
                 continue
-            done = secure(solver, kept.building, part, [other], teams, own, effort)
+            done = plan_securing_part(
+                solver, kept.building, part, [other], teams, own, effort
+            )
             if done is not None:
                 return done
     return None
 
 
-def secure(
+def plan_securing_part(
     solver: SubproblemSolver,
-    building: Building,
+    building: BuildState,
     part: Part,
     others: Iterable[str],
     teams: Teams,
@@ -81,7 +83,7 @@ def secure(
         building: the state before.
         part: that would fall.
         others: parts with any of which it stands, by name.
-        teams, holds, effort: see ``place_held``.
+        teams, holds, effort: see ``plan_held_part``.
     """
     problem, keeping = solver.problem, building.kept[part.name]
     robot, team = keeping.robot, problem.team
@@ -100,15 +102,15 @@ def secure(
                 **after.building.kept,
                 part.name: keeping._replace(last=last.name),
             }
-            done: Building | None = replace(after.building, kept=kept)
+            done: BuildState | None = replace(after.building, kept=kept)
             if robot in team:  # else it is out, and stays
-                done = let_go(solver, after.building, part, last)
+                done = release_part(solver, after.building, part, last)
             if done is not None:
                 return replace(after, building=done)
     return None
 
 
-def way_out(problem: ConstructionProblem, robot: str, q: Array) -> Array | None:
+def release_path(problem: ConstructionProblem, robot: str, q: Array) -> Array | None:
     """Return on which way a robot leaves a part that it keeps hold of, shape (w, n), None if it cannot.
 
     Args:
@@ -118,12 +120,14 @@ def way_out(problem: ConstructionProblem, robot: str, q: Array) -> Array | None:
     """
     placed = problem.cell.robot(robot)
     at = frame_pose(placed, q, problem.frame)
-    return follow(placed, problem.frame, at, q, -problem.approach * at[:3, 2])
+    return follow_straight_line(
+        placed, problem.frame, at, q, -problem.approach * at[:3, 2]
+    )
 
 
-def let_go(
-    solver: SubproblemSolver, building: Building, part: Part, last: Part
-) -> Building | None:
+def release_part(
+    solver: SubproblemSolver, building: BuildState, part: Part, last: Part
+) -> BuildState | None:
     """Return the state in which a robot has let go of a part and left, None where it cannot.
 
     Args:
@@ -133,22 +137,22 @@ def let_go(
         last: the part that is in place by then.
     """
     keeping = building.kept[part.name]
-    robot, way = keeping.robot, keeping.way
-    allowed = gripped(robot, part.name)
+    robot, path = keeping.robot, keeping.way
+    allowed = grip_contact(robot, part.name)
     checker = SpaceTimeChecker(building.world, robot, allowed=allowed)
     velocity = solver.problem.cell.robot(robot).model.velocity
-    steps = np.max(np.abs(np.diff(way, axis=0)) / velocity, axis=1)
+    steps = np.max(np.abs(np.diff(path, axis=0)) / velocity, axis=1)
     times = np.concatenate([[0.0], np.cumsum(steps)])
     since = max(checker.start, building.placed[last.name])
-    windows = arrival_windows([(checker, way)], float(times[-1]), since)
+    windows = arrival_windows([(checker, path)], float(times[-1]), since)
     if not len(windows):
         return None
     begin = float(windows[0, 0])
     # Others were planned before it was to stand here.
-    if not checker.skill_free(way[:1], checker.start, begin):
+    if not checker.skill_free(path[:1], checker.start, begin):
         return None
-    kept = {**building.kept, part.name: Keeping(robot, way, last.name, begin)}
-    building = replace(building, kept=kept).moved(robot, begin + times, way)
+    kept = {**building.kept, part.name: HeldPlacement(robot, path, last.name, begin)}
+    building = replace(building, kept=kept).moved(robot, begin + times, path)
     rng = np.random.default_rng([solver.problem.seed, 7, building.step])
     legs = LegPlanner(solver.settings.rrt, rng, solver.watch)
     return legs.retreat(building, robot)

@@ -152,7 +152,7 @@ class KeyframeSolver:
         The place is looked at first: where nothing can be put down nothing need be picked.
         """
         part = self.scenes.part
-        holds = holds_of(self.bounds, robot, part)
+        holds = feasible_holds(self.bounds, robot, part)
         for k in self.rng.permutation(len(holds)).tolist():
             hold = holds[k]
             places = self.places(robot, hold)
@@ -167,11 +167,11 @@ class KeyframeSolver:
 
         The lower bounds come first again: place, then pick, then where all can meet.
         """
-        ways = list(self._holds(team))
+        alternatives = list(self._holds(team))
         places = cache(partial(self.places, team[-1]))
         picks = cache(partial(self.picks, team[0]))
-        for k in self.rng.permutation(len(ways)).tolist():
-            holds = ways[k]
+        for k in self.rng.permutation(len(alternatives)).tolist():
+            holds = alternatives[k]
             if not places(holds[-1]) or not picks(holds[0]):
                 continue
             pick, handovers = picks(holds[0])[0], list[tuple[Meeting, ...]]()
@@ -230,7 +230,7 @@ class KeyframeSolver:
         """
         (giver, taker), (here, picked) = robots, having
         scenes, problem = self.scenes, self.scenes.problem
-        way = min(problem.approach, _LIFT)
+        lift = min(problem.approach, _LIFT)
         before = scenes.handing(giver, taker, giver, holds[0])
         after = scenes.handing(giver, taker, taker, holds[1])
         standing = before.taker.start_configuration()
@@ -251,8 +251,8 @@ class KeyframeSolver:
                 problem.frame,
                 q_giver,
                 (
-                    -way * tools[1][:3, 2],
-                    -way * tools[0][:3, 2],
+                    -lift * tools[1][:3, 2],
+                    -lift * tools[0][:3, 2],
                 ),
                 problem.cell.robot(giver).model.velocity,
                 problem.seconds_of("handover", giver, scenes.part),
@@ -299,7 +299,7 @@ class KeyframeSolver:
         found = self._ways("place-down", robot, hold, goal, phase, earliest.place)
         places = islice(found, self.settings.places)
         cut = [
-            Keyframe(k.motion, common(k.windows, self._free_place))
+            Keyframe(k.motion, intersect_windows(k.windows, self._free_place))
             for k in sorted(places, key=lambda k: k.earliest)
         ]
         return tuple(k for k in cut if len(k.windows))
@@ -326,7 +326,7 @@ class KeyframeSolver:
         placed = problem.cell.robot(robot)
         tool = problem.tool_pose(part, at, *hold)
         into = tool[:3, 2] if skill == "pick" else part.insertion
-        ways = (problem.approach * into, -problem.approach * tool[:3, 2])
+        alternatives = (problem.approach * into, -problem.approach * tool[:3, 2])
         seconds = problem.seconds_of(skill, robot, part)
         checker, velocity = phase[0], placed.model.velocity
         q_start = checker.start_configuration()
@@ -339,7 +339,9 @@ class KeyframeSolver:
                 soon = max(soon, earliest)
                 if not checker.configuration_free(q, self._drawn_time(soon)):
                     continue
-                motion = skill_motion(placed, problem.frame, q, ways, velocity, seconds)
+                motion = skill_motion(
+                    placed, problem.frame, q, alternatives, velocity, seconds
+                )
                 if motion is None:
                     continue
                 windows = self._windows(motion, phase, soon)
@@ -356,13 +358,13 @@ class KeyframeSolver:
         return arrival_windows(parts, motion.seconds, earliest, latest)
 
 
-def holds_of(bounds: ReachBounds, robot: str, part: Part) -> list[Hold]:
+def feasible_holds(bounds: ReachBounds, robot: str, part: Part) -> list[Hold]:
     """Return the holds with which a robot can both pick and place a part."""
     grips = set(bounds.pick_grips(robot, part)) & set(bounds.place_grips(robot, part))
     return [Hold(grip, turn) for grip in sorted(grips) for turn in TURNS]
 
 
-def common(a: Array, b: Array) -> Array:
+def intersect_windows(a: Array, b: Array) -> Array:
     """Return the intersection of two sets of time windows, shapes (w, 2) [s]."""
     out = [
         (max(lo, low), min(hi, high))

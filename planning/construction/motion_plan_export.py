@@ -18,9 +18,9 @@ from planning.construction.checks.scene import HALVINGS
 from planning.construction.piece_conflicts import conflicting_pieces
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.world.fixed_world import (
-    Building,
+    BuildState,
     FixedWorld,
-    Keeping,
+    HeldPlacement,
     PlannedTask,
 )
 from planning.construction.world.timeline import (
@@ -34,7 +34,7 @@ from planning.construction.world.timeline import (
 from planning.construction.world.tracks import build_tracks, sweep_track
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.steps.skill import NOTHING, gripped
+from planning.steps.skill import NOTHING, grip_contact
 from planning.tasks.task import TRANSIT, AllowedContact, Task
 from planning.transforms import Array, Indices
 
@@ -42,7 +42,7 @@ _FINER = 3
 """Further halvings of a time cell, beyond those of planning."""
 
 
-def motion_plan(problem: ConstructionProblem, building: Building) -> MotionPlan:
+def motion_plan(problem: ConstructionProblem, building: BuildState) -> MotionPlan:
     """Return a finished construction as tasks with timed paths.
 
     Between skills a robot has one transit; its way out of the others' way is a transit, too, as
@@ -60,13 +60,13 @@ def motion_plan(problem: ConstructionProblem, building: Building) -> MotionPlan:
     return export_motion_plan(
         building.world,
         [task for line in lines for task in _tasks(building, line)],
-        rests_on=rests_on(problem, building),
+        rests_on=placement_order(problem, building),
         covers=problem.graph.covers,
         kept=building.kept,
     )
 
 
-def _tasks(building: Building, line: RobotTimeline) -> Iterator[PlannedTask]:
+def _tasks(building: BuildState, line: RobotTimeline) -> Iterator[PlannedTask]:
     """Yield the skills of a robot and the transits between them."""
     robot = line.robot
     own = sorted(
@@ -94,7 +94,7 @@ def _tasks(building: Building, line: RobotTimeline) -> Iterator[PlannedTask]:
     yield from _transit(line, (at, line.end), "HOME", done, carried)
 
 
-def _in_hand(building: Building, robot: str) -> str | None:
+def _in_hand(building: BuildState, robot: str) -> str | None:
     """Return what a robot has in its hand when the plan begins."""
     begins = {
         k: own.changes[0] for k, own in building.world.objects.items() if own.changes
@@ -103,7 +103,7 @@ def _in_hand(building: Building, robot: str) -> str | None:
     return next(own, None)
 
 
-def _nothing(building: Building, robot: str) -> PlannedTask:
+def _nothing(building: BuildState, robot: str) -> PlannedTask:
     """Return what a robot has done that only goes out of others' way."""
     line = building.world.robots[robot]
     return PlannedTask(robot, TRANSIT, line.time[:1], line.path[:1], 1, "HOME")
@@ -125,11 +125,11 @@ def _transit(
     path = np.vstack([_last_at(line, start), line.path[inside], line.at(end)])
     if not np.any(path[1:] != path[:-1]):
         return
-    touching = NOTHING if carried is None else gripped(line.robot, carried)
+    touching = NOTHING if carried is None else grip_contact(line.robot, carried)
     if line.robot != work.robot and work.holder == line.robot:
         # It stands with both pads at the part while that changes hands.
         part = str(work.object)
-        touching |= gripped(line.robot, part) | gripped(work.robot, part)
+        touching |= grip_contact(line.robot, part) | grip_contact(work.robot, part)
     yield PlannedTask(
         line.robot, TRANSIT, time, path, work.step, label, carried, touching=touching
     )
@@ -157,8 +157,8 @@ def _last_at(line: RobotTimeline, t: float) -> Array:
     return line.at(t)
 
 
-def rests_on(
-    problem: ConstructionProblem, building: Building
+def placement_order(
+    problem: ConstructionProblem, building: BuildState
 ) -> dict[str, tuple[str, ...]]:
     """Return which parts must be in place before which."""
     out: dict[str, tuple[str, ...]] = {}
@@ -175,7 +175,7 @@ def export_motion_plan(
     *,
     rests_on: Mapping[str, Iterable[str]] | None = None,
     covers: Mapping[str, Iterable[str]] | None = None,
-    kept: Mapping[str, Keeping] | None = None,
+    kept: Mapping[str, HeldPlacement] | None = None,
 ) -> MotionPlan:
     """Return the motion plan of a space-time plan.
 
@@ -202,16 +202,16 @@ def export_motion_plan(
     edges |= _one_after_another(taken, covers or {})
     for name, keeping in (kept or {}).items():
         since = tasks[placed[name]].end if name in placed else -np.inf
-        ways = (
+        moves = (
             k
             for k, task in enumerate(tasks)
             if task.kind == TRANSIT
             and (task.robot, task.object) == (keeping.robot, name)
             and task.start >= since - SAME
         )
-        way = next(ways, None)
-        if way is not None and keeping.last in placed:
-            edges.add((placed[keeping.last], way))
+        move = next(moves, None)
+        if move is not None and keeping.last in placed:
+            edges.add((placed[keeping.last], move))
     return MotionPlan(
         cell,
         tuple(

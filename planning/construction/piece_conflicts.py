@@ -14,18 +14,18 @@ import numpy.typing as npt
 
 from planning.cell.workcell import Workcell
 from planning.construction.world.fleet import (
-    Carrier,
-    Fleet,
+    LoadedRobot,
+    RobotFleet,
     bodies_of,
     make_fleet,
     set_motion,
 )
 from planning.construction.world.tracks import Tracks
-from planning.geometry.distance import boxes_apart
+from planning.geometry.distance import are_boxes_apart
 from planning.geometry.exact import TOLERANCE
-from planning.geometry.moving_pairs import near_pairs, pairs_apart
+from planning.geometry.moving_pairs import are_pairs_apart, write_near_pairs
 from planning.geometry.robot_bodies import cell_entities, limits_of_entities
-from planning.geometry.separation import Scratch, room_for
+from planning.geometry.separation import Scratch, make_scratch_for
 from planning.geometry.swept import SKIP
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.packed import packed
@@ -51,7 +51,7 @@ class _CarrierPieces(NamedTuple):
         scratch: room to work in.
     """
 
-    fleet: Fleet
+    fleet: RobotFleet
     entity: Indices
     tracks: Tracks
     tasks: Indices
@@ -64,7 +64,7 @@ class _CarrierPieces(NamedTuple):
 
 def conflicting_pieces(
     cell: Workcell,
-    carriers: Sequence[Carrier],
+    carriers: Sequence[LoadedRobot],
     tracks: Tracks,
     tasks: Indices,
     touching: Sequence[Pairs],
@@ -102,7 +102,7 @@ def conflicting_pieces(
             least,
             np.array(allowed, dtype=np.bool_).reshape(-1, *limits.shape),
             np.empty(bodies * bodies, dtype=np.int64),
-            room_for(joints, joints, corners, corners),
+            make_scratch_for(joints, joints, corners, corners),
         )
     )
     room = 1024
@@ -129,7 +129,7 @@ def _find(plan: _CarrierPieces, out: Indices) -> int:
                 while j < first[s + 1] and start[j] < end[i] - 1e-9:
                     if (
                         end[j] > start[i] + 1e-9
-                        and not boxes_apart(box, i, box, j, plan.least)
+                        and not are_boxes_apart(box, i, box, j, plan.least)
                         and not _pair_clear(plan, i, j)
                     ):
                         if count < len(out):
@@ -148,7 +148,7 @@ def _pair_clear(plan: _CarrierPieces, i: int, j: int) -> bool:
     rows = entity[bodies[v] : bodies[v + 1]]
     columns = entity[bodies[w] : bodies[w + 1]]
     one, other = (a, sweeps, i, rows), (b, sweeps, j, columns)
-    count = near_pairs(one, other, limits, plan.least, near)
+    count = write_near_pairs(one, other, limits, plan.least, near)
     kept = ZERO
     for k in range(count):
         x, y = rows[near[k] // len(columns)], columns[near[k] % len(columns)]
@@ -157,7 +157,7 @@ def _pair_clear(plan: _CarrierPieces, i: int, j: int) -> bool:
             kept += 1
     set_motion(a, pieces.q_a[i], pieces.q_b[i])
     set_motion(b, pieces.q_a[j], pieces.q_b[j])
-    return pairs_apart(near, kept, (a, rows), (b, columns), limits, plan.scratch)
+    return are_pairs_apart(near, kept, (a, rows), (b, columns), limits, plan.scratch)
 
 
 @inner_kernel

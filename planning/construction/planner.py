@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.construction.candidates import Skeleton, rank_next, skeletons
-from planning.construction.held_parts import place_held
+from planning.construction.held_parts import plan_held_part
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import reach_bounds
 from planning.construction.problem.settings import PlannerSettings, SearchSettings
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
-from planning.construction.world.fixed_world import Building, nothing_built
+from planning.construction.world.fixed_world import BuildState, initial_build_state
 from planning.errors import ConstructionError
 from planning.progress import Progress, no_progress
 
@@ -35,7 +35,7 @@ class ConstructionPlan:
     """
 
     problem: ConstructionProblem
-    building: Building
+    building: BuildState
     seconds: Mapping[str, float]
     cpu: Mapping[str, float]
     rewound: int = 0
@@ -64,10 +64,10 @@ def plan_construction(
     """
     settings = settings or PlannerSettings()
     solver = SubproblemSolver(reach_bounds(problem), settings.subproblem)
-    return plan_with(solver, settings.search, progress)
+    return plan_with_solver(solver, settings.search, progress)
 
 
-def plan_with(
+def plan_with_solver(
     solver: SubproblemSolver,
     settings: SearchSettings,
     progress: Progress,
@@ -119,16 +119,16 @@ class ConstructionSearch:
         self._rng = np.random.default_rng([problem.seed, 1])
         self._walls: dict[str, set[frozenset[str]]] = {}
         self._returns: Counter[str] = Counter()
-        self._rounds = Rounds(self, settings)
+        self._rounds = PlacementRounds(self, settings)
 
-    def run(self) -> Building:
+    def run(self) -> BuildState:
         """Return the state in which every part is in its place.
 
         Raises:
             ConstructionError: no way was found; names the part.
         """
         total = len(self.problem.parts)
-        done = [nothing_built(self.problem)]
+        done = [initial_build_state(self.problem)]
         while len(done[-1].placed) < total:
             planned = self._rounds.next(done[-1])
             done += planned.states
@@ -137,7 +137,7 @@ class ConstructionSearch:
             self.progress(len(done[-1].placed), total)
         return done[-1]
 
-    def next_parts(self, building: Building) -> list[Part]:
+    def next_parts(self, building: BuildState) -> list[Part]:
         """Return the parts that may be placed next, the best first."""
         ranked = rank_next(self.problem, building, self._walls, self._rng)
         if not ranked:
@@ -145,7 +145,7 @@ class ConstructionSearch:
             ranked = rank_next(self.problem, building, {}, self._rng)
         return [self.problem.part(name) for name in ranked]
 
-    def _backtrack(self, done: list[Building], part: Part) -> list[Building]:
+    def _backtrack(self, done: list[BuildState], part: Part) -> list[BuildState]:
         """Return the states up to one in which a part is in its place that could not be placed.
 
         Raises:
@@ -192,7 +192,7 @@ class ConstructionSearch:
         )
 
     def place_next(
-        self, building: Building, parts: list[Part], turn: int, most_loss: float
+        self, building: BuildState, parts: list[Part], turn: int, most_loss: float
     ) -> Solution | None:
         """Plan the placement of the first part, or of another one where that is easier.
 
@@ -217,7 +217,7 @@ class ConstructionSearch:
 
     def _place_easily(
         self,
-        building: Building,
+        building: BuildState,
         parts: Sequence[Part],
         own: Sequence[int],
         most_loss: float,
@@ -254,7 +254,7 @@ class ConstructionSearch:
         return best
 
     def _place_soonest(
-        self, building: Building, part: Part, seed: Sequence[int], most_loss: float
+        self, building: BuildState, part: Part, seed: Sequence[int], most_loss: float
     ) -> Solution | None:
         """Return the way by which a part is in its place soonest, None for none.
 
@@ -287,7 +287,7 @@ class ConstructionSearch:
         return Attempt(part, robots, own, low_effort=True, lost=lost)
 
     def _place(
-        self, building: Building, part: Part, effort: int = 0
+        self, building: BuildState, part: Part, effort: int = 0
     ) -> Solution | None:
         """Plan the placement of a part; None where no robot can do it.
 
@@ -309,13 +309,13 @@ class ConstructionSearch:
             self.failures.append(attempt)
         return None
 
-    def _solve(self, building: Building, attempt: Attempt) -> Solution | None:
+    def _solve(self, building: BuildState, attempt: Attempt) -> Solution | None:
         """Plan how a part is brought to its place; None where that failed."""
         self.spent += 1 if attempt.low_effort else 3
         return self.solver.solve(building, attempt)
 
 
-class Round(NamedTuple):
+class PlacementRound(NamedTuple):
     """Placements, one after another.
 
     Attributes:
@@ -325,13 +325,13 @@ class Round(NamedTuple):
         stuck: the part that could not be placed, None where all was well.
     """
 
-    states: list[Building]
+    states: list[BuildState]
     lost: float
     stuck: Part | None = None
 
 
 @dataclass
-class Rounds:
+class PlacementRounds:
     """Rounds of a few placements, planned again where robots lose much time.
 
     One robot is planned after another, so who comes first may stand in the way of all others:
@@ -351,7 +351,7 @@ class Rounds:
         parts, robots = len(self.search.problem.parts), len(self.search.problem.team)
         self._spare = self.settings.again * parts / robots
 
-    def next(self, start: Building) -> Round:
+    def next(self, start: BuildState) -> PlacementRound:
         """Return the next placements, as good as a few tries make them.
 
         Args:
@@ -376,25 +376,29 @@ class Rounds:
                 best = found
         return best
 
-    def _plan(self, start: Building, size: int, turn: int, most_loss: float) -> Round:
+    def _plan(
+        self, start: BuildState, size: int, turn: int, most_loss: float
+    ) -> PlacementRound:
         """Return a round, broken off when so much time is lost."""
-        states: list[Building] = []
+        states: list[BuildState] = []
         now, lost, total = start, 0.0, len(self.search.problem.parts)
         while len(now.placed) < min(len(start.placed) + size, total):
             parts = self.search.next_parts(now)
             if parts:
                 found = self.search.place_next(now, parts, turn, most_loss - lost)
             else:
-                found = place_held(self.search.solver, now)
+                found = plan_held_part(self.search.solver, now)
             if found is None:
-                return Round(states, lost, parts[0] if parts else self._held(now))
+                return PlacementRound(
+                    states, lost, parts[0] if parts else self._held(now)
+                )
             now, lost = found.building, lost + found.lost
             states.append(now)
         if len(now.placed) == total:
             free = [now.world.free_from(robot) for robot in self.search.problem.team]
             lost += sum(max(free) - t for t in free)
-        return Round(states, lost)
+        return PlacementRound(states, lost)
 
-    def _held(self, building: Building) -> Part:
+    def _held(self, building: BuildState) -> Part:
         problem = self.search.problem
         return problem.part(next(problem.balance.held(building.placed))[0])

@@ -8,17 +8,17 @@ from functools import cached_property
 
 import numpy as np
 
-from planning.cell.machine import immovable
+from planning.cell.machine import immovable_model
 from planning.cell.shape import Shape
 from planning.cell.workcell import Attachment, PlacedRobot, WorldState
 from planning.construction.checks.checker import SpaceTimeChecker, straight_runs
 from planning.construction.problem.problem import ConstructionProblem, Hold, Part
-from planning.construction.world.fixed_world import FixedWorld, lying_at
+from planning.construction.world.fixed_world import FixedWorld, with_part_at_rest
 from planning.construction.world.timeline import RobotTimeline
 from planning.geometry.moving_pairs import MovingPair
-from planning.geometry.robot_bodies import entity
+from planning.geometry.robot_bodies import entity_name
 from planning.motion.sequential import MARGIN
-from planning.steps.skill import Pairs, gripped
+from planning.steps.skill import Pairs, grip_contact
 from planning.transforms import Array
 
 _GHOST = "part in its place"
@@ -76,15 +76,15 @@ class StepScenes:
         """Return the check of a pad at the part: in the supply, or as it leaves it in its place."""
         world = self.world
         if at_goal:
-            world = lying_at(world, self.part.name, self.part.goal)
-        allowed = gripped(robot, self.part.name)
+            world = with_part_at_rest(world, self.part.name, self.part.goal)
+        allowed = grip_contact(robot, self.part.name)
         return self._checker((robot, at_goal), world, robot, {}, allowed)
 
     def held(self, robot: str, hold: Hold, *, at_goal: bool) -> SpaceTimeChecker:
         """Return the check of the part as it is lifted from the supply, or put down."""
         problem = self.problem
         touched = problem.goal_contacts if at_goal else problem.start_contacts
-        allowed = gripped(robot, self.part.name) | touched[self.part.name]
+        allowed = grip_contact(robot, self.part.name) | touched[self.part.name]
         held = self._attached(robot, hold)
         key = (robot, at_goal, hold)
         return self._checker(key, self.world, robot, held, allowed)
@@ -97,7 +97,9 @@ class StepScenes:
             holder: the one that holds the part.
             hold: how it does.
         """
-        allowed = gripped(giver, self.part.name) | gripped(taker, self.part.name)
+        allowed = grip_contact(giver, self.part.name) | grip_contact(
+            taker, self.part.name
+        )
         held = self._attached(holder, hold)
         one, other = (
             self._checker(
@@ -151,7 +153,7 @@ class StepScenes:
         own = self.part.name
         near = {name for pair in self.problem.goal_contacts[own] for name in pair}
         touched = frozenset(
-            frozenset((entity(_GHOST, "arm"), name)) for name in near | {own}
+            frozenset((entity_name(_GHOST, "arm"), name)) for name in near | {own}
         )
         checker = SpaceTimeChecker(
             alone, _GHOST, held={}, allowed=touched, without=self.team
@@ -161,5 +163,5 @@ class StepScenes:
 
 def _ghost(shape: Shape, part: Part) -> PlacedRobot:
     """Return a robot that is nothing but the part in its place."""
-    model = immovable(_GHOST, shape.pieces)
+    model = immovable_model(_GHOST, shape.pieces)
     return PlacedRobot(_GHOST, model, part.goal, model.home)

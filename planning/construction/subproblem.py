@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.candidates import Skeleton, ready_at
+from planning.construction.candidates import Skeleton, earliest_placement_time
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
 from planning.construction.keyframes import (
@@ -17,16 +17,20 @@ from planning.construction.keyframes import (
     Keyframe,
     Keyframes,
     KeyframeSolver,
-    common,
+    intersect_windows,
 )
 from planning.construction.paths.rrt import space_time_rrt
 from planning.construction.problem.problem import ConstructionProblem, Hold, Part
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.problem.settings import RrtSettings, SubproblemSettings
 from planning.construction.step_scenes import StepScenes
-from planning.construction.world.fixed_world import Building, FixedWorld, Keeping
+from planning.construction.world.fixed_world import (
+    BuildState,
+    FixedWorld,
+    HeldPlacement,
+)
 from planning.construction.world.timeline import RobotTimeline, SkillMotion
-from planning.steps.skill import NOTHING, Pairs, gripped
+from planning.steps.skill import NOTHING, Pairs, grip_contact
 from planning.stopwatch import Stopwatch
 from planning.transforms import Array
 
@@ -45,7 +49,7 @@ class Leg(NamedTuple):
         lost: how much later it begins than speeds alone would allow [s].
     """
 
-    building: Building
+    building: BuildState
     keyframe: Keyframe
     start: float
     earliest: float
@@ -66,14 +70,14 @@ class LegPlanner:
     rng: np.random.Generator
     watch: Stopwatch
 
-    def allowing_delay(self, spare: float) -> LegPlanner:
+    def with_delay(self, spare: float) -> LegPlanner:
         """Return a planner of legs that may arrive late, by most of a given time [s]."""
         enough = max(self.settings.good_enough_s, 0.7 * spare)
         return replace(self, settings=self.settings._replace(good_enough_s=enough))
 
     def leg(
         self,
-        building: Building,
+        building: BuildState,
         robot: str,
         goals: Sequence[Keyframe],
         *,
@@ -121,7 +125,7 @@ class LegPlanner:
         building = building.moved(robot, found.time, found.path, work=work)
         return Leg(building, goal, found.arrival, found.earliest, lost)
 
-    def retreat(self, building: Building, robot: str) -> Building | None:
+    def retreat(self, building: BuildState, robot: str) -> BuildState | None:
         """Return the state in which a robot has gone HOME, out of the others' way."""
         hints = approach_hints(building.world, robot)
         leg = self.leg(building, robot, (), hints=hints, work=False)
@@ -198,7 +202,7 @@ class Solution:
             on their way there; handing it over is not counted [s].
     """
 
-    building: Building
+    building: BuildState
     late: float
     lost: float
 
@@ -222,7 +226,7 @@ class SubproblemSolver:
         """Parts and team."""
         return self.bounds.problem
 
-    def solve(self, building: Building, attempt: Attempt) -> Solution | None:
+    def solve(self, building: BuildState, attempt: Attempt) -> Solution | None:
         """Plan how a part is brought to its place; None where that failed."""
         settings = self.attempt_settings(attempt)
         part, team = attempt.part, attempt.robots
@@ -230,7 +234,7 @@ class SubproblemSolver:
         world = building.world
         hints = retreat_hints(world, team[0])
         for robot in team:
-            world = world.without_way_out(robot)
+            world = world.without_retreat(robot)
         building = replace(building, world=world)
         scenes = StepScenes(self.problem, world, part, team)
         earliest_times = self.earliest_times(building, part)
@@ -259,7 +263,7 @@ class SubproblemSolver:
             return self.settings.low_effort()
         return self.settings.harder(attempt.effort)
 
-    def earliest_times(self, building: Building, part: Part) -> EarliestTimes:
+    def earliest_times(self, building: BuildState, part: Part) -> EarliestTimes:
         """Return the earliest times at which a part may be picked and placed.
 
         What touches it in its place has to be there, too: contacts in place are never looked
@@ -274,12 +278,12 @@ class SubproblemSolver:
             name for pair in self.problem.goal_contacts[part.name] for name in pair
         }
         there = [end for name, end in building.placed.items() if name in touching]
-        ready = ready_at(self.problem, part.name, building.placed)
+        ready = earliest_placement_time(self.problem, part.name, building.placed)
         return EarliestTimes(max(lifted, default=0.0), max([ready, *there]))
 
     def _bring(
         self,
-        building: Building,
+        building: BuildState,
         attempt: Attempt,
         keyframes: Keyframes,
         legs: LegPlanner,
@@ -311,7 +315,7 @@ class SubproblemSolver:
             building,
             robot,
             keyframes.places,
-            allowed=gripped(robot, part.name),
+            allowed=grip_contact(robot, part.name),
             linger=True,
             latest=latest,
             most_loss=attempt.lost - lost,
@@ -321,13 +325,13 @@ class SubproblemSolver:
         building, place, start, earliest, more = leg
         opens = min(place.earliest for place in keyframes.places)
         late = start - max(opens, earliest - late)
-        touching = gripped(robot, part.name) | problem.goal_contacts[part.name]
+        touching = grip_contact(robot, part.name) | problem.goal_contacts[part.name]
         motion = place.motion.kept() if attempt.keep else place.motion
         building = building.worked(
             motion, "place-down", part.name, start, None, part.goal, touching
         )
         if attempt.keep:
-            keeping = Keeping(robot, place.motion.after)
+            keeping = HeldPlacement(robot, place.motion.after)
             kept = {**building.kept, part.name: keeping}
             return Solution(replace(building, kept=kept), late, lost + more)
         done = legs.retreat(building, robot)
@@ -335,17 +339,17 @@ class SubproblemSolver:
 
     def _pick(
         self,
-        building: Building,
+        building: BuildState,
         attempt: Attempt,
         keyframes: Keyframes,
         legs: LegPlanner,
         hints: Array,
         latest: float,
-    ) -> tuple[Building, float, float] | None:
+    ) -> tuple[BuildState, float, float] | None:
         """Return the state with the part in the first robot's hand, how late it is and what is lost [s]."""
         problem, part = self.problem, attempt.part
         robot, hold = attempt.robots[0], keyframes.holds[0]
-        leg = legs.allowing_delay(self._spare(robot, keyframes)).leg(
+        leg = legs.with_delay(self._spare(robot, keyframes)).leg(
             building,
             robot,
             keyframes.picks,
@@ -358,7 +362,7 @@ class SubproblemSolver:
         building, pick, start, earliest, lost = leg
         late = start - earliest
         pose = problem.held_in_flange(robot, part, *hold)
-        touching = gripped(robot, part.name) | problem.start_contacts[part.name]
+        touching = grip_contact(robot, part.name) | problem.start_contacts[part.name]
         building = building.worked(
             pick.motion, "pick", part.name, start, robot, pose, touching
         )
@@ -379,20 +383,20 @@ class SubproblemSolver:
 
     def _hand_over(
         self,
-        building: Building,
+        building: BuildState,
         part: Part,
         robots: tuple[str, str],
         keyframes: Keyframes,
         number: int,
         legs: LegPlanner,
-    ) -> Building | None:
+    ) -> BuildState | None:
         """Return the state in which the taker has the part and the giver is out of its way.
 
         The giver comes first and waits; the taker comes as soon as it can, and then the part
         changes hands at once.
         """
         giver, taker = robots
-        allowed = gripped(giver, part.name)
+        allowed = grip_contact(giver, part.name)
         handover = keyframes.handovers[number]
         meetings = [meeting.giver for meeting in handover]
         leg = legs.leg(building, giver, meetings, allowed=allowed)
@@ -401,7 +405,7 @@ class SubproblemSolver:
         building, chosen, waits, _, _ = leg
         meeting = next(m for m in handover if m.giver is chosen)
         motion = chosen.motion
-        windows = common(chosen.windows, np.array([[waits, np.inf]]))
+        windows = intersect_windows(chosen.windows, np.array([[waits, np.inf]]))
         goal = Keyframe(_standing(taker, meeting.taker), windows)
         leg = legs.leg(building, taker, [goal])
         if leg is None:
@@ -413,7 +417,7 @@ class SubproblemSolver:
             if not checker.skill_free(motion.path[:1], waits, start):
                 return None
         pose = self.problem.held_in_flange(taker, part, *keyframes.holds[number + 1])
-        touching = allowed | gripped(taker, part.name)
+        touching = allowed | grip_contact(taker, part.name)
         building = building.worked(
             motion, "handover", part.name, start, taker, pose, touching
         )

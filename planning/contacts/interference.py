@@ -17,19 +17,19 @@ import coal
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.body import Capsules, ConvexBody
 from planning.cell.shape import Box, Capsule, Cylinder, Element, Form, Mesh, Shape
 from planning.contacts.surface_depth import (
     ConvexSolid,
     RoundSolid,
     deepest_point,
-    winding,
+    winding_number,
 )
 from planning.contacts.surface_gap import surface_gap
 from planning.geometry.exact import hull_shape
-from planning.geometry.touching import Lying, near_to
-from planning.transforms import Array, Transform, inverse, readonly, translation
+from planning.geometry.touching import PlacedObject, nearby_entities
+from planning.transforms import Array, Transform, inverse, read_only_copy, translation
 
 ROUNDING = 1e-5
 """Deepest that things may be in each other of which nothing is said: rounding of poses [m]."""
@@ -46,11 +46,11 @@ _STEP = 0.005
 _THROUGH = 0.9
 """A surface that comes so near to the middle of a form, as a share, goes through it."""
 
-_ON_WAYS: KeptAnswers[float] = KeptAnswers(50_000)
-_DEPTHS: KeptAnswers[float] = KeptAnswers(50_000)
-_HULLS: KeptAnswers[ConvexSolid] = KeptAnswers(10_000)
-_BODIES: KeptAnswers[tuple[ConvexBody, ...]] = KeptAnswers(1000)
-_CORNERS: KeptAnswers[tuple[Array, Array]] = KeptAnswers(1000)
+_ON_WAYS: BoundedCache[float] = BoundedCache(50_000)
+_DEPTHS: BoundedCache[float] = BoundedCache(50_000)
+_HULLS: BoundedCache[ConvexSolid] = BoundedCache(10_000)
+_BODIES: BoundedCache[tuple[ConvexBody, ...]] = BoundedCache(1000)
+_CORNERS: BoundedCache[tuple[Array, Array]] = BoundedCache(1000)
 
 SNUG = 0.003
 """A wall no further from a peg than this is looked at [m]."""
@@ -86,8 +86,8 @@ class Overlaps:
         """Return how deep two things may be in each other [m]."""
         return self.said.get(frozenset((first, second)), 0.0) + ROUNDING
 
-    def too_deep(
-        self, name: str, part: Lying, others: Mapping[str, Lying]
+    def is_too_deep(
+        self, name: str, part: PlacedObject, others: Mapping[str, PlacedObject]
     ) -> dict[str, float]:
         """Return what a part is deeper in than it may be, and how deep [m].
 
@@ -97,16 +97,16 @@ class Overlaps:
             others: everything else, by name.
         """
         found = {}
-        for other, gap in near_to(part, others, 0.0).items():
+        for other, gap in nearby_entities(part, others, 0.0).items():
             most = self.most(name, other)
-            if -gap > most and (deep := depth(part, others[other])) > most:
+            if -gap > most and (deep := overlap_depth(part, others[other])) > most:
                 found[other] = deep
         return found
 
     def words(self, first: str, second: str, deep: float) -> str:
         """Return in words how deep two things are in each other, may be, and what would let them be."""
         most = self.most(first, second)
-        told = f"{depth_words(deep)}, and may by {depth_words(most)}"
+        told = f"{format_depth(deep)}, and may by {format_depth(most)}"
         return told + self.remedy(first, second, deep)
 
     def remedy(self, first: str, second: str, deep: float) -> str:
@@ -131,13 +131,15 @@ class Overlaps:
         return told
 
 
-def depth_words(depth: float) -> str:
+def format_depth(depth: float) -> str:
     """Return a depth for people: below a millimetre to three digits."""
     return f"{depth * 1e3:.3g} mm" if depth < 1e-3 else f"{depth * 1e3:.1f} mm"
 
 
-def depth_of_pieces(
-    item: Lying, other: Lying, ways: Iterable[tuple[Transform, Array, float]]
+def shapes_overlap_depth(
+    item: PlacedObject,
+    other: PlacedObject,
+    ways: Iterable[tuple[Transform, Array, float]],
 ) -> float:
     """Return how deep the pieces that stand for two things are in each other on straight ways [m].
 
@@ -158,38 +160,42 @@ def depth_of_pieces(
 
 
 def _depth_on_way(
-    item: Lying, other: Lying, pose: Transform, direction: Array, length: float
+    item: PlacedObject,
+    other: PlacedObject,
+    pose: Transform,
+    direction: Array,
+    length: float,
 ) -> float:
     """Return how deep the pieces of a thing are in those of another one on a straight way to a pose [m]."""
     deepest = 0.0
     met = [Element(e.form, other[1] @ e.pose) for e in other[0].shape.elements]
     for away in np.linspace(0.0, length, int(np.ceil(length / _STEP)) + 1):
         at = translation(*(-away * direction)) @ pose
-        if near_to((item[0], at), {"": other}, 0.0):
+        if nearby_entities((item[0], at), {"": other}, 0.0):
             own = [Element(e.form, at @ e.pose) for e in item[0].shape.elements]
-            found = max(pieces_depth(a, b) for a, b in product(own, met))
+            found = max(pieces_overlap_depth(a, b) for a, b in product(own, met))
             deepest = max(deepest, found)
     return deepest
 
 
-def leads_through(
-    lying: Lying,
-    other: Lying,
+def sweeps_through(
+    placed: PlacedObject,
+    other: PlacedObject,
     insertion: Array,
     approach: float,
     most: float = ROUNDING,
 ) -> bool:
     """Tell whether a part that comes to its place on a straight way is deeper than ``most`` in another one."""
-    item, pose = lying
+    item, pose = placed
     for away in np.linspace(0.0, approach, int(np.ceil(approach / _STEP)) + 1)[1:]:
         before = (item, translation(*(-away * insertion)) @ pose)
-        near = near_to(before, {"": other}, 0.0).values()
-        if any(gap < -most for gap in near) and depth(before, other) > most:
+        near = nearby_entities(before, {"": other}, 0.0).values()
+        if any(gap < -most for gap in near) and overlap_depth(before, other) > most:
             return True
     return False
 
 
-def depth(one: Lying, other: Lying) -> float:
+def overlap_depth(one: PlacedObject, other: PlacedObject) -> float:
     """Return how deep two things are in each other [m].
 
     That is how far the one would have to go to be free; of a mesh, by how much the other would have to
@@ -204,23 +210,25 @@ def depth(one: Lying, other: Lying) -> float:
 def _depth(one: Shape, other: Shape, between: Transform) -> float:
     """Return the depth of two shapes, given the pose of the second in the frame of the first."""
     return max(
-        forms_depth(first, Element(second.form, readonly(between @ second.pose)))
+        forms_overlap_depth(
+            first, Element(second.form, read_only_copy(between @ second.pose))
+        )
         for first, second in product(one.elements, other.elements)
     )
 
 
-def forms_depth(first: Element, second: Element) -> float:
+def forms_overlap_depth(first: Element, second: Element) -> float:
     """Return how deep two forms are in each other; of two meshes, their triangles tell where they are free [m]."""
-    hulls = pieces_depth(first, second)
+    hulls = pieces_overlap_depth(first, second)
     if hulls <= ROUNDING:
         return hulls
     if (gap := surface_gap(first, second)) > 0.0:
         return -gap
-    ways = []
+    approaches = []
     for convex, mesh in ((first, second), (second, first)):
         if isinstance(mesh.form, Mesh):
-            ways.append(_in_mesh(convex, mesh, hulls))
-    return min(ways, default=hulls)
+            approaches.append(_in_mesh(convex, mesh, hulls))
+    return min(approaches, default=hulls)
 
 
 def _in_mesh(item: Element, mesh: Element, hulls: float) -> float:
@@ -257,7 +265,7 @@ def _in_surface(item: Element, mesh: Element, hulls: float) -> float:
         triangles = corners @ seen[:3, :3].T + seen[:3, 3]
         found = deepest_point(solid, triangles)
         through = found >= _THROUGH * solid.inner
-        if through or abs(winding(solid.middle, triangles)) > 0.5:
+        if through or abs(winding_number(solid.middle, triangles)) > 0.5:
             return hulls
         deepest = max(deepest, found)
     return min(deepest, hulls)
@@ -309,7 +317,7 @@ def mesh_bodies(form: Mesh) -> tuple[ConvexBody, ...]:
     )
 
 
-def pieces_depth(one: Element, other: Element) -> float:
+def pieces_overlap_depth(one: Element, other: Element) -> float:
     """Return the greatest depth of a piece of one form in one of another, round ones exact [m].
 
     Not positive where they are free: then it is how far they are apart, or less.

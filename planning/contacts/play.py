@@ -13,13 +13,13 @@ from planning.cell.shape import Cylinder, Element, Mesh, Shape
 from planning.contacts.interference import (
     SNUG,
     bore_around,
-    depth,
-    depth_words,
-    forms_depth,
+    format_depth,
+    forms_overlap_depth,
+    overlap_depth,
 )
-from planning.contacts.surface_gap import free_way, surface_gap
-from planning.geometry.touching import Lying, bounds
-from planning.transforms import Array, Transform, readonly, translation
+from planning.contacts.surface_gap import free_distance, surface_gap
+from planning.geometry.touching import PlacedObject, bounding_corners
+from planning.transforms import Array, Transform, read_only_copy, translation
 
 _LIFT = 1e-4
 """Play is measured so far out of the place: what the part rests on does not hold it there [m]."""
@@ -62,7 +62,7 @@ class Play:
     def words(self) -> str:
         """What it is, for people: ``0.21 mm on all sides``."""
         if self.pressed > 0.0:
-            return f"pressed in by {depth_words(self.pressed)}"
+            return f"pressed in by {format_depth(self.pressed)}"
         if not np.isfinite(self.free).all():
             both = self.free + np.roll(self.free, _DIRECTIONS // 2)
             return f"{_fine(both.min())} from side to side"
@@ -90,7 +90,9 @@ def _fine(distance: float) -> str:
     return f"{1e3 * distance:.{3 if distance < 9.9e-5 else 2}f} mm"
 
 
-def play(part: Lying, others: Mapping[str, Lying], insertion: Array) -> Play | None:
+def play_in_place(
+    part: PlacedObject, others: Mapping[str, PlacedObject], insertion: Array
+) -> Play | None:
     """Return the play of a part in its place, None where nothing guides it in.
 
     It is guided where no quarter of all directions is free by more than ``SNUG``: not in a corner.
@@ -102,14 +104,14 @@ def play(part: Lying, others: Mapping[str, Lying], insertion: Array) -> Play | N
     """
     item, pose = part
     lifted = translation(*(-_LIFT * insertion)) @ pose
-    low, high = bounds((item, lifted))
+    low, high = bounding_corners((item, lifted))
     free = np.full(_DIRECTIONS, np.inf)
     pressed, beside = 0.0, []
     for name, other in others.items():
-        other_low, other_high = bounds(other)
+        other_low, other_high = bounding_corners(other)
         if np.any(low > other_high + SNUG) or np.any(other_low > high + SNUG):
             continue
-        deep = depth((item, lifted), other)
+        deep = overlap_depth((item, lifted), other)
         if deep > _FREE:
             pressed = max(pressed, deep)
             own = np.zeros(_DIRECTIONS)
@@ -121,10 +123,12 @@ def play(part: Lying, others: Mapping[str, Lying], insertion: Array) -> Play | N
     quarter = [np.roll(free, k) for k in range(_DIRECTIONS // 4)]
     if np.isinf(np.min(quarter, axis=0)).any():
         return None
-    return Play(readonly(free), tuple(sorted(beside)), pressed)
+    return Play(read_only_copy(free), tuple(sorted(beside)), pressed)
 
 
-def _free(shape: Shape, pose: Transform, other: Lying, insertion: Array) -> Array:
+def _free(
+    shape: Shape, pose: Transform, other: PlacedObject, insertion: Array
+) -> Array:
     """Return how far a part can go across its way in until it meets one thing, shape (d,) [m]."""
     out = np.full(_DIRECTIONS, np.inf)
     thing, there = other
@@ -156,8 +160,8 @@ def _free_in_bore(
         return None
     room = bore.radius - peg.form.radius
     centre = peg.pose[:3, :2] @ bore.centre
-    ways = sign * _across(insertion)
-    along = ways @ centre
+    directions = sign * _across(insertion)
+    along = directions @ centre
     # Where a ray from the nominal place leaves the circle in which the axis of the peg may be.
     rest = room * room - float(centre @ centre) + along * along
     return np.asarray(np.maximum(along + np.sqrt(np.maximum(rest, 0.0)), 0.0))
@@ -171,21 +175,23 @@ def _free_of_surface(one: Element, other: Element, insertion: Array) -> Array | 
     """
     if surface_gap(one, other) == 0.0:
         return None
-    return np.array([free_way(one, other, way, SNUG) for way in _across(insertion)])
+    return np.array(
+        [free_distance(one, other, direction, SNUG) for direction in _across(insertion)]
+    )
 
 
 def _free_by_steps(one: Element, other: Element, insertion: Array) -> Array:
     """Return how far a form can go until it meets another one, by halving, shape (d,) [m]."""
 
-    def deep(way: Array) -> float:
-        moved = Element(one.form, readonly(translation(*way) @ one.pose))
-        return forms_depth(moved, other)
+    def deep(direction: Array) -> float:
+        moved = Element(one.form, read_only_copy(translation(*direction) @ one.pose))
+        return forms_overlap_depth(moved, other)
 
     out = np.full(_DIRECTIONS, np.inf)
-    for k, way in enumerate(_across(insertion)):
+    for k, direction in enumerate(_across(insertion)):
         probe, low, high = SNUG, 0.0, SNUG
         while high - low > _EXACT:
-            found = deep(probe * way)
+            found = deep(probe * direction)
             if found <= _FREE:
                 low = probe
             else:  # on the way back it is free no sooner

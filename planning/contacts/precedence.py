@@ -14,9 +14,15 @@ from graphlib import TopologicalSorter
 from itertools import pairwise
 from typing import TypeVar
 
-from planning.contacts.interference import Overlaps, leads_through
+from planning.contacts.interference import Overlaps, sweeps_through
 from planning.errors import ConstructionError
-from planning.geometry.touching import NEAR, TOUCH, Lying, lowest, near_to
+from planning.geometry.touching import (
+    NEAR,
+    TOUCH,
+    PlacedObject,
+    lowest_height,
+    nearby_entities,
+)
 from planning.transforms import Array, translation
 
 _SINK = 0.01
@@ -95,8 +101,8 @@ class PartGraph:
 
 
 def build_part_graph(
-    parts: Mapping[str, Lying],
-    fixtures: Sequence[Lying],
+    parts: Mapping[str, PlacedObject],
+    fixtures: Sequence[PlacedObject],
     *,
     touch: float = TOUCH,
     covers: Mapping[str, frozenset[str]] | None = None,
@@ -110,7 +116,7 @@ def build_part_graph(
         parts: every part in its place, by name.
         fixtures: what stands fast.
         touch: parts nearer to each other than this touch [m].
-        covers: see PartGraph and ``stacked``.
+        covers: see PartGraph and ``parts_stacked_on``.
         overlaps: how deep things may be in each other, where anybody can say that; else only by rounding.
 
     Raises:
@@ -120,9 +126,11 @@ def build_part_graph(
     neighbours, ground, carriers = {}, {}, {}
     for name, (item, pose) in parts.items():
         others = {key: value for key, value in parts.items() if key != name}
-        near = near_to((item, pose), others | grounds, touch)
+        near = nearby_entities((item, pose), others | grounds, touch)
         known = overlaps or Overlaps()
-        for other, deep in known.too_deep(name, (item, pose), others | grounds).items():
+        for other, deep in known.is_too_deep(
+            name, (item, pose), others | grounds
+        ).items():
             raise ConstructionError(
                 f"{name} and {other} would overlap by {deep * 1e3:.3g} mm where they belong"
                 + ("" if overlaps is None else overlaps.remedy(name, other, deep)),
@@ -137,7 +145,7 @@ def build_part_graph(
 
 def with_insertions(
     graph: PartGraph,
-    parts: Mapping[str, Lying],
+    parts: Mapping[str, PlacedObject],
     insertions: Mapping[str, Array],
     approach: float,
 ) -> PartGraph:
@@ -154,42 +162,47 @@ def with_insertions(
         approach: length of that way [m].
     """
     carriers = dict(graph.carriers)
-    for name, lying in parts.items():
+    for name, placed in parts.items():
         near = {k: parts[k] for k in sorted(graph.neighbours[name])}
-        for other in near_to(lying, near, NEAR):
+        for other in nearby_entities(placed, near, NEAR):
             settled = other in graph.carriers[name] or name in graph.carriers[other]
-            if not settled and leads_through(
-                lying, near[other], insertions[name], approach
+            if not settled and sweeps_through(
+                placed, near[other], insertions[name], approach
             ):
                 carriers[other] |= {name}
     return replace(graph, carriers=carriers)
 
 
-def stacked(parts: Mapping[str, Lying]) -> dict[str, frozenset[str]]:
+def parts_stacked_on(parts: Mapping[str, PlacedObject]) -> dict[str, frozenset[str]]:
     """Return for parts in the supply what lies on them, those on which nothing does left out.
 
     Args:
         parts: every part where it lies at the start, by name.
     """
-    bottom = {name: lowest(lying) for name, lying in parts.items()}
+    bottom = {name: lowest_height(placed) for name, placed in parts.items()}
     floor = min(bottom.values(), default=0.0) + _SINK
     above: dict[str, set[str]] = {}
-    for name, lying in parts.items():
+    for name, placed in parts.items():
         if bottom[name] > floor:
             others = {key: value for key, value in parts.items() if key != name}
-            for below in _below(lying, others, near_to(lying, others, _SINK), _SINK):
+            for below in _below(
+                placed, others, nearby_entities(placed, others, _SINK), _SINK
+            ):
                 above.setdefault(below, set()).add(name)
     return {name: frozenset(found) for name, found in above.items()}
 
 
 def _below(
-    lying: Lying, others: Mapping[str, Lying], near: Mapping[str, float], touch: float
+    placed: PlacedObject,
+    others: Mapping[str, PlacedObject],
+    near: Mapping[str, float],
+    touch: float,
 ) -> frozenset[str]:
     """Return the parts near to a part to which it would come much nearer if it sank."""
-    item, pose = lying
+    item, pose = placed
     sunk = (item, translation(0.0, 0.0, -_SINK) @ pose)
     close = {key: others[key] for key in near if key in others}
-    gaps = near_to(sunk, close, touch)
+    gaps = nearby_entities(sunk, close, touch)
     return frozenset(k for k, gap in gaps.items() if near[k] - gap > _RESTS * _SINK)
 
 

@@ -73,8 +73,8 @@ class RoundSolid(ConvexSolid):
         away = self._away(centres)
         length = np.linalg.norm(away, axis=1)
         slope = -away / np.maximum(length, 1e-12)[:, None]
-        ways = np.einsum("nkx,nx->nk", triangles - centres[:, None], slope)
-        around = self.radius - length + ways.max(axis=1)
+        offsets = np.einsum("nkx,nx->nk", triangles - centres[:, None], slope)
+        around = self.radius - length + offsets.max(axis=1)
         if not len(self.offsets):
             return np.asarray(around)
         return np.asarray(np.minimum(around, super().bounds(triangles, centres)))
@@ -126,7 +126,7 @@ def _halved(triangles: Array) -> Array:
     return np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
 
 
-def winding(point: Array, triangles: Array) -> float:
+def winding_number(point: Array, triangles: Array) -> float:
     """Return how often a closed surface goes around a point: 1 inside of it, 0 outside.
 
     Args:

@@ -7,9 +7,9 @@ from typing import Any
 import coal
 import numpy as np
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.shape import Element, Mesh
-from planning.contacts.surface_depth import winding
+from planning.contacts.surface_depth import winding_number
 from planning.transforms import Array, Transform, inverse
 
 _MEETS = 1e-6
@@ -18,7 +18,7 @@ _MEETS = 1e-6
 _MOST_STEPS = 300
 """Steps of an advancement; with more, what was free until then is returned."""
 
-_TREES: KeptAnswers[Any] = KeptAnswers(64)
+_TREES: BoundedCache[Any] = BoundedCache(64)
 
 
 def surface_gap(one: Element, other: Element) -> float:
@@ -29,21 +29,21 @@ def surface_gap(one: Element, other: Element) -> float:
     return 0.0 if gap <= _MEETS or _in(one, other) or _in(other, one) else gap
 
 
-def free_way(one: Element, other: Element, direction: Array, most: float) -> float:
+def free_distance(one: Element, other: Element, direction: Array, most: float) -> float:
     """Return how far a mesh can go straight until it meets another one, never more; infinite beyond ``most`` [m].
 
     Conservative advancement: a step as long as the surfaces are apart passes no contact.
     """
-    way, pose = 0.0, np.array(one.pose)
+    distance, pose = 0.0, np.array(one.pose)
     for _ in range(_MOST_STEPS):
-        pose[:3, 3] = one.pose[:3, 3] + way * direction
+        pose[:3, 3] = one.pose[:3, 3] + distance * direction
         gap = _distance(one, other, pose)
         if gap <= _MEETS:
             break
-        way += gap
-        if way >= most:
+        distance += gap
+        if distance >= most:
             return np.inf
-    return way
+    return distance
 
 
 def _distance(one: Element, other: Element, pose: Transform) -> float:
@@ -79,4 +79,4 @@ def _in(one: Element, other: Element) -> bool:
     assert isinstance(other.form, Mesh)
     seen = inverse(other.pose) @ one.pose
     corner = seen[:3, :3] @ one.form.vertices[0] + seen[:3, 3]
-    return abs(winding(corner, other.form.vertices[other.form.faces])) > 0.5
+    return abs(winding_number(corner, other.form.vertices[other.form.faces])) > 0.5

@@ -10,21 +10,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.geometry.distance import boxes_apart
+from planning.geometry.distance import are_boxes_apart
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import (
     APART,
     CONFLICT,
     Scratch,
-    judge_hulls,
+    check_hulls_continuously,
     pose_segments,
 )
 from planning.geometry.swept import (
     SweptBodies,
-    go_along,
-    strays_at_box,
-    strays_where_they_meet,
+    deviation_bound_at_box,
+    deviation_bound_where_meeting,
+    set_stretch,
     sweep_bodies,
 )
 from planning.kernels import ZERO, inner_kernel, kernel
@@ -113,13 +113,13 @@ def _pairs_with_boxes(
     count = 0
     for o in range(box.shape[0]):
         for g in range(groups.shape[0]):
-            if boxes_apart(box, o, groups, g, room):
+            if are_boxes_apart(box, o, groups, g, room):
                 continue
             for p in range(g * _GROUP, min((g + 1) * _GROUP, last)):
                 limit = limits[o, p]
-                if limit < 0.0 or boxes_apart(box, o, bounds, p, limit):
+                if limit < 0.0 or are_boxes_apart(box, o, bounds, p, limit):
                     continue
-                strayed = strays_at_box(own, o, poses[p], halves[p], limit)
+                strayed = deviation_bound_at_box(own, o, poses[p], halves[p], limit)
                 if strayed > _RESOLUTION:
                     return -1
                 if strayed >= 0.0:
@@ -136,11 +136,11 @@ def _pairs_within(scene: CompiledScene, count: int, out: Indices) -> int:
     for o in range(box.shape[0]):
         for p in range(o):
             limit = limits[p, o]
-            if limit < 0.0 or boxes_apart(box, o, box, p, limit):
+            if limit < 0.0 or are_boxes_apart(box, o, box, p, limit):
                 continue
             # Seen from the joint that carries the lower body, only those above move.
             root = min(joint[p], joint[o])
-            strayed = strays_where_they_meet(own, o, p, root, limit, _RESOLUTION)
+            strayed = deviation_bound_where_meeting(own, o, p, root, limit, _RESOLUTION)
             if strayed > _RESOLUTION:
                 return -1
             if strayed >= 0.0:
@@ -150,7 +150,9 @@ def _pairs_within(scene: CompiledScene, count: int, out: Indices) -> int:
 
 
 @inner_kernel
-def pose_above(whole: HullTable, above: HullTable, root: int, scratch: Scratch) -> None:
+def pose_joints_above(
+    whole: HullTable, above: HullTable, root: int, scratch: Scratch
+) -> None:
     """Pose a stretch as it is seen from a joint: only the joints above it move.
 
     Those below are at zero, so that what was seen on another motion is seen alike.
@@ -187,18 +189,18 @@ def _keep_unproved(scene: CompiledScene, pairs: Indices, count: int, stop: bool)
             lower = min(whole.joint[i], whole.joint[j])
             if lower != root:
                 root = lower
-                pose_above(whole, above, root, on_itself)
+                pose_joints_above(whole, above, root, on_itself)
             for r in range(3):
                 on_itself.direction[r] = scene.apart[i, j, r]
             # What the exact decision tolerates is left to it.
             limit = scene.self_limit[i, j] + TOLERANCE
-            answer = judge_hulls(above, i, above, j, limit, on_itself)
+            answer = check_hulls_continuously(above, i, above, j, limit, on_itself)
             for r in range(3):
                 scene.apart[i, j, r] = on_itself.direction[r]
         else:
             limit, standing = scene.box_limit[i, j], scene.boxes
             pose_segments(whole, ZERO, standing, ZERO, on_standing)
-            answer = judge_hulls(whole, i, standing, j, limit, on_standing)
+            answer = check_hulls_continuously(whole, i, standing, j, limit, on_standing)
         if stop and answer == CONFLICT and kind != SELF:
             return HIT
         if answer != APART:
@@ -236,7 +238,7 @@ def _search(
     while depth > 0:
         depth -= 1
         lo, hi = stack[depth, 0], stack[depth, 1]
-        go_along(scene.own.hulls, q_a, q_b, lo, hi)
+        set_stretch(scene.own.hulls, q_a, q_b, lo, hi)
         sweep_bodies(scene.own)
         count = _pairs_with_boxes(scene, groups, room, pairs)
         if count >= 0:

@@ -15,7 +15,7 @@ _FEW = 32
 
 
 @inner_kernel
-def strays_with_base(table: HullTable, solid: int, poses: Array) -> float:
+def deviation_bound_with_base(table: HullTable, solid: int, poses: Array) -> float:
     """Return how far an error of its robot's base, and what it deviates, takes any point of a body, at most [m].
 
     Args:
@@ -39,7 +39,7 @@ def strays_with_base(table: HullTable, solid: int, poses: Array) -> float:
 
 
 @inner_kernel
-def stray(
+def deviation_bound(
     table: HullTable, solid: int, travel: Array, aside: Array, poses: Array
 ) -> tuple[float, float, float]:
     """Return how far any point of a body strays on a motion, at most.

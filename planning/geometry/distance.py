@@ -11,7 +11,7 @@ from planning.transforms import Array
 Vector = tuple[float, float, float]
 
 FAR, BETWEEN, CLOSE, TOO_CLOSE = 1, 0, -1, -2
-"""What is known of two hulls: see ``gap_class``."""
+"""What is known of two hulls: see ``classify_gap``."""
 
 _STEPS = 24
 ROUNDING = 1e-9
@@ -87,7 +87,7 @@ def _seen_from_box(p0: Array, p1: Array, pose: Array, line: Array) -> None:
 
 
 @inner_kernel
-def segment_near_box(
+def is_segment_near_box(
     p0: Array, p1: Array, pose: Array, half: Array, near: float
 ) -> bool:
     """Tell whether a segment comes within a distance [m] of a solid box; see segment_box."""
@@ -164,7 +164,7 @@ def _outside(line: Array, half: Array, t: float) -> float:
 
 
 @inner_kernel
-def boxes_apart(a: Array, i: int, b: Array, j: int, gap: float) -> bool:
+def are_boxes_apart(a: Array, i: int, b: Array, j: int, gap: float) -> bool:
     """Tell whether two boxes along the axes are further apart than a gap.
 
     Args:
@@ -189,7 +189,7 @@ def _support(corners: Array, count: int, x: float, y: float, z: float) -> int:
 
 
 @inner_kernel
-def gap_class(
+def classify_gap(
     a: Array,
     a_count: int,
     b: Array,

@@ -15,7 +15,7 @@ from typing import Any
 import coal
 import numpy as np
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.body import ConvexBody
 from planning.kernels import kernel
 from planning.kinematics.chain import JointTable, joint_axis, pose_joints
@@ -25,7 +25,7 @@ TOLERANCE = 2e-4
 """Hulls that may come within clearance + TOLERANCE of each other are called too close [m]."""
 
 _REQUEST = coal.DistanceRequest()
-_RESTING: KeptAnswers[Solid] = KeptAnswers(50_000)
+_RESTING: BoundedCache[Solid] = BoundedCache(50_000)
 
 
 @cache
@@ -75,7 +75,7 @@ class Solid:
         capsules = self.body.capsules
         return np.stack([self._placed(capsules.start), self._placed(capsules.end)], 1)
 
-    def strays_with_base(self, pose: Any) -> float:
+    def deviation_bound_with_base(self, pose: Any) -> float:
         """Return how far an error of its robot's base, and what it deviates, takes any point of it, at most [m].
 
         Args:
@@ -85,9 +85,9 @@ class Solid:
             return self.deviates
         rotation, origin = np.asarray(pose.getRotation()), pose.getTranslation()
         points = self.body.vertices @ rotation.T + (origin - self.carrier.base[:3, 3])
-        way, angle = self.carrier.error.tolist()
+        displacement, angle = self.carrier.error.tolist()
         most = np.linalg.norm(points, axis=1).max()
-        return float(self.deviates + way + angle * most)
+        return float(self.deviates + displacement + angle * most)
 
     @cached_property
     def _base_is_sure(self) -> bool:
@@ -165,7 +165,9 @@ def _carry(
     return moved
 
 
-def place(solid: Solid, q_a: Array, q_b: Array, root: int = -1) -> tuple[Any, float]:
+def place_at_middle(
+    solid: Solid, q_a: Array, q_b: Array, root: int = -1
+) -> tuple[Any, float]:
     """Return coal's pose of a body at the middle of a motion and how far it strays from there.
 
     Args:
@@ -185,19 +187,21 @@ def place(solid: Solid, q_a: Array, q_b: Array, root: int = -1) -> tuple[Any, fl
     return coal.Transform3s(pose[:, :3], pose[:, 3]), moved
 
 
-def distance(a: Solid, pose_a: Any, b: Solid, pose_b: Any) -> float:
+def hull_distance(a: Solid, pose_a: Any, b: Solid, pose_b: Any) -> float:
     """Return the signed distance of two hulls at coal poses; negative is penetration [m]."""
     # Threads may measure at once, so each needs a result of its own.
     result = coal.DistanceResult()
     return float(coal.distance(a.shape, pose_a, b.shape, pose_b, _REQUEST, result))
 
 
-def distance_at(a: Solid, q_a: Array, b: Solid, q_b: Array) -> float:
+def hull_distance_at(a: Solid, q_a: Array, b: Solid, q_b: Array) -> float:
     """Return the signed distance of two bodies, each carrier at one configuration [m]."""
-    return distance(a, place(a, q_a, q_a)[0], b, place(b, q_b, q_b)[0])
+    return hull_distance(
+        a, place_at_middle(a, q_a, q_a)[0], b, place_at_middle(b, q_b, q_b)[0]
+    )
 
 
-def come_close(
+def may_come_close(
     a: Solid,
     a_from: Array,
     a_to: Array,
@@ -232,13 +236,13 @@ def come_close(
     made = 0
     while parts:
         _, _, a0, a1, b0, b1 = heappop(parts)
-        pose_a, moved_a = place(a, a0, a1, root)
-        pose_b, moved_b = place(b, b0, b1, root)
-        gap = distance(a, pose_a, b, pose_b)
+        pose_a, moved_a = place_at_middle(a, a0, a1, root)
+        pose_b, moved_b = place_at_middle(b, b0, b1, root)
+        gap = hull_distance(a, pose_a, b, pose_b)
         least, outward = clearance, 0.0
         if not together:  # else both are off as one
             for item, pose, moved in ((a, pose_a, moved_a), (b, pose_b, moved_b)):
-                if (off := item.strays_with_base(pose)) > 0.0 and item.carrier:
+                if (off := item.deviation_bound_with_base(pose)) > 0.0 and item.carrier:
                     least += off
                     outward += float(item.carrier.error[1]) * moved
         if gap < least:

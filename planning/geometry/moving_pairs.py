@@ -7,26 +7,26 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.workcell import Workcell, WorldState
-from planning.geometry.distance import boxes_apart, segment_segment
+from planning.geometry.distance import are_boxes_apart, segment_segment
 from planning.geometry.hull_table import HullTable
 from planning.geometry.robot_bodies import (
     cell_entities,
-    held_by,
     limits_of_entities,
+    objects_held_by,
     robot_bodies,
 )
 from planning.geometry.separation import (
     APART,
     Scratch,
-    judge_hulls,
+    check_hulls_continuously,
     make_scratch,
     pose_segments,
 )
 from planning.geometry.swept import (
     Sweeps,
     SweptBodies,
-    go_along,
     make_swept,
+    set_stretch,
     sweep_bodies,
 )
 from planning.kernels import ZERO, inner_kernel, kernel
@@ -41,7 +41,7 @@ _HALVINGS = 5
 
 
 @inner_kernel
-def pieces_apart(
+def are_pieces_apart(
     a: SweptPiece,
     b: SweptPiece,
     limits: Array,
@@ -58,20 +58,20 @@ def pieces_apart(
         pairs: room for pairs of bodies.
         scratch: room to work in.
     """
-    count = near_pairs(a, b, limits, widest, pairs)
+    count = write_near_pairs(a, b, limits, widest, pairs)
     if count == 0:
         return True
-    return pairs_apart(pairs, count, (a[0], a[3]), (b[0], b[3]), limits, scratch)
+    return are_pairs_apart(pairs, count, (a[0], a[3]), (b[0], b[3]), limits, scratch)
 
 
 @inner_kernel
-def near_pairs(
+def write_near_pairs(
     a: SweptPiece, b: SweptPiece, limits: Array, widest: float, out: Indices
 ) -> int:
     """Write the pairs of bodies whose capsules come nearer than their limits.
 
     Args:
-        a, b, limits, widest: see ``pieces_apart``.
+        a, b, limits, widest: see ``are_pieces_apart``.
         out: receives for each pair the number of the one body times that of the other bodies,
             plus the number of one of these.
 
@@ -87,14 +87,14 @@ def near_pairs(
     b_joint, b_first = b_hulls.joint, b_hulls.capsule_first
     count = ZERO
     for p in range(len(b_joint)):
-        if boxes_apart(around, i, b_box, y + p, widest):
+        if are_boxes_apart(around, i, b_box, y + p, widest):
             continue
         d0, d1 = d + b_first[p], d + b_first[p + 1]
         for o in range(len(a_joint)):
             limit = limits[rows[o], columns[p]]
             if (
                 limit >= 0.0
-                and not boxes_apart(a_box, x + o, b_box, y + p, limit)
+                and not are_boxes_apart(a_box, x + o, b_box, y + p, limit)
                 and (a_joint[o] >= 0 or b_joint[p] >= 0)
             ):
                 c0, c1 = c + a_first[o], c + a_first[o + 1]
@@ -121,7 +121,7 @@ def _capsules_meet(
 
 
 @inner_kernel
-def pairs_apart(
+def are_pairs_apart(
     pairs: Indices,
     count: int,
     a: tuple[HullTable, Indices],
@@ -132,7 +132,7 @@ def pairs_apart(
     """Tell whether the first of some pairs are proved to keep their distances.
 
     Args:
-        pairs, count: see ``near_pairs``, and how many count.
+        pairs, count: see ``write_near_pairs``, and how many count.
         a, b: bodies on their motion, and their rows and columns in ``limits``.
         limits: least distances [m].
         scratch: room to work in.
@@ -143,7 +143,7 @@ def pairs_apart(
         o, p = pairs[k] // len(columns), pairs[k] % len(columns)
         pose_segments(a_hulls, ZERO, b_hulls, ZERO, scratch)
         limit = limits[rows[o], columns[p]]
-        if judge_hulls(a_hulls, o, b_hulls, p, limit, scratch) != APART:
+        if check_hulls_continuously(a_hulls, o, b_hulls, p, limit, scratch) != APART:
             return False
     return True
 
@@ -171,7 +171,7 @@ class MovingPair:
     ) -> None:
         placed = [(item, state.attachments.get(item.name)) for item in cell.objects]
         one, two = (
-            robot_bodies(cell.robot(name), held_by(name, placed))
+            robot_bodies(cell.robot(name), objects_held_by(name, placed))
             for name in (first, second)
         )
         numbers = cell_entities(cell)
@@ -246,15 +246,17 @@ def _is_clear(pair: _Pair, lo: float, hi: float) -> bool:
     """Tell whether the robots are proved clear, each anywhere on a stretch of its motion."""
     a, b, motion = pair.a.hulls, pair.b.hulls, pair.motion
     n, m = a.q_a.shape[1], b.q_a.shape[1]
-    go_along(a, motion[0, :n], motion[1, :n], lo, hi)
-    go_along(b, motion[2, :m], motion[3, :m], lo, hi)
+    set_stretch(a, motion[0, :n], motion[1, :n], lo, hi)
+    set_stretch(b, motion[2, :m], motion[3, :m], lo, hi)
     sweep_bodies(pair.a)
     sweep_bodies(pair.b)
     one, other = (
         (a, pair.a.sweeps, ZERO, pair.rows),
         (b, pair.b.sweeps, ZERO, pair.columns),
     )
-    return pieces_apart(one, other, pair.limits, pair.widest, pair.near, pair.scratch)
+    return are_pieces_apart(
+        one, other, pair.limits, pair.widest, pair.near, pair.scratch
+    )
 
 
 @kernel

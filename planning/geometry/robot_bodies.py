@@ -12,7 +12,7 @@ from itertools import chain, permutations
 
 import numpy as np
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.workcell import (
     Attachment,
     CellObject,
@@ -32,7 +32,7 @@ Held = tuple[CellObject, Attachment]
 AllowedPairs = Iterable[frozenset[str]]
 """Unordered pairs of entities that may touch."""
 
-_KNOWN: KeptAnswers[RobotBodies] = KeptAnswers(4000)
+_KNOWN: BoundedCache[RobotBodies] = BoundedCache(4000)
 
 
 GROUPS = ("arm", "tool")
@@ -72,12 +72,12 @@ class RobotBodies:
     @cached_property
     def of_entity(self) -> Mapping[str, list[int]]:
         """The bodies of each entity."""
-        return places_of(self.entities)
+        return indices_by_name(self.entities)
 
     def limits_within(self, allowed: AllowedPairs) -> Array:
         """Return ``self_limits`` where parts may touch something held, as pairs of entities say."""
         limits = self.self_limits.copy()
-        skip_allowed(limits, *self._parts_and_held, allowed)
+        mark_allowed_contacts(limits, *self._parts_and_held, allowed)
         return limits
 
     @cached_property
@@ -90,7 +90,7 @@ class RobotBodies:
         )
 
 
-def entity(robot: str, group: str) -> str:
+def entity_name(robot: str, group: str) -> str:
     """Return the name by which allowed contacts speak of a robot's arm or tool."""
     return f"{robot}/{group}"
 
@@ -102,7 +102,7 @@ def entity_numbers(robots: Iterable[str], things: Iterable[str]) -> dict[str, in
         robots: names of the robots.
         things: names of objects and fixtures.
     """
-    names = [entity(robot, group) for robot in robots for group in GROUPS]
+    names = [entity_name(robot, group) for robot in robots for group in GROUPS]
     return {name: number for number, name in enumerate([*names, *things])}
 
 
@@ -122,12 +122,15 @@ def limits_of_entities(
         least: distance of those that may not touch [m].
         allowed: unordered pairs that may; of entities without a number, too.
     """
-    limits, places = np.full((len(numbers), len(numbers)), least), places_of(numbers)
-    skip_allowed(limits, places, places, allowed)
+    limits, places = (
+        np.full((len(numbers), len(numbers)), least),
+        indices_by_name(numbers),
+    )
+    mark_allowed_contacts(limits, places, places, allowed)
     return limits
 
 
-def places_of(names: Iterable[str]) -> dict[str, list[int]]:
+def indices_by_name(names: Iterable[str]) -> dict[str, list[int]]:
     """Return at which places each name stands."""
     found: dict[str, list[int]] = {}
     for k, name in enumerate(names):
@@ -135,7 +138,7 @@ def places_of(names: Iterable[str]) -> dict[str, list[int]]:
     return found
 
 
-def skip_allowed(
+def mark_allowed_contacts(
     limits: Array,
     rows: Mapping[str, Sequence[int]],
     columns: Mapping[str, Sequence[int]],
@@ -173,7 +176,7 @@ def robot_bodies(robot: PlacedRobot, held: Sequence[Held] = ()) -> RobotBodies:
 
 def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
     model, joints = robot.model, placed_joints(robot)
-    groups = [entity(robot.name, part.group) for part in model.parts]
+    groups = [entity_name(robot.name, part.group) for part in model.parts]
     if held:
         solids = list(robot_bodies(robot).solids)
     else:
@@ -202,14 +205,14 @@ def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
     )
 
 
-def held_by(
+def objects_held_by(
     robot: str, placed: Iterable[tuple[CellObject, Attachment | None]]
 ) -> list[Held]:
     """Return the objects that a robot holds."""
     return [(item, at) for item, at in placed if at is not None and at.holder == robot]
 
 
-def how_far(
+def position_error_bound(
     robot: PlacedRobot, path: Array, error: PoseError, solids: Sequence[Solid]
 ) -> Array:
     """Return how far each body may be from its place anywhere on a path, shape (solids,) [m].
@@ -234,7 +237,9 @@ def how_far(
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         if solid.joint == tip:
             at = robot.model.flange[:3, 3]
-            out[k] = error.takes(float(np.linalg.norm(points - at, axis=1).max()))
+            out[k] = error.displacement(
+                float(np.linalg.norm(points - at, axis=1).max())
+            )
             continue
         radius = float(np.linalg.norm(points - middle, axis=1).max())
         frame, own = frames[:, solid.joint + 1], slice(0, solid.joint + 1)
@@ -285,11 +290,11 @@ def _stretch(maps: Array) -> Array:
     return np.asarray(np.linalg.norm(maps, ord=2, axis=(1, 2)))
 
 
-def while_deviating(
+def with_deviations(
     bodies: RobotBodies, robot: PlacedRobot, path: Array, error: PoseError
 ) -> RobotBodies:
-    """Return the bodies of a robot while it may deviate from a path, see ``how_far``."""
-    off = how_far(robot, path, error, bodies.solids).tolist()
+    """Return the bodies of a robot while it may deviate from a path, see ``position_error_bound``."""
+    off = position_error_bound(robot, path, error, bodies.solids).tolist()
     solids = tuple(
         replace(solid, deviates=far)
         for solid, far in zip(bodies.solids, off, strict=True)

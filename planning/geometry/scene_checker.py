@@ -16,20 +16,20 @@ from planning.geometry.clearing import BOX, CLEAR, CompiledScene, find_undecided
 from planning.geometry.exact import (
     TOLERANCE,
     Solid,
-    come_close,
-    distance,
-    distance_at,
-    place,
+    hull_distance,
+    hull_distance_at,
+    may_come_close,
+    place_at_middle,
 )
 from planning.geometry.robot_bodies import (
     Held,
-    entity,
-    held_by,
+    entity_name,
+    mark_allowed_contacts,
+    objects_held_by,
     robot_bodies,
-    skip_allowed,
-    while_deviating,
+    with_deviations,
 )
-from planning.geometry.separation import room_for
+from planning.geometry.separation import make_scratch_for
 from planning.geometry.standing import (
     StandingBoxes,
     box_limits,
@@ -64,11 +64,11 @@ class BodyPair(NamedTuple):
 
     def gap_at(self, q: Array) -> tuple[float, float]:
         """Return their signed distance at ``q``, shape (n,), and the least that they may have there [m]."""
-        pose, limit = place(self.mine, q, q)[0], self.limit
+        pose, limit = place_at_middle(self.mine, q, q)[0], self.limit
         if not self.together:
-            limit += self.mine.strays_with_base(pose)
-        there = place(self.other, q, q)[0]
-        return distance(self.mine, pose, self.other, there), limit
+            limit += self.mine.deviation_bound_with_base(pose)
+        there = place_at_middle(self.other, q, q)[0]
+        return hull_distance(self.mine, pose, self.other, there), limit
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class SceneChecker:
         self._to_objects = cell.clearances.robot_object + margin
         self._own = robot_bodies(self.robot, held)
         if deviating is not None:
-            self._own = while_deviating(self._own, self.robot, *deviating)
+            self._own = with_deviations(self._own, self.robot, *deviating)
         self._boxes = boxes
         self._gone: tuple[int, ...] = ()
         self._box_limit = box_limits(
@@ -168,8 +168,8 @@ class SceneChecker:
             none,
             none,
             own.hulls.on_a_motion().seen_from_base(),
-            room_for(n, 0, corners, boxes.places.most_corners),
-            room_for(n, n, corners, corners),
+            make_scratch_for(n, 0, corners, boxes.places.most_corners),
+            make_scratch_for(n, n, corners, corners),
             np.zeros((len(own.hulls.joint), len(own.hulls.joint), 3)),
         )
         self._allow(allowed)
@@ -197,7 +197,9 @@ class SceneChecker:
         What robots hold keeps the clearance of robots from other robots, and what these hold.
         """
         box_limit = self._box_limit.copy()
-        skip_allowed(box_limit, self._own.of_entity, self._boxes.columns, allowed)
+        mark_allowed_contacts(
+            box_limit, self._own.of_entity, self._boxes.columns, allowed
+        )
         box_limit[:, list(self._gone)] = SKIP
         self_limit = self._own.limits_within(allowed)
         self._scene = packed(
@@ -244,7 +246,9 @@ class SceneChecker:
                 q0, q1 = q_a + lo * (q_b - q_a), q_a + hi * (q_b - q_a)
                 mine, solid, limit, together = self._pair(kind, body, other)
                 begin = q0 if together else q1
-                if come_close(mine, q0, q1, solid, begin, q1, limit, together=together):
+                if may_come_close(
+                    mine, q0, q1, solid, begin, q1, limit, together=together
+                ):
                     return False
             looks = at + 1
 
@@ -288,11 +292,11 @@ class SceneChecker:
     def _tool_comes_within(self, path: Array, column: int, limit: float) -> bool:
         """Tell whether the tool may come nearer to a piece at rest than a limit."""
         box = self._boxes.solid(column)
-        bodies = self._own.of_entity.get(entity(self.robot.name, "tool"), [])
-        ways = list(pairwise(np.array(path, dtype=np.float64)))
+        bodies = self._own.of_entity.get(entity_name(self.robot.name, "tool"), [])
+        motions = list(pairwise(np.array(path, dtype=np.float64)))
         alone = self._only(bodies, column, max(limit, 0.0))
         close = []
-        for q0, q1 in ways:
+        for q0, q1 in motions:
             # What hulls in motion are proved to be apart by is no nearer than the limit.
             _, when, what = find_undecided(alone, q0, q1, False, True, 0, False)
             for (lo, hi), (_, body, _) in zip(
@@ -304,11 +308,12 @@ class SceneChecker:
         # What is too near at an end or half-way need not be sought in between.
         for solid, q0, q1 in close:
             if any(
-                distance_at(solid, q, box, q) < limit for q in (q1, 0.5 * (q0 + q1))
+                hull_distance_at(solid, q, box, q) < limit
+                for q in (q1, 0.5 * (q0 + q1))
             ):
                 return True
         return any(
-            come_close(solid, q0, q1, box, q1, q1, limit, tolerance=_FINE)
+            may_come_close(solid, q0, q1, box, q1, q1, limit, tolerance=_FINE)
             for solid, q0, q1 in close
         )
 
@@ -320,7 +325,7 @@ class SceneChecker:
             name: of the fixture or object.
             depth: of the overlap [m].
         """
-        bodies = self._own.of_entity.get(entity(self.robot.name, "tool"), [])
+        bodies = self._own.of_entity.get(entity_name(self.robot.name, "tool"), [])
         for column, body in product(self._boxes.columns.get(name, ()), bodies):
             mine = self._own.solids[body].where_planned
             pair = BodyPair(mine, self._boxes.solid(column), -depth, together=False)
@@ -361,4 +366,4 @@ def _surroundings(
             hand = frame_pose(holder, state.configurations[at.holder])
             there = item.shape.placed(item.name, hand @ at.pose)
             boxes = boxes.plus(there, of_robot=holder)
-    return held_by(robot, held), boxes
+    return objects_held_by(robot, held), boxes

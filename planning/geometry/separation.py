@@ -6,8 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.geometry.deviation_bounds import stray, strays_with_base
-from planning.geometry.distance import BETWEEN, CLOSE, FAR, TOO_CLOSE, gap_class
+from planning.geometry.deviation_bounds import (
+    deviation_bound,
+    deviation_bound_with_base,
+)
+from planning.geometry.distance import BETWEEN, CLOSE, FAR, TOO_CLOSE, classify_gap
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.hull_table import AT_REST, HullTable, place_corners
 from planning.kernels import ZERO, inner_kernel
@@ -16,7 +19,7 @@ from planning.packed import packed
 from planning.transforms import Array, Indices
 
 APART, UNDECIDED, CONFLICT = 1, 0, -1
-"""Answers of ``judge_hulls``."""
+"""Answers of ``check_hulls_continuously``."""
 
 _FROM, _TO, _TRAVEL, _MIDDLE, _STRAIGHT = range(5)
 """Rows of ``joints_a`` and ``joints_b``."""
@@ -54,10 +57,10 @@ class Scratch(NamedTuple):
 def make_scratch(a: HullTable, b: HullTable) -> Scratch:
     """Return room for the bodies of two occupancies."""
     joints = a.q_a.shape[1], b.q_a.shape[1]
-    return room_for(*joints, a.most_corners, b.most_corners)
+    return make_scratch_for(*joints, a.most_corners, b.most_corners)
 
 
-def room_for(n: int, m: int, a_corners: int, b_corners: int) -> Scratch:
+def make_scratch_for(n: int, m: int, a_corners: int, b_corners: int) -> Scratch:
     """Return room for two occupancies.
 
     Args:
@@ -83,7 +86,7 @@ def room_for(n: int, m: int, a_corners: int, b_corners: int) -> Scratch:
 
 @inner_kernel
 def pose_segments(a: HullTable, s: int, b: HullTable, t: int, scratch: Scratch) -> None:
-    """Prepare two segments for ``judge_hulls``."""
+    """Prepare two segments for ``check_hulls_continuously``."""
     if scratch.posed[0] != s:
         _pose_middle(a, s, scratch.joints_a, scratch.whole_a)
         scratch.posed[0] = s
@@ -117,7 +120,7 @@ def _pose_at(table: HullTable, q: Array, poses: Array) -> None:
 
 
 @inner_kernel
-def judge_hulls(
+def check_hulls_continuously(
     a: HullTable, i: int, b: HullTable, j: int, clearance: float, scratch: Scratch
 ) -> int:
     """Tell whether two bodies keep a clearance, each anywhere on its motion, as far as proved.
@@ -153,17 +156,17 @@ def judge_hulls(
         if b1 - b0 < 1.0:
             poses_b = scratch.part_b
             _pose_at(b, joints_b[_MIDDLE], poses_b)
-        a_moved, a_bend, _ = stray(
+        a_moved, a_bend, _ = deviation_bound(
             a, x, joints_a[_TRAVEL], joints_a[_STRAIGHT], poses_a
         )
-        b_moved, b_bend, _ = stray(
+        b_moved, b_bend, _ = deviation_bound(
             b, y, joints_b[_TRAVEL], joints_b[_STRAIGHT], poses_b
         )
-        close = clearance + strays_with_base(a, x, poses_a)
-        close += strays_with_base(b, y, poses_b)
+        close = clearance + deviation_bound_with_base(a, x, poses_a)
+        close += deviation_bound_with_base(b, y, poses_b)
         # What moves away from its base strays further with it.
         outward = a.robot.error[1] * a_moved + b.robot.error[1] * b_moved
-        gap = gap_class(
+        gap = classify_gap(
             corners_a,
             place_corners(a, x, poses_a, corners_a, ZERO),
             corners_b,
@@ -183,7 +186,7 @@ def judge_hulls(
         a_count = _place_ends(a, x, joints_a, scratch.part_a, corners_a)
         b_count = _place_ends(b, y, joints_b, scratch.part_b, corners_b)
         enough = close + a_bend + b_bend + outward
-        gap = gap_class(
+        gap = classify_gap(
             corners_a, a_count, corners_b, b_count, enough, enough, scratch.direction
         )
         if gap == FAR:

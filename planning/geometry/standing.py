@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.body import ConvexBody
 from planning.cell.shape import Placed
 from planning.cell.workcell import Attachment, CellObject, Fixture, PlacedRobot
@@ -24,9 +24,9 @@ from planning.geometry.robot_bodies import (
     AllowedPairs,
     Held,
     RobotBodies,
-    entity,
-    places_of,
-    skip_allowed,
+    entity_name,
+    indices_by_name,
+    mark_allowed_contacts,
 )
 from planning.geometry.swept import SKIP
 from planning.kinematics.chain import NO_JOINTS
@@ -37,7 +37,7 @@ from planning.transforms import Array, Indices, Transform, translation
 _MOST_PLACES = 50_000
 """Places in arrays that scenes share; those after so many begin with new ones."""
 
-_STANDS: KeptAnswers[list[Placed]] = KeptAnswers(2000)
+_STANDS: BoundedCache[list[Placed]] = BoundedCache(2000)
 _ABSENT = -1
 
 _CELLS_AT_A_TIME = 4
@@ -149,7 +149,7 @@ class StandingBoxes:
     @cached_property
     def columns(self) -> Mapping[str, list[int]]:
         """At which places the pieces of each name stand."""
-        return places_of(self.names)
+        return indices_by_name(self.names)
 
     @property
     def pose(self) -> Array:
@@ -252,7 +252,7 @@ class StandingBoxes:
 def _strays(robot: PlacedRobot, body: ConvexBody, pose: Transform) -> float:
     """Return how far an error of a robot's base takes a body that stands with it [m]."""
     points = body.vertices @ pose[:3, :3].T + (pose[:3, 3] - robot.base[:3, 3])
-    return robot.base_error.takes(float(np.linalg.norm(points, axis=1).max()))
+    return robot.base_error.displacement(float(np.linalg.norm(points, axis=1).max()))
 
 
 def stand_boxes(fixtures: Sequence[Fixture], boxes: Iterable[Placed]) -> StandingBoxes:
@@ -288,7 +288,7 @@ def box_limits(
         for k in of_robot if boxes.strays else ():
             limits[:, k] += boxes.strays.get(int(boxes.rows[k]), 0.0)
     limits[own.hulls.joint < 0, : boxes.fixtures] = SKIP
-    skip_allowed(limits, own.of_entity, boxes.columns, allowed)
+    mark_allowed_contacts(limits, own.of_entity, boxes.columns, allowed)
     return limits
 
 
@@ -298,7 +298,7 @@ def standing_robot(robot: PlacedRobot, q: Array) -> list[Placed]:
     def collect() -> list[Placed]:
         poses = joint_poses_of(robot, q)
         return [
-            (entity(robot.name, part.group), part.body, poses[part.joint + 1])
+            (entity_name(robot.name, part.group), part.body, poses[part.joint + 1])
             for part in robot.model.parts
         ]
 

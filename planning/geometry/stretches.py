@@ -11,8 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.geometry.deviation_bounds import stray, strays_with_base
-from planning.geometry.distance import BETWEEN, FAR, gap_class
+from planning.geometry.deviation_bounds import (
+    deviation_bound,
+    deviation_bound_with_base,
+)
+from planning.geometry.distance import BETWEEN, FAR, classify_gap
 from planning.geometry.hull_table import AT_REST, HullTable, place_corners
 from planning.kernels import ZERO, inner_kernel
 from planning.kinematics.chain import pose_joints
@@ -113,7 +116,7 @@ def _pose_box(table: HullTable, first: int, last: int, out: PosedStretch) -> Non
 
 @inner_kernel
 def pose_stretch(table: HullTable, first: int, last: int, out: PosedStretch) -> None:
-    """Prepare a stretch for ``stretches_stay_apart``, unless it is the one posed last."""
+    """Prepare a stretch for ``are_stretches_apart``, unless it is the one posed last."""
     if out.span[0] == first and out.span[1] == last:
         return
     _pose_box(table, first, last, out)
@@ -139,16 +142,16 @@ def pose_stretch(table: HullTable, first: int, last: int, out: PosedStretch) -> 
 
 
 @inner_kernel
-def measure_stray(table: HullTable, solid: int, stretch: PosedStretch) -> None:
+def measure_deviation(table: HullTable, solid: int, stretch: PosedStretch) -> None:
     """Write how far a body strays on a stretch, unless that is known."""
     if stretch.known[solid] == stretch.span[2]:
         return
     stretch.known[solid] = stretch.span[2]
     strays = stretch.strays
-    strays[solid, 0], strays[solid, 1], strays[solid, 2] = stray(
+    strays[solid, 0], strays[solid, 1], strays[solid, 2] = deviation_bound(
         table, solid, stretch.travel, stretch.aside, stretch.middle
     )
-    off = strays_with_base(table, solid, stretch.middle)
+    off = deviation_bound_with_base(table, solid, stretch.middle)
     if off > 0.0:
         off += table.robot.error[1] * strays[solid, 0]
         strays[solid, 0] += off
@@ -156,7 +159,7 @@ def measure_stray(table: HullTable, solid: int, stretch: PosedStretch) -> None:
 
 
 @inner_kernel
-def stretches_stay_apart(
+def are_stretches_apart(
     a: HullTable,
     x: int,
     on_a: PosedStretch,
@@ -176,7 +179,7 @@ def stretches_stay_apart(
     """
     corners_a, corners_b = on_a.corners, on_b.corners
     strays_a, strays_b = on_a.strays, on_b.strays
-    gap = gap_class(
+    gap = classify_gap(
         corners_a,
         place_corners(a, x, on_a.middle, corners_a, ZERO),
         corners_b,
@@ -191,7 +194,7 @@ def stretches_stay_apart(
     count_b = place_corners(b, y, on_b.start, corners_b, ZERO)
     enough = clearance + strays_a[x, 1] + strays_a[x, 2]
     enough += strays_b[y, 1] + strays_b[y, 2]
-    gap = gap_class(
+    gap = classify_gap(
         corners_a,
         place_corners(a, x, on_a.end, corners_a, count_a),
         corners_b,
@@ -282,7 +285,7 @@ def sweep_all_capsules(table: HullTable, stretch: PosedStretch) -> None:
     """Write the capsules of all bodies that are the same on all of a stretch, posed."""
     for solid in stretch.solid:
         if solid >= 0:
-            measure_stray(table, solid, stretch)
+            measure_deviation(table, solid, stretch)
             sweep_capsules(table, solid, stretch)
 
 

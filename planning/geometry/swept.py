@@ -14,7 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from planning.geometry.distance import boxes_apart, segment_near_box, segment_segment
+from planning.geometry.distance import (
+    are_boxes_apart,
+    is_segment_near_box,
+    segment_segment,
+)
 from planning.geometry.hull_table import HullTable
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.kinematics.chain import joint_axis, pose_joints
@@ -163,7 +167,7 @@ class Sweeps(NamedTuple):
     radius: Array
 
 
-def no_sweeps(
+def empty_sweeps(
     bodies: Sequence[int] | Indices, capsules: Sequence[int] | Indices
 ) -> Sweeps:
     """Return room for what is swept in pieces, with so many bodies and capsules each."""
@@ -197,7 +201,7 @@ class SweepRoom(NamedTuple):
     moved: Array
 
 
-def room_to_sweep(joints: int, capsules: int) -> SweepRoom:
+def make_sweep_room(joints: int, capsules: int) -> SweepRoom:
     """Return room for a robot with so many joints and capsules at most."""
     room = SweepRoom(
         np.empty((joints + 1, 4, 4)), np.empty(joints), np.zeros((capsules, joints + 1))
@@ -279,14 +283,14 @@ def make_swept(hulls: HullTable) -> SweptBodies:
     return packed(
         SweptBodies(
             hulls.on_a_motion(),
-            packed(no_sweeps([len(hulls.joint)], [capsules])),
-            room_to_sweep(hulls.q_a.shape[1], capsules),
+            packed(empty_sweeps([len(hulls.joint)], [capsules])),
+            make_sweep_room(hulls.q_a.shape[1], capsules),
         )
     )
 
 
 @inner_kernel
-def go_along(hulls: HullTable, q_a: Array, q_b: Array, lo: float, hi: float) -> None:
+def set_stretch(hulls: HullTable, q_a: Array, q_b: Array, lo: float, hi: float) -> None:
     """Make a stretch of a straight motion the one that bodies are on.
 
     Args:
@@ -307,7 +311,7 @@ def sweep_bodies(bodies: SweptBodies) -> None:
 
 
 @inner_kernel
-def strays_at_box(
+def deviation_bound_at_box(
     bodies: SweptBodies, o: int, pose: Array, half: Array, limit: float
 ) -> float:
     """Return how far a capsule of a body strays that comes near a box, NOWHERE where none does.
@@ -320,7 +324,7 @@ def strays_at_box(
     first, sweeps = bodies.hulls.capsule_first, bodies.sweeps
     a, b, radius = sweeps.capsule_a, sweeps.capsule_b, sweeps.radius
     for c in range(first[o], first[o + 1]):
-        if segment_near_box(a[c], b[c], pose, half, radius[c] + limit):
+        if is_segment_near_box(a[c], b[c], pose, half, radius[c] + limit):
             return float(bodies.room.moved[c, 0])
     return NOWHERE
 
@@ -350,20 +354,20 @@ def boxes_in_reach(
     out = np.zeros(len(pose), dtype=np.bool_)
     around, box = bodies.sweeps.box, bodies.sweeps.body_box
     for s in range(len(path) - 1):
-        go_along(bodies.hulls, path[s], path[s + 1], 0.0, 1.0)
+        set_stretch(bodies.hulls, path[s], path[s + 1], 0.0, 1.0)
         sweep_bodies(bodies)
         for b in range(len(pose)):
-            if out[b] or boxes_apart(around, ZERO, bounds, b, room):
+            if out[b] or are_boxes_apart(around, ZERO, bounds, b, room):
                 continue
             for o in range(len(box)):
-                if not boxes_apart(box, o, bounds, b, room):
-                    strayed = strays_at_box(bodies, o, pose[b], half[b], room)
+                if not are_boxes_apart(box, o, bounds, b, room):
+                    strayed = deviation_bound_at_box(bodies, o, pose[b], half[b], room)
                     out[b] = out[b] or strayed != NOWHERE
     return out
 
 
 @inner_kernel
-def strays_where_they_meet(
+def deviation_bound_where_meeting(
     bodies: SweptBodies, i: int, j: int, root: int, limit: float, enough: float
 ) -> float:
     """Return how far capsules of two bodies of a robot stray that come closer than a limit.

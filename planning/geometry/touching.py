@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
-from planning.geometry.exact import Solid, distance, place, resting_solid
+from planning.geometry.exact import Solid, hull_distance, place_at_middle, resting_solid
 from planning.transforms import Array, Transform
 
-Lying = tuple[CellObject | Fixture, Transform]
+PlacedObject = tuple[CellObject | Fixture, Transform]
 """A thing and the pose of its frame in the world."""
 
 _NOWHERE = np.zeros(0)
@@ -28,8 +28,8 @@ NEAR = 0.002
 """Things this near to each other touch [m]: rounding, and the margin that planning keeps."""
 
 
-def near_to(
-    part: Lying, others: Mapping[str, Lying], within: float
+def nearby_entities(
+    part: PlacedObject, others: Mapping[str, PlacedObject], within: float
 ) -> dict[str, float]:
     """Return the entities near a part, with their distances.
 
@@ -41,10 +41,10 @@ def near_to(
     Returns:
         Signed distances by name, negative for overlap [m].
     """
-    low, high = bounds(part)
+    low, high = bounding_corners(part)
     out = {}
     for name, other in others.items():
-        other_low, other_high = bounds(other)
+        other_low, other_high = bounding_corners(other)
         if np.any(low > other_high + within) or np.any(other_low > high + within):
             continue
         gap = _gap(part, other)
@@ -53,12 +53,16 @@ def near_to(
     return out
 
 
-def nearest_to(part: Lying, others: Mapping[str, Lying]) -> tuple[str, float] | None:
+def nearest_entity(
+    part: PlacedObject, others: Mapping[str, PlacedObject]
+) -> tuple[str, float] | None:
     """Return the entity nearest to a part, and how far it is [m]; None where there is no other."""
-    low, high = bounds(part)
+    low, high = bounding_corners(part)
     least = {
         name: float(np.linalg.norm(np.maximum(np.maximum(low - b, a - high), 0.0)))
-        for name, (a, b) in ((k, bounds(other)) for k, other in others.items())
+        for name, (a, b) in (
+            (k, bounding_corners(other)) for k, other in others.items()
+        )
     }
     best: tuple[str, float] | None = None
     for name in sorted(others, key=least.__getitem__):
@@ -70,39 +74,43 @@ def nearest_to(part: Lying, others: Mapping[str, Lying]) -> tuple[str, float] | 
     return best
 
 
-def nearest_words(name: str, part: Lying, others: Mapping[str, Lying]) -> str:
+def describe_nearest(
+    name: str, part: PlacedObject, others: Mapping[str, PlacedObject]
+) -> str:
     """Return in words what is nearest to a part, and how far it is."""
-    found = nearest_to(part, others)
+    found = nearest_entity(part, others)
     if found is None:
         return f"nothing else is there by then to be near {name}"
     away = f"{found[1] * 1e3:.1f} mm away" if found[1] > 5e-5 else "which it touches"
     return f"nearest to {name} is {found[0]}, {away}"
 
 
-def _gap(one: Lying, other: Lying) -> float:
+def _gap(one: PlacedObject, other: PlacedObject) -> float:
     """Return the signed distance of the nearest two pieces, the deepest overlap if any [m]."""
     pairs = product(_solids(one), _solids(other))
-    return min(distance(a, pose_a, b, pose_b) for (a, pose_a), (b, pose_b) in pairs)
+    return min(
+        hull_distance(a, pose_a, b, pose_b) for (a, pose_a), (b, pose_b) in pairs
+    )
 
 
-def _solids(lying: Lying) -> list[tuple[Solid, Any]]:
+def _solids(placed: PlacedObject) -> list[tuple[Solid, Any]]:
     """Return the pieces of what lies somewhere, each with its pose for coal."""
-    item, pose = lying
+    item, pose = placed
     found = [resting_solid(item.name, body, pose) for body in item.shape.pieces]
-    return [(solid, place(solid, _NOWHERE, _NOWHERE)[0]) for solid in found]
+    return [(solid, place_at_middle(solid, _NOWHERE, _NOWHERE)[0]) for solid in found]
 
 
-def standing(cell: Workcell) -> dict[str, Lying]:
+def standing_fixtures(cell: Workcell) -> dict[str, PlacedObject]:
     """Return the fixtures of a cell where they stand, by name."""
     return {item.name: (item, item.pose) for item in cell.fixtures}
 
 
-def lowest(lying: Lying) -> float:
+def lowest_height(placed: PlacedObject) -> float:
     """Return the height of the lowest corner of what lies somewhere [m]."""
-    return float(bounds(lying)[0][2])
+    return float(bounding_corners(placed)[0][2])
 
 
-def bounds(lying: Lying) -> tuple[Array, Array]:
+def bounding_corners(placed: PlacedObject) -> tuple[Array, Array]:
     """Return the least and greatest corners of the upright box around what lies somewhere [m]."""
-    item, pose = lying
+    item, pose = placed
     return item.shape.bounds(pose)

@@ -47,8 +47,8 @@ def _cup_points(model: RobotModel, tip: Transform) -> CupPoints:
         if front >= -TO_CUP:
             face = corners[corners[:, 2] >= front - TO_CUP, :2]
             middle = 0.5 * (face.min(axis=0) + face.max(axis=0))
-            ways = np.column_stack([np.cos(_AROUND), np.sin(_AROUND)]) @ face.T
-            edge = face[np.unique(ways.argmax(axis=1))]
+            directions = np.column_stack([np.cos(_AROUND), np.sin(_AROUND)]) @ face.T
+            edge = face[np.unique(directions.argmax(axis=1))]
             points = np.vstack([middle, middle + _SHARE * (edge - middle)])
             found += [(x, y) for x, y in points.tolist()]
     edges = np.array(found).reshape(-1, 2)
@@ -67,7 +67,7 @@ def cup_width(rules: GripRules) -> float:
     )
 
 
-def too_wide(
+def describe_too_wide_cups(
     shape: Shape, start: Transform, goal: Transform, rules: GripRules
 ) -> str | None:
     """Return in words which cup the faces of a part take at most, None where they take none.

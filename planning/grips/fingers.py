@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.body import ConvexBody
 from planning.cell.cover import capsule_cover, hull_vertices
 from planning.cell.robot_model import RobotModel
@@ -44,7 +44,7 @@ _SQUARE = 0.7
 _CELLS = 12
 """Patches are measured in so many cells along either edge of the box around them."""
 
-_LOADS: KeptAnswers[PadLoad | Literal[""]] = KeptAnswers(20_000)
+_LOADS: BoundedCache[PadLoad | Literal[""]] = BoundedCache(20_000)
 
 _LEAST_WAY = 1e-4
 """Fingers that close by less sweep nothing [m]."""
@@ -52,7 +52,7 @@ _LEAST_WAY = 1e-4
 _ROUNDING = 5e-5
 """Distances of hulls with many corners are as exact as this [m]."""
 
-_SWEPT: KeptAnswers[tuple[RobotModel | None]] = KeptAnswers(2_000)
+_SWEPT: BoundedCache[tuple[RobotModel | None]] = BoundedCache(2_000)
 
 
 @dataclass(frozen=True)
@@ -249,8 +249,8 @@ def _swept(
     moved: dict[ConvexBody, ConvexBody] = {}
     for bodies, pad, sign in zip(sides, pads.sides, (-1.0, 1.0), strict=True):
         if pad.way is not None and pad.way - short > _LEAST_WAY:
-            way = sign * (pad.way - short) * tip[:3, 1]
-            moved |= {body: _along(body, way) for body in bodies}
+            displacement = sign * (pad.way - short) * tip[:3, 1]
+            moved |= {body: _along(body, displacement) for body in bodies}
     if not moved:
         return None
     parts = (
@@ -259,14 +259,14 @@ def _swept(
     return replace(model, parts=tuple(parts))
 
 
-def _along(body: ConvexBody, way: Array) -> ConvexBody:
+def _along(body: ConvexBody, displacement: Array) -> ConvexBody:
     """Return the hull of a body and of the same body a way further, shape (3,) [m]."""
-    both = np.vstack([body.vertices, body.vertices + way])
+    both = np.vstack([body.vertices, body.vertices + displacement])
     corners = hull_vertices(both)
     return ConvexBody(body.name, corners, capsule_cover(corners))
 
 
-def in_the_way_of_fingers(
+def finger_obstacles(
     robot: PlacedRobot,
     frame: str,
     held: tuple[CellObject, Transform],

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from planning.cell.robot_model import ToolGrip
-from planning.transforms import Array, Transform, readonly
+from planning.transforms import Array, Transform, read_only_copy
 
 CupPoints = tuple[tuple[float, float], ...]
 
@@ -100,7 +100,7 @@ def tool_turn(z: Array, y: Array) -> Array:
     return np.column_stack([np.cross(y, z), y, z])
 
 
-def leaning(angle: float) -> Array:
+def lean_angle(angle: float) -> Array:
     """Return how a tool is turned that leans about the axis along which it closes [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
@@ -133,7 +133,7 @@ def box_grips(
         turn = tool_turn(into, across)
         for offset, tilt in product(offsets, dict.fromkeys(rules.tilts)):
             pose = np.eye(4)
-            pose[:3, :3] = turn @ leaning(tilt)
+            pose[:3, :3] = turn @ lean_angle(tilt)
             if not rules.allow(pose, start, goal):
                 continue
             pose[along, 3] = offset
@@ -142,5 +142,5 @@ def box_grips(
             words = f"grip {offset * 1e3:+.0f} mm from {'+' if side > 0 else '-'}{'xyz'[face]}"
             words += " turned" if way < 0 else ""
             words += f" leaning {np.degrees(tilt):+.0f} deg" if tilt else ""
-            out.append((abs(offset), Grip(readonly(pose), words)))
+            out.append((abs(offset), Grip(read_only_copy(pose), words)))
     return [grip for _, grip in sorted(out, key=lambda entry: round(entry[0], 9))]

@@ -16,7 +16,7 @@ from typing import Any
 import coal
 import numpy as np
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
@@ -47,8 +47,8 @@ _MOST_STEPS = 100
 _HALVINGS = 40
 """Steps in which the least distance of a way is found: each leaves two thirds."""
 
-_PADS: KeptAnswers[Pads] = KeptAnswers(50_000)
-_CUPS: KeptAnswers[Cup] = KeptAnswers(50_000)
+_PADS: BoundedCache[Pads] = BoundedCache(50_000)
+_CUPS: BoundedCache[Cup] = BoundedCache(50_000)
 
 Sides = tuple[list[ConvexBody], list[ConvexBody]]
 
@@ -184,13 +184,13 @@ def _pad(
         moves += [_Move.towards(*about, piece, most) for piece in pieces]
     moves.sort(key=lambda move: move.at_least)
     for margin in (0.0, BESIDE):
-        ways = [
+        directions = [
             way
             for move in moves
             if move.at_least <= margin and (way := move.way(margin)) is not None
         ]
-        if ways:
-            return Pad(min(ways), np.zeros(3))
+        if directions:
+            return Pad(min(directions), np.zeros(3))
     least, miss = np.inf, np.zeros(3)
     for move in moves:
         if move.at_least >= least:
@@ -319,7 +319,7 @@ def _cup(
     return Cup(least, beside)
 
 
-def why_not_held(
+def explain_not_held(
     model: RobotModel,
     tip: Transform,
     part: str,

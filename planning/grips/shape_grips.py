@@ -9,8 +9,8 @@ from itertools import chain, islice, product, zip_longest
 
 import numpy as np
 
-from planning.caches import KeptAnswers
-from planning.cell.cover import directions
+from planning.caches import BoundedCache
+from planning.cell.cover import sphere_directions
 from planning.cell.shape import Box, Element, Mesh, Shape
 from planning.cell.solid_lines import InnerStretch, SolidLines
 from planning.grips.grip import (
@@ -18,10 +18,10 @@ from planning.grips.grip import (
     Grip,
     GripRules,
     box_grips,
-    leaning,
+    lean_angle,
     tool_turn,
 )
-from planning.transforms import Array, Transform, readonly
+from planning.transforms import Array, Transform, read_only_copy
 
 _MOST_GRIPS = 48
 """Grips on a part that is no box."""
@@ -29,8 +29,8 @@ _MOST_GRIPS = 48
 _OPPOSITE = np.cos(np.radians(15.0))
 """Fingers hold faces that are turned from the direction in which they close by no more."""
 
-_KNOWN: KeptAnswers[list[Grip]] = KeptAnswers(2000)
-_IN_TURN: KeptAnswers[list[tuple[float, Grip]]] = KeptAnswers(50_000)
+_KNOWN: BoundedCache[list[Grip]] = BoundedCache(2000)
+_IN_TURN: BoundedCache[list[tuple[float, Grip]]] = BoundedCache(50_000)
 
 _FLAT = 0.001
 """Heights under a cup differ by no more than this [m]."""
@@ -92,7 +92,10 @@ def _in_turn(
         pose[:3, :3], pose[:3, 3] = turn, at
         millimetres = ", ".join(str(round(value * 1e3)) for value in at.tolist())
         found.append(
-            (round(away, 4), Grip(readonly(pose), f"{words} at ({millimetres} mm)"))
+            (
+                round(away, 4),
+                Grip(read_only_copy(pose), f"{words} at ({millimetres} mm)"),
+            )
         )
     return found
 
@@ -117,7 +120,7 @@ def _wanted_turns(
             _turns_about(element, rules), dict.fromkeys(rules.tilts)
         ):
             tool = np.eye(4)
-            tool[:3, :3] = element.pose[:3, :3] @ turn @ leaning(tilt)
+            tool[:3, :3] = element.pose[:3, :3] @ turn @ lean_angle(tilt)
             if rules.allow(tool, *poses):
                 key = np.round(tool[:3, :3], 4) + 0.0
                 out.setdefault(key.tobytes(), tool[:3, :3])
@@ -164,7 +167,7 @@ def _face_directions(mesh: Mesh) -> Array:
     area = np.linalg.norm(across, axis=1)
     normal = across / np.maximum(area, 1e-300)[:, None]
     # Faces are gathered in the directions of a fine ball first: meshes have very many.
-    ball = directions(600)
+    ball = sphere_directions(600)
     nearest = np.concatenate(
         [
             np.abs(part @ ball.T).argmax(axis=1)

@@ -8,15 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.geometry.exact import Solid, distance, place, resting_solid
-from planning.grips.cups import too_wide, with_cup
+from planning.geometry.exact import Solid, hull_distance, place_at_middle, resting_solid
+from planning.grips.cups import describe_too_wide_cups, with_cup
 from planning.grips.grip import Grip, GripRules
-from planning.grips.pads import own_bodies, why_not_held
+from planning.grips.pads import explain_not_held, own_bodies
 from planning.grips.shape_grips import part_grips
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.steps.skill import Obstruction
@@ -33,7 +33,7 @@ _STEPS = 6
 
 _NOWHERE: Array = np.zeros(0)
 
-_FITS: KeptAnswers[float] = KeptAnswers(20_000)
+_FITS: BoundedCache[float] = BoundedCache(20_000)
 
 
 def tool_rules(rules: GripRules, tool: ToolGrip | None) -> GripRules:
@@ -122,7 +122,9 @@ def tool_heights(model: RobotModel, tip: Transform) -> Array:
     return np.asarray((corners - tip[:3, 3]) @ tip[:3, 2])
 
 
-def beyond_part(robot: PlacedRobot, shape: Shape, grip: Grip, frame: str) -> str:
+def describe_tool_overhang(
+    robot: PlacedRobot, shape: Shape, grip: Grip, frame: str
+) -> str:
     """Return in words by how much a tool reaches farther than the part that it grips.
 
     What is beyond the part meets whatever the part lies on.
@@ -153,12 +155,12 @@ def beyond_part(robot: PlacedRobot, shape: Shape, grip: Grip, frame: str) -> str
     )
 
 
-def thinnest(shape: Shape) -> float:
+def least_thickness(shape: Shape) -> float:
     """Return the least thickness of any of a shape's pieces along the axes of its frame [m]."""
     return min(float(np.min(2.0 * piece.half)) for piece in shape.pieces)
 
 
-def why_no_grip(
+def explain_missing_grip(
     robot: PlacedRobot,
     shape: Shape,
     rules: GripRules,
@@ -168,11 +170,15 @@ def why_no_grip(
     grip = robot.model.grip
     own = robot_rules(rules, robot)
     name = "the tool" if grip is None else f"its tool {grip.tool}"
-    shortest, longest = 1e3 * thinnest(shape), 1e3 * float(max(shape.size))
+    shortest, longest = 1e3 * least_thickness(shape), 1e3 * float(max(shape.size))
     most, least = 1e3 * own.opening, 1e3 * own.least_opening
     if own.opening == 0.0:
         return f"{name} holds nothing (opening_m is 0)"
-    wide = too_wide(shape, poses[0], poses[-1], own) if own.suction and poses else None
+    wide = (
+        describe_too_wide_cups(shape, poses[0], poses[-1], own)
+        if own.suction and poses
+        else None
+    )
     if wide is not None:
         return f"{name}: {wide}"
     if shortest > most:
@@ -186,7 +192,7 @@ def why_no_grip(
     return "no face can be gripped both at its start and at its goal"
 
 
-def overload(robot: PlacedRobot, part: CellObject) -> str | None:
+def explain_overload(robot: PlacedRobot, part: CellObject) -> str | None:
     """Return why a part is too heavy for a robot, None where it is not."""
     drives = robot.model.drives
     if drives is None or part.mass <= drives.spare:
@@ -197,7 +203,7 @@ def overload(robot: PlacedRobot, part: CellObject) -> str | None:
     )
 
 
-def tool_misfit(
+def explain_tool_misfit(
     robot: PlacedRobot, frame: str, part: CellObject, grip: Grip, approach: float
 ) -> Obstruction | None:
     """Return why a robot's tool cannot hold a part by a grip, None where it can.
@@ -227,7 +233,7 @@ def tool_misfit(
     )
 
 
-def not_held(
+def describe_missed_contact(
     robot: PlacedRobot, part: CellObject, grip: Grip, rules: GripRules
 ) -> str | None:
     """Return in words why a robot's tool would not touch what it grips as it must to hold it.
@@ -246,7 +252,7 @@ def not_held(
         frame_in_last_joint(robot.model, rules.frame),
     )
     about = robot.model, tip, part.name, part.shape, grip.pose
-    return why_not_held(*about, suction=own.suction)
+    return explain_not_held(*about, suction=own.suction)
 
 
 def _depth(
@@ -254,16 +260,16 @@ def _depth(
 ) -> float:
     """Return how deep a tool gets into a part on the straight way to a grip [m]."""
     hull = [resting_solid("part", piece, np.eye(4)) for piece in shape.pieces]
-    still = [(solid, place(solid, _NOWHERE, _NOWHERE)[0]) for solid in hull]
+    still = [(solid, place_at_middle(solid, _NOWHERE, _NOWHERE)[0]) for solid in hull]
     deepest = 0.0
     for share in np.linspace(0.0, 1.0, _STEPS).tolist():
         at = grip @ translation(0.0, 0.0, -share * approach) @ inverse(tip)
         for body in own_bodies(model):
             moved = Solid("tool", body, at)
-            pose = place(moved, _NOWHERE, _NOWHERE)[0]
+            pose = place_at_middle(moved, _NOWHERE, _NOWHERE)[0]
             low, high = moved.vertices.min(axis=0), moved.vertices.max(axis=0)
             if np.any(low > shape.high) or np.any(high < shape.low):
                 continue
-            gaps = [distance(moved, pose, other, where) for other, where in still]
+            gaps = [hull_distance(moved, pose, other, where) for other, where in still]
             deepest = max(deepest, -min(gaps))
     return deepest

@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
@@ -18,7 +18,7 @@ from planning.kinematics.chain import joint_table, placed_joints, pose_joints
 from planning.kinematics.damped_least_squares import follow_targets, solve_from
 from planning.transforms import Array, Transform, identity, inverse
 
-_SOLVED: KeptAnswers[list[Array]] = KeptAnswers(20_000)
+_SOLVED: BoundedCache[list[Array]] = BoundedCache(20_000)
 """Answers given: the same poses are asked for again and again while candidates are sought."""
 
 _RESTARTS = 20

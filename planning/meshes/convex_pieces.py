@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from planning.bounds import THINNEST_M
-from planning.cell.cover import directions, hull_vertices
+from planning.cell.cover import hull_vertices, sphere_directions
 from planning.errors import ShapeError
 from planning.meshes.holes import closed_surface
 from planning.meshes.mesh_file import MeshTriangles
@@ -261,7 +261,7 @@ def _simpler(hull: Array, tolerance: float) -> Array:
         return hull
     planes = np.unique(np.round(ConvexHull(hull).equations, 12), axis=0)
     inner = np.append(hull.mean(axis=0), 1.0)
-    around = np.vstack([directions(32), np.eye(3), -np.eye(3)])
+    around = np.vstack([sphere_directions(32), np.eye(3), -np.eye(3)])
     chosen = np.column_stack([around, -(hull @ around.T).max(axis=0)])
     corners = _corners(chosen, inner)
     while len(corners) < MOST_CORNERS:

@@ -31,7 +31,7 @@ def closed_surface(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     return np.vstack(points), np.vstack(more)
 
 
-def open_share(vertices: Array, faces: Indices) -> float:
+def missing_surface_share(vertices: Array, faces: Indices) -> float:
     """Return the share of a surface that is missing where it is not closed.
 
     Cracks without an area count nothing.

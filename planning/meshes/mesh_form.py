@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.caches import Arrays, KeptAnswers, remembered
+from planning.caches import Arrays, BoundedCache, load_or_compute
 from planning.cell import cover
 from planning.cell.shape import Mesh
 from planning.errors import ShapeError
 from planning.meshes import convex_pieces, holes, mesh_file, prisms
 from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
 from planning.meshes.mesh_file import MeshTriangles, read_mesh_bytes, read_triangles
-from planning.transforms import readonly
+from planning.transforms import read_only_copy
 
 _SOURCES = (
     __file__,
@@ -36,7 +36,7 @@ _SHARES = (1.0 / 60.0, 1.0 / 20.0)
 second one where the first makes too many pieces."""
 
 
-_FORMS: KeptAnswers[Mesh] = KeptAnswers(64)
+_FORMS: BoundedCache[Mesh] = BoundedCache(64)
 
 _MANY = 2000
 """Triangles of a mesh that takes some seconds to cut."""
@@ -89,15 +89,15 @@ def _form(
         return _arrays(_cut(triangles, within))
 
     try:
-        cut = _cut_of(remembered("convex", settings, _NAMES, find, _SOURCES))
+        cut = _cut_of(load_or_compute("convex", settings, _NAMES, find, _SOURCES))
     except ShapeError as error:
         raise ShapeError(f"mesh {path}: {error.message}") from None
     return Mesh(
-        readonly(triangles.vertices),
+        read_only_copy(triangles.vertices),
         triangles.faces,
-        tuple(readonly(hull) for hull in cut.hulls),
+        tuple(read_only_copy(hull) for hull in cut.hulls),
         cut.volume,
-        readonly(cut.centre),
+        read_only_copy(cut.centre),
         cut.missed,
         str(path),
     )

@@ -40,7 +40,7 @@ _FEW = 64
 """Finer pieces than have to be are made where they are no more than this."""
 
 
-def joined_rings(points: Array, rings: list[Ring], within: float) -> list[Ring]:
+def merge_convex_rings(points: Array, rings: list[Ring], within: float) -> list[Ring]:
     """Join neighbours while what comes out has only shallow hollows (after Hertel and Mehlhorn).
 
     Args:
@@ -115,10 +115,10 @@ def _deepest(points: Array, ring: Ring) -> float:
             ring[begin + 1 : end] if end > begin else ring[begin + 1 :] + ring[:end]
         )
         if between:
-            way = points[ring[end]] - points[ring[begin]]
+            edge = points[ring[end]] - points[ring[begin]]
             off = points[list(between)] - points[ring[begin]]
-            depth = np.abs(way[0] * off[:, 1] - way[1] * off[:, 0])
-            deepest = max(deepest, float(depth.max() / np.hypot(*way)))
+            depth = np.abs(edge[0] * off[:, 1] - edge[1] * off[:, 0])
+            deepest = max(deepest, float(depth.max() / np.hypot(*edge)))
     return deepest
 
 
@@ -297,7 +297,9 @@ def _convex_polygons(loops: tuple[Array, ...], within: float) -> Iterator[Array]
         points = np.vstack(own)
         ends = np.cumsum([len(loop) for loop in own]).astype(np.uint32)
         triangles = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
-        for ring in joined_rings(points, _counterclockwise(points, triangles), within):
+        for ring in merge_convex_rings(
+            points, _counterclockwise(points, triangles), within
+        ):
             yield points[list(ring)]
 
 

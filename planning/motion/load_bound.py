@@ -28,7 +28,7 @@ _MOST_WAYS = 2000
 
 
 @dataclass(frozen=True)
-class WayLoad:
+class AlternativeLoad:
     """Least time that robots are busy with one way to do a step.
 
     Attributes:
@@ -67,7 +67,7 @@ def load_bound_s(
         # Others may let go of what they kept hold of, whoever they are.
         own = [task for task in tasks.tasks if task.robot in choice.robots]
         seconds = busy_seconds(cell, replace(tasks, tasks=tuple(own)), settings)
-        loads.append(WayLoad(choice.step, choice.object, seconds))
+        loads.append(AlternativeLoad(choice.step, choice.object, seconds))
     return least_load(loads, work.problem.unlimited)
 
 
@@ -139,7 +139,7 @@ def _without_turns(apart: Array, turning: np.ndarray) -> Array:
     return np.where(turning, least, apart)
 
 
-def least_load(ways: list[WayLoad], unlimited: frozenset[str]) -> float:
+def least_load(ways: list[AlternativeLoad], unlimited: frozenset[str]) -> float:
     """Return the least load of the busiest robot, steps and objects shared out at will [s].
 
     Args:
@@ -152,12 +152,12 @@ def least_load(ways: list[WayLoad], unlimited: frozenset[str]) -> float:
     of_step: dict[int, list[Any]] = defaultdict(list)
     of_object: dict[str, list[Any]] = defaultdict(list)
     of_robot: dict[str, list[tuple[Any, float]]] = defaultdict(list)
-    for number, way in enumerate(ways):
+    for number, alternative in enumerate(ways):
         share = model.add_variable(f"w{number}", 0, 1)
-        of_step[way.step].append(share)
-        if way.object not in unlimited:
-            of_object[way.object].append(share)
-        for robot, seconds in way.seconds.items():
+        of_step[alternative.step].append(share)
+        if alternative.object not in unlimited:
+            of_object[alternative.object].append(share)
+        for robot, seconds in alternative.seconds.items():
             of_robot[robot].append((share, seconds))
     for shares in of_step.values():
         model += pulp.lpSum(shares) == 1

@@ -25,7 +25,7 @@ class NearPath(NamedTuple):
     off: Array
 
 
-def near_path(points: Array, q: Array) -> NearPath:
+def nearest_points_on_path(points: Array, q: Array) -> NearPath:
     """Return the points of a polyline that are nearest to others.
 
     Args:

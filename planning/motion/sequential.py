@@ -14,7 +14,7 @@ from planning.cell.workcell import Workcell, WorldState, start_state
 from planning.errors import TransitError
 from planning.geometry.scene_checker import Contact, SceneChecker
 from planning.motion.full_turns import take_near_turns
-from planning.motion.known_motions import FoundWay, KnownMotions, Pairs, Way
+from planning.motion.motion_cache import CachedPath, MotionCache, Pairs, Polyline
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.speed import SpeedModel, cut_path
 from planning.motion.transit import TransitPlanner
@@ -87,7 +87,7 @@ class MotionSettings:
 
 
 @dataclass(frozen=True)
-class Beginning:
+class StartConfiguration:
     """Where a plan begins that does not begin at HOME.
 
     Attributes:
@@ -110,15 +110,15 @@ class _Progress:
     clock: float
 
 
-def plan_sequential(
+def plan_motions_sequentially(
     cell: Workcell,
     expansions: Sequence[Callable[[int], Iterator[StepTasks]]],
     link_steps: Callable[[Sequence[StepTasks]], np.ndarray],
     settings: MotionSettings,
     progress: Progress = no_progress,
-    known: KnownMotions | None = None,
+    known: MotionCache | None = None,
     windows: Callable[[Sequence[StepTasks]], Iterable[TimeWindow]] = lambda _: (),
-    begins: Beginning | None = None,
+    begins: StartConfiguration | None = None,
 ) -> MotionPlan:
     """Plan the paths of all steps in order.
 
@@ -141,7 +141,7 @@ def plan_sequential(
         TransitError: no expansion of a step has a collision-free plan; names the task, the
             robot and the step.
     """
-    first = begins or Beginning(start_state(cell))
+    first = begins or StartConfiguration(start_state(cell))
     now = _Progress(first.state, first.last_task, 0.0)
     steps: list[StepTasks] = []
     motions: list[TaskMotion] = []
@@ -176,7 +176,7 @@ def _plan_step(
     step: StepTasks,
     now: _Progress,
     settings: MotionSettings,
-    known: KnownMotions | None,
+    known: MotionCache | None,
 ) -> tuple[list[TaskMotion], _Progress]:
     motions = []
     for task in step.tasks:
@@ -197,8 +197,8 @@ def _way_of(
     allowed: Sequence[AllowedContact],
     now: _Progress,
     settings: MotionSettings,
-    known: KnownMotions | None,
-) -> Way:
+    known: MotionCache | None,
+) -> Polyline:
     """Return the way of a task, from what is known if it is."""
     if cell.is_machine(task.robot):
         still = np.repeat(cell.robot(task.robot).home[None], 2, axis=0)
@@ -206,7 +206,7 @@ def _way_of(
     seed = (settings.seed * 1_000_003 + task.index) * 64
     phases = _phases(cell, task, allowed, now)
 
-    def work_out() -> FoundWay:
+    def work_out() -> CachedPath:
         if task.kind == TRANSIT:
             path = _plan_transit(cell, task, phases[0], settings, seed)
             speed = settings.speeds[task.robot]
@@ -214,8 +214,8 @@ def _way_of(
             assert cut is not None
             ends, seconds = cut
             times = np.concatenate([[0.0], np.cumsum(seconds)])
-            return FoundWay((np.vstack([path[:1], ends]), times), len(path) <= 2)
-        return FoundWay(_skill_way(cell, task, phases, settings), plain=True)
+            return CachedPath((np.vstack([path[:1], ends]), times), len(path) <= 2)
+        return CachedPath(_skill_way(cell, task, phases, settings), plain=True)
 
     if known is None:
         return work_out().way
@@ -285,7 +285,7 @@ def _plan_transit(
         path = settings.planners[task.robot].plan(checker, start, goal, seed + attempt)
         if path is not None:
             return path
-    why, contact = why_blocked(checker, start, goal)
+    why, contact = explain_blockage(checker, start, goal)
     raise TransitError(
         f"{_name(task)}: no collision-free path found with {settings.attempts} seeds; {why}",
         blocked_by=[contact.obstacle] if contact else [],
@@ -300,7 +300,7 @@ class ContactChecker(Protocol):
         ...
 
 
-def why_blocked(
+def explain_blockage(
     checker: ContactChecker, start: Array, goal: Array
 ) -> tuple[str, Contact | None]:
     """Return what is in the way between two free configurations, in words and as a contact.
@@ -335,7 +335,7 @@ def why_blocked(
 
 def _skill_way(
     cell: Workcell, task: Task, phases: Sequence[_Phase], settings: MotionSettings
-) -> Way:
+) -> Polyline:
     waypoints = _check_skill(cell, task, phases)
     seconds = settings.seconds_of(cell, task)
     if seconds is not None:

@@ -38,7 +38,7 @@ class MotionChecker(Protocol):
         ...
 
 
-def smooth_path(
+def shortcut_polyline(
     checker: MotionChecker,
     path: Array,
     speed: SpeedModel,
@@ -184,14 +184,14 @@ class RrtConnect:
             if path is None:
                 continue
             rng = np.random.default_rng([seed, tour])
-            path = smooth_path(checker, path, self.speed, rng, self.rough)
+            path = shortcut_polyline(checker, path, self.speed, rng, self.rough)
             seconds = path_duration(path, self.speed)
             if seconds < least:
                 best, least = path, seconds
         if best is None:
             return None
         rng = np.random.default_rng([seed, self.tours])
-        return smooth_path(checker, best, self.speed, rng, self.smoothing)
+        return shortcut_polyline(checker, best, self.speed, rng, self.smoothing)
 
     def _tour(
         self, checker: MotionChecker, start: Array, goal: Array, seed: int, most: int

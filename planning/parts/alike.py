@@ -20,11 +20,11 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.contacts.interference import ROUNDING, leads_through
+from planning.contacts.interference import ROUNDING, sweeps_through
 from planning.errors import InfeasibleStepError
-from planning.geometry.touching import Lying, near_to, standing
+from planning.geometry.touching import PlacedObject, nearby_entities, standing_fixtures
 from planning.grips.fingers import firm_grips
-from planning.grips.tool_grips import overload, robot_grips
+from planning.grips.tool_grips import explain_overload, robot_grips
 from planning.parts.assembly import AnyStep, PartAssembly, PlacePart
 from planning.parts.candidates import PartCandidates
 from planning.parts.part_skills import SkillTry, ToolSkills
@@ -33,13 +33,13 @@ from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import Obstruction, joint_distance
 from planning.steps.tool_changes import (
     find_tool_changes,
-    in_racks,
     mounted_tool,
     with_each_tool,
+    with_tools_in_racks,
 )
 from planning.tasks.assignment import AssignmentProblem, PrimaryCandidate
 from planning.tasks.highs_solver import assign_steps
-from planning.transforms import Array, readonly, translation
+from planning.transforms import Array, read_only_copy, translation
 
 _MOST_TRIES = 4
 """So often parts are shared out anew where nobody can do a step of what came of it."""
@@ -60,13 +60,16 @@ _Ends = Mapping[bytes, tuple[Array, frozenset[str]]]
 """Where a robot picks or places a part, shape (n,), and what must be gone before, by the pose of its tool on it."""
 
 
-def as_listed(_: Workcell, assembly: PartAssembly) -> PartAssembly:
+def with_steps_as_listed(_: Workcell, assembly: PartAssembly) -> PartAssembly:
     """Return an assembly with its steps as they are."""
     return assembly
 
 
 def find_alike_candidates(
-    cell: Workcell, assembly: PartAssembly, find: Find, order: Order = as_listed
+    cell: Workcell,
+    assembly: PartAssembly,
+    find: Find,
+    order: Order = with_steps_as_listed,
 ) -> PartCandidates:
     """Return the candidates of an assembly once parts that are alike are shared out over their goals.
 
@@ -84,28 +87,30 @@ def find_alike_candidates(
     """
     if not assembly.alike:
         return find(cell, assembly)
-    nowhere = from_nowhere(cell, assembly)
-    listed = Sharing(cell, order(nowhere, assembly))
+    nowhere = without_start_places(cell, assembly)
+    listed = PartAllocation(cell, order(nowhere, assembly))
     try:
-        found = Sharing(cell, order(nowhere, listed.in_turns())).planned(find)
+        found = PartAllocation(cell, order(nowhere, listed.in_turns())).planned(find)
     except InfeasibleStepError:
         return listed.planned(find)
     return listed.planned(find) if found.problem.impossible else found
 
 
-def from_nowhere(cell: Workcell, assembly: PartAssembly) -> Workcell:
+def without_start_places(cell: Workcell, assembly: PartAssembly) -> Workcell:
     """Return a cell in which parts that are alike lie far away, those with goals alone."""
     alike = {name for group in assembly.alike for name in group}
-    away = readonly(translation(0.0, 0.0, _AWAY))
+    away = read_only_copy(translation(0.0, 0.0, _AWAY))
     objects = (
-        replace(item, start=readonly(away @ item.start)) if item.name in alike else item
+        replace(item, start=read_only_copy(away @ item.start))
+        if item.name in alike
+        else item
         for item in cell.objects
         if item.name not in alike or item.name in assembly.goals
     )
     return replace(cell, objects=tuple(objects))
 
 
-class Sharing:
+class PartAllocation:
     """The choice of a part for every goal, filled in an order.
 
     A goal has the name of the part that is written out with it. In scenes that part comes from
@@ -120,16 +125,16 @@ class Sharing:
     """
 
     def __init__(self, cell: Workcell, assembly: PartAssembly) -> None:
-        self._cell, self._assembly, around = cell, assembly, in_racks(cell)
+        self._cell, self._assembly, around = cell, assembly, with_tools_in_racks(cell)
         self._robots = tuple(with_each_tool(cell.robots))
         self._changes = find_tool_changes(cell, assembly.goals)
         self._skills = ToolSkills(cell, assembly)
         self._ends = cache(self._find_ends)
         self._group = {name: group for group in assembly.alike for name in group}
         items = [item for item in around.objects if item.name in self._group]
-        self._lying: dict[str, Lying] = {i.name: (i, i.start) for i in items}
+        self._lying: dict[str, PlacedObject] = {i.name: (i, i.start) for i in items}
         self._in_goal = {
-            i.name: frozenset(near_to((i, goal), self._lying, -ROUNDING))
+            i.name: frozenset(nearby_entities((i, goal), self._lying, -ROUNDING))
             for i in items
             if (goal := assembly.goals.get(i.name)) is not None
         }
@@ -139,7 +144,7 @@ class Sharing:
         }
         there = [replace(i, name=start_of[i.name]) for i in items if i.name in start_of]
         self._starts = {start: name for name, start in start_of.items()}
-        nowhere = from_nowhere(around, assembly)
+        nowhere = without_start_places(around, assembly)
         scene = replace(nowhere, objects=(*nowhere.objects, *there))
         self._steps = tuple(
             step
@@ -166,7 +171,7 @@ class Sharing:
                 if not refused:
                     raise
                 break  # why nobody can do a step is known of what was tried last
-            found = find(self._cell, renamed(self._assembly, parts))
+            found = find(self._cell, with_renamed_parts(self._assembly, parts))
             goals = {part: goal for goal, part in parts.items()}
             steps = (found.assembly.steps[k - 1] for k in found.problem.impossible)
             stuck = {s.part for s in steps if isinstance(s, PlacePart)} & goals.keys()
@@ -258,7 +263,7 @@ class Sharing:
         )
         if part is not None:
             step = self._picking(step, part)
-        if overload(robot, step.part) is not None:
+        if explain_overload(robot, step.part) is not None:
             return found
         own, at = self._assembly, step.place if part is None else step.part.start
         barring = set() if part is None else self._barring(step)
@@ -281,14 +286,14 @@ class Sharing:
 
     def _barring(self, step: PartStep) -> set[str]:
         """Return what a part touches at the start and would be led through on its straight way out."""
-        own, lying = step.part.name, standing(self._cell) | step.others
+        own, placed = step.part.name, standing_fixtures(self._cell) | step.others
         ways, most = self._assembly.handling(own), self._assembly.overlaps.most
         out = -np.array(ways.extraction), ways.leave
         there = step.part, step.part.start
         return {
             name
             for name in step.at_start
-            if leads_through(there, lying[name], *out, most(own, name))
+            if sweeps_through(there, placed[name], *out, most(own, name))
         }
 
     def _picking(self, step: PartStep, part: str) -> PartStep:
@@ -296,8 +301,8 @@ class Sharing:
         item, start = step.part, self._lying[part][1]
         around = {k: v for k, v in step.around.items() if self._starts.get(k) != part}
         step = replace(step, around=around, part=replace(item, start=start))
-        lying = standing(self._cell) | step.others
-        touched = near_to((item, start), lying, self._assembly.touch)
+        placed = standing_fixtures(self._cell) | step.others
+        touched = nearby_entities((item, start), placed, self._assembly.touch)
         return replace(step, at_start=touched)
 
     def _free(
@@ -337,7 +342,7 @@ class Sharing:
                 steps += own
                 continue
             at = [numbers[step.part] for step in own if isinstance(step, PlacePart)]
-            turn = turns(np.array([self._nearness(k) for k in at]))
+            turn = goal_turns(np.array([self._nearness(k) for k in at]))
             waiting = sorted(range(len(own)), key=lambda k: turn[k])
             bars = {
                 (j, k)
@@ -371,14 +376,16 @@ class Sharing:
             (s.part, s.place) for s in (self._steps[first - 1], self._steps[second - 1])
         )
         ways = self._assembly.handling(a[0].name)
-        if not (near := near_to(a, {"": b}, ways.approach)):
+        if not (near := nearby_entities(a, {"": b}, ways.approach)):
             return False
         led = np.array(ways.insertion), ways.approach
         touch = min(near.values()) <= self._assembly.touch
-        return touch or leads_through(a, b, *led) or leads_through(b, a, *led)
+        return touch or sweeps_through(a, b, *led) or sweeps_through(b, a, *led)
 
 
-def renamed(assembly: PartAssembly, parts: Mapping[str, str]) -> PartAssembly:
+def with_renamed_parts(
+    assembly: PartAssembly, parts: Mapping[str, str]
+) -> PartAssembly:
     """Return an assembly in which some parts that are placed are others.
 
     Args:
@@ -410,7 +417,7 @@ def renamed(assembly: PartAssembly, parts: Mapping[str, str]) -> PartAssembly:
     )
 
 
-def turns(ways: Array) -> list[tuple[int, int]]:
+def goal_turns(ways: Array) -> list[tuple[int, int]]:
     """Return for each goal when its robot fills it, by its own count, and the number of that robot.
 
     The sum of ways and loads is least: the next goal of a robot costs as much more as a goal costs in the

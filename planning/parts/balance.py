@@ -18,20 +18,20 @@ from planning.parts.assembly import PartAssembly
 from planning.parts.part_steps import KnownStep, PartStep
 from planning.statics.build_order import (
     BuildStep,
-    Fall,
-    Stand,
+    StableBuild,
+    UnstableState,
     Waits,
-    waits_for_balance,
+    balance_dependencies,
 )
-from planning.statics.standing import Standing, body_at, ground_of
+from planning.statics.standing import StabilityChecker, body_at, ground_bodies
 
 _MOST_NAMED = 4
 """How many parts that would be held are named."""
 
 
-def standing_of(
+def make_stability_check(
     cell: Workcell, steps: Sequence[KnownStep], rules: StandingRules
-) -> Standing:
+) -> StabilityChecker:
     """Return what knows the parts of some steps in their places, in whatever order they come.
 
     Args:
@@ -40,8 +40,8 @@ def standing_of(
         rules: friction.
     """
     bodies = {s.part.name: body_at(s.part, s.place) for s in steps if _builds(s)}
-    ground = ground_of(cell, bodies)
-    return Standing(bodies, ground, rules)
+    ground = ground_bodies(cell, bodies)
+    return StabilityChecker(bodies, ground, rules)
 
 
 class PartBalance:
@@ -60,26 +60,28 @@ class PartBalance:
         cell: Workcell,
         steps: Sequence[KnownStep],
         rules: StandingRules,
-        standing: Standing | None = None,
+        standing: StabilityChecker | None = None,
         keepable: Collection[str] | None = None,
     ) -> None:
         self._cell, self._steps, self._rules = cell, steps, rules
         self._number = {s.part.name: k for k, s in enumerate(steps) if _builds(s)}
         self._named = {step.step.name: k for k, step in enumerate(steps)}
-        self._standing = standing or standing_of(cell, steps, rules)
+        self._standing = standing or make_stability_check(cell, steps, rules)
         joints, self._joining = self._joined()
-        until = kept_as_said(steps)
+        until = planned_holds(steps)
         self._build = [
             BuildStep((s.part.name,) if _builds(s) else (), joints[k], until.get(k))
             for k, s in enumerate(steps)
         ]
         known = {*self._joining, *self._known_waits()}
-        found = waits_for_balance(self._standing, self._build, known, keepable)
-        self.fall = found if isinstance(found, Fall) else None
+        found = balance_dependencies(self._standing, self._build, known, keepable)
+        self.fall = found if isinstance(found, UnstableState) else None
         """The first state in the order of the steps in which something falls, None for none."""
-        self._stand = found if isinstance(found, Stand) else Stand(frozenset())
+        self._stand = (
+            found if isinstance(found, StableBuild) else StableBuild(frozenset())
+        )
 
-    def stand(self) -> Stand:
+    def stand(self) -> StableBuild:
         """Return which steps, from 0, must wait for which, and what is kept hold of until when.
 
         Raises:
@@ -91,13 +93,13 @@ class PartBalance:
                 steps=[self.fall.step + 1],
                 thing=self.fall.body,
             )
-        ground = ground_of(self._cell, self._number)
+        ground = ground_bodies(self._cell, self._number)
         for k, step in enumerate(self._steps):
             # A part on its way is taken on while others come: it stands on the ground alone.
             if not isinstance(step, PartStep) or step.step.stop is None:
                 continue
             body = body_at(step.part, step.place)
-            alone = Standing({body.name: body}, ground, self._rules)
+            alone = StabilityChecker({body.name: body}, ground, self._rules)
             if alone.falling([body.name]) is not None:
                 raise InfeasibleStepError(
                     f"step {k + 1} ({step.step.words}): {body.name} would not stand there on"
@@ -128,7 +130,7 @@ class PartBalance:
                 if self._number.get(name, k) < k:
                     yield self._number[name], k
 
-    def props(self, fall: Fall) -> list[str]:
+    def props(self, fall: UnstableState) -> list[str]:
         """Return the parts placed later each of which would keep everything standing.
 
         Those are looked at that touch what falls.
@@ -145,7 +147,7 @@ class PartBalance:
             is None
         ]
 
-    def refusal(self, fall: Fall) -> str:
+    def refusal(self, fall: UnstableState) -> str:
         """Return what falls, why, and what would help."""
         at, body = fall.step, fall.body
         now = [name for name, k in self._number.items() if k <= at]
@@ -189,9 +191,9 @@ def balance_groups(
             yield first, own, replace(rules, joints=joints)
 
 
-def stand_of_all(
+def stability_constraints(
     cell: Workcell, steps: Sequence[KnownStep], assembly: PartAssembly
-) -> Stand:
+) -> StableBuild:
     """Return what waits for what, and what is kept hold of, so that every product always stands.
 
     Where that is not looked at, hold is kept of what steps say.
@@ -200,7 +202,7 @@ def stand_of_all(
         InfeasibleStepError: something falls even in the given order; says what would help.
     """
     if assembly.balance is None:
-        return Stand(frozenset(), kept_as_said(steps))
+        return StableBuild(frozenset(), planned_holds(steps))
     waits: set[tuple[int, int]] = set()
     keeps: dict[int, int] = {}
     leaves = assembly.supply.leaves.keys()
@@ -208,7 +210,7 @@ def stand_of_all(
         found = PartBalance(cell, own, rule).stand()
         waits |= {(first + a, first + b) for a, b in found.waits}
         keeps |= {first + k: first + last for k, last in found.keeps.items()}
-    return Stand(frozenset(waits), keeps)
+    return StableBuild(frozenset(waits), keeps)
 
 
 def _builds(step: KnownStep) -> TypeGuard[PartStep]:
@@ -216,7 +218,7 @@ def _builds(step: KnownStep) -> TypeGuard[PartStep]:
     return isinstance(step, PartStep) and step.step.stop is None
 
 
-def kept_as_said(steps: Sequence[KnownStep]) -> dict[int, int]:
+def planned_holds(steps: Sequence[KnownStep]) -> dict[int, int]:
     """Return by step, from 0, whose part is kept hold of the step until which it says so."""
     named = {s.step.name: k for k, s in enumerate(steps) if s.step.name is not None}
     return {

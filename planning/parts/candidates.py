@@ -10,19 +10,24 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
-from planning.geometry.robot_bodies import entity
+from planning.geometry.robot_bodies import entity_name
 from planning.grips.fingers import firm_grips
 from planning.grips.grip import Grip
-from planning.grips.tool_grips import beyond_part, overload, own_grips, why_no_grip
+from planning.grips.tool_grips import (
+    describe_tool_overhang,
+    explain_missing_grip,
+    explain_overload,
+    own_grips,
+)
 from planning.parts.assembly import MachineWork, PartAssembly, PlacePart, Process, Work
-from planning.parts.balance import stand_of_all
+from planning.parts.balance import stability_constraints
 from planning.parts.part_skills import SkillTry, ToolSkills, process_targets
 from planning.parts.part_steps import (
     KnownStep,
     PartStep,
-    far_first,
     part_steps,
-    require_ways,
+    require_clear_insertion,
+    sort_grips_by_clearance,
     wide_joints,
 )
 from planning.parts.relays import find_relays
@@ -97,10 +102,10 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
         InfeasibleStepError: a part would hang in the air, goes where something is or through it,
             is joined to something far from it, or something would fall.
     """
-    return StepsAhead(cell, assembly).first(len(assembly.steps))
+    return LazyCandidates(cell, assembly).first(len(assembly.steps))
 
 
-class StepsAhead:
+class LazyCandidates:
     """Steps of an assembly of parts whose candidates are found when they are asked for, in order.
 
     What is impossible of any of them, whoever does it, is said at once; see ``find_candidates``.
@@ -113,8 +118,8 @@ class StepsAhead:
         for joint, words in wide_joints(around, assembly):
             raise InfeasibleStepError(words, thing=joint.second)
         self._steps = part_steps(around, assembly)
-        stand = stand_of_all(around, self._steps, assembly)
-        require_ways(around, assembly, self._steps)
+        stand = stability_constraints(around, self._steps, assembly)
+        require_clear_insertion(around, assembly, self._steps)
         self._waits = stand.waits
         self._keeps = {k + 1: last + 1 for k, last in sorted(stand.keeps.items())}
         self._found = PartCollector(cell, assembly, self._steps, self._keeps)
@@ -194,7 +199,7 @@ class PartCollector(CandidateCollector):
 
     def _add_places(self, number: int, step: PartStep, robot: PlacedRobot) -> None:
         part, name, tools = step.part.name, robot.name, mounted_tool(robot)
-        if (heavy := overload(robot, step.part)) is not None:
+        if (heavy := explain_overload(robot, step.part)) is not None:
             self.reject(number, f"{name} lifts {part}", heavy, name)
             return
         skills = self._skills(tools)
@@ -241,7 +246,7 @@ class PartCollector(CandidateCollector):
         own = dict(own_grips(robot, grips))
         if not own:
             rules = self._assembly.handling(part.name).grips
-            why = why_no_grip(robot, part.shape, rules, poses)
+            why = explain_missing_grip(robot, part.shape, rules, poses)
             self.reject(number, what, why, robot.name)
         frame, friction = self._assembly.frame, self._assembly.friction
         return firm_grips(robot, part, own, frame, poses, friction)
@@ -260,9 +265,9 @@ class PartCollector(CandidateCollector):
     ) -> Obstruction:
         """Return an obstruction that says so where the tool reaches beyond the part into something."""
         by_robot = "/" in (found.by or "/")
-        if by_robot or found.moving != entity(robot.name, "tool"):
+        if by_robot or found.moving != entity_name(robot.name, "tool"):
             return found
-        why = beyond_part(robot, step.part.shape, grip, self._assembly.frame)
+        why = describe_tool_overhang(robot, step.part.shape, grip, self._assembly.frame)
         return replace(found, words=found.words + why)
 
     def _add_relays(self, number: int, step: PartStep) -> None:
@@ -321,7 +326,7 @@ class PartCollector(CandidateCollector):
         own = self._own_grips(number, words, robot, held.part, held.grips, lies)
         skills = self._skills(tools)
         count = 0
-        for k in (k for k in far_first(step) if k in own):
+        for k in (k for k in sort_grips_by_clearance(step) if k in own):
             if count == _MOST_HOLDS:
                 break
             grip = own[k]

@@ -8,14 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.contacts.interference import depth_of_pieces
-from planning.geometry.touching import standing
+from planning.contacts.interference import shapes_overlap_depth
+from planning.geometry.touching import standing_fixtures
 from planning.grips.grip import Grip
 from planning.parts.assembly import MachineWork, PlacePart, Work
 from planning.parts.candidates import PartCandidates
 from planning.parts.part_skills import held_pose, process_targets
 from planning.parts.part_steps import KnownStep, PartStep
-from planning.parts.spares import as_chosen
+from planning.parts.spares import with_chosen_spares
 from planning.steps.handovers import Handover
 from planning.steps.placement import (
     PlannedHandover,
@@ -26,7 +26,7 @@ from planning.steps.placement import (
     write_release,
     write_support,
 )
-from planning.steps.skill import SkillPath, handled, tool_entity, touching
+from planning.steps.skill import SkillPath, contacts_with, handled_contact, tool_entity
 from planning.steps.step_writer import StepWriter
 from planning.steps.tool_changes import with_tools
 from planning.tasks.assignment import TaskPlan
@@ -43,8 +43,8 @@ from planning.tasks.task import (
     StepTasks,
     Task,
     TimeWindow,
-    door_shut,
     is_done_to_a_product,
+    shut_door_handlings,
 )
 from planning.tasks.work import Supply, TaskHistory
 from planning.transforms import Transform
@@ -71,7 +71,7 @@ def step_tasks(
     candidates: PartCandidates, plan: TaskPlan, step: int, first: int
 ) -> StepTasks:
     """Return the tasks of a step of a plan, from an index on."""
-    chosen = as_chosen(candidates, ((c.step, c.object) for c in plan.choices))
+    chosen = with_chosen_spares(candidates, ((c.step, c.object) for c in plan.choices))
     return _Expansion(chosen, plan, step, first).tasks()
 
 
@@ -114,7 +114,9 @@ class _Expansion:
             assert isinstance(step, MachineWork)
             shut: tuple[Handling, ...] = ()
             if step.door is not None:
-                shut = door_shut(step.door, self._cell.object(step.door).start)
+                shut = shut_door_handlings(
+                    step.door, self._cell.object(step.door).start
+                )
             about = step.machine, step.process, step.words, step.part, shut
             done = build.unmoved(*about)
         for earlier, last in self._candidates.paths.keeps.items():
@@ -134,7 +136,7 @@ class _Expansion:
         known = self._known
         if not isinstance(known, PartStep):
             return tasks
-        part, lying = known.part, standing(self._cell) | known.others
+        part, placed = known.part, standing_fixtures(self._cell) | known.others
         ways = self._candidates.assembly.handling(part.name)
         straight = (
             (known.place, np.array(ways.insertion), ways.approach),
@@ -143,9 +145,9 @@ class _Expansion:
         allowed = []
         for contact in tasks.allowed:
             (*_, other) = {contact.first, contact.second} - {part.name}
-            if part.name in (contact.first, contact.second) and other in lying:
+            if part.name in (contact.first, contact.second) and other in placed:
                 item = part, part.start
-                deep = depth_of_pieces(item, lying[other], straight)
+                deep = shapes_overlap_depth(item, placed[other], straight)
                 contact = replace(contact, depth=round(deep + _STRAYS, 6))
             allowed.append(contact)
         return replace(tasks, allowed=tuple(allowed))
@@ -169,13 +171,13 @@ class _Expansion:
                 between = PlannedHandover(rest, in_hand, by_home=True)
             else:
                 coming = f"{part} to where it lies in between"
-                contacts = touching(part, rest.touched)
+                contacts = contacts_with(part, rest.touched)
                 laid, _ = relay.passing
                 down = laid, coming, f"lay down {part}", rest.pose, contacts
                 again = self._pick(part, pick, relay.take.grip, rest.touched)
                 between = PlannedSkill(*down), again
         refill = self._candidates.assembly.supply.refills.get(choice.step)
-        contacts = touching(part, step.touched)
+        contacts = contacts_with(part, step.touched)
         coming, words = f"{part} to its place", f"place {part}"
         put = PlannedSkill(place, coming, words, step.place, contacts)
         return PlannedPlacement(
@@ -189,14 +191,14 @@ class _Expansion:
             return None
         part = self._known.held.part.name
         grips = PlannedSkill(path, f"to hold {part}", f"hold {part}")
-        touched = handled(self._cell.robot(path.robot), part)
+        touched = handled_contact(self._cell.robot(path.robot), part)
         return PlannedSupport(grips, part, f"let go of {part}", touched)
 
     def _pick(
         self, part: str, path: SkillPath, grip: Grip, touched: Iterable[str]
     ) -> PlannedSkill:
         in_hand = self._in_hand(path.robot, grip)
-        contacts = touching(part, touched)
+        contacts = contacts_with(part, touched)
         return PlannedSkill(path, f"to {part}", f"pick {part}", in_hand, contacts)
 
     def _in_hand(self, robot: str, grip: Grip) -> Transform:
@@ -235,7 +237,7 @@ class _Expansion:
                 (STRAIGHT, last, len(way) - 1, f"back from {words}"),
             )
         )
-        build.allow(touching(tool_entity(robot), known.touched), begun, done, back)
+        build.allow(contacts_with(tool_entity(robot), known.touched), begun, done, back)
         build.home(robot.name)
         if hold is not None:
             write_release(build, hold, held, begun, done)
@@ -250,7 +252,7 @@ class _Expansion:
         index = build.skill(back, label, choice.object, lets_go=True)
         build.home(choice.robot)
         build.depend(done, index)
-        build.allow(handled(cell.robot(choice.robot), choice.object), index)
+        build.allow(handled_contact(cell.robot(choice.robot), choice.object), index)
 
 
 def waiting_tasks(
@@ -271,7 +273,7 @@ def waiting_tasks(
     """
     tasks_of = ((own.step, task) for own in steps for task in own.tasks)
     picked = ((step, task.object) for step, task in tasks_of if task.kind == _PICK)
-    known, history = as_chosen(candidates, picked).steps, TaskHistory()
+    known, history = with_chosen_spares(candidates, picked).steps, TaskHistory()
     done = {own.step for own in steps if _is_done(own)}
     pairs = [(known[own.step - 1], own) for own in steps if own.step in done]
     changes = {t.step - 1: _begin_and_end(k, t)[1] for k, t in pairs}

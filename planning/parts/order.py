@@ -20,28 +20,33 @@ import numpy as np
 
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, Workcell
-from planning.contacts.interference import ROUNDING, depth, leads_through
+from planning.contacts.interference import ROUNDING, overlap_depth, sweeps_through
 from planning.contacts.precedence import (
     PartGraph,
     StepPrecedence,
     build_part_graph,
-    stacked,
+    parts_stacked_on,
 )
 from planning.errors import InfeasibleStepError
-from planning.geometry.touching import Lying, near_to, nearest_to
+from planning.geometry.touching import PlacedObject, nearby_entities, nearest_entity
 from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, PlacePart, Work
-from planning.parts.balance import PartBalance, standing_of
+from planning.parts.balance import PartBalance, make_stability_check
 from planning.parts.candidates import PartCandidates, find_candidates
-from planning.parts.part_steps import in_place, part_steps, room, spot_pose
+from planning.parts.part_steps import (
+    format_room,
+    objects_in_place,
+    part_steps,
+    spot_pose,
+)
 from planning.progress import Progress, no_progress
-from planning.steps.tool_changes import in_racks
+from planning.steps.tool_changes import with_tools_in_racks
 from planning.transforms import translation
 
 _BORE = 0.002
 """Width of the straight way of a tool to a place of work that no part may bar [m]."""
 
 
-def in_found_order(cell: Workcell, assembly: PartAssembly) -> PartAssembly:
+def order_steps_by_search(cell: Workcell, assembly: PartAssembly) -> PartAssembly:
     """Return the assembly with its steps in an order that places and contacts allow.
 
     Args:
@@ -75,7 +80,7 @@ def find_ordered_candidates(
         InfeasibleStepError: no order was found; says what was in the way in the last one.
         ConstructionError: two parts would overlap in their places.
     """
-    steps = _AnyOrder(in_racks(cell), assembly)
+    steps = _AnyOrder(with_tools_in_racks(cell), assembly)
     known = steps.precedence()
     most = 2 * len(assembly.steps)
     for tried in range(most + 1):
@@ -110,14 +115,14 @@ class _AnyOrder:
         }
         self._placing = {step.part: k for k, step in self._places.items()}
         objects = {name: cell.object(name) for name in self._placing}
-        self._starts: dict[str, Lying] = {
+        self._starts: dict[str, PlacedObject] = {
             name: (item, item.start) for name, item in objects.items()
         }
-        self._goals: dict[str, Lying] = {
+        self._goals: dict[str, PlacedObject] = {
             name: (objects[name], assembly.goals[name]) for name in assembly.placed
         }
-        lying = in_place(cell, assembly)
-        self._fixed = {k: v for k, v in lying.items() if k not in self._goals}
+        placed = objects_in_place(cell, assembly)
+        self._fixed = {k: v for k, v in placed.items() if k not in self._goals}
 
     def precedence(self) -> StepPrecedence:
         """Return what comes before what, as far as places and contacts alone tell.
@@ -164,7 +169,7 @@ class _AnyOrder:
     def _lacks(self, steps: Collection[int]) -> str:
         """Return in words how far parts, none of which touches what stands, are from that."""
         names = dict.fromkeys(s.part for k, s in self._places.items() if k in steps)
-        near = {name: nearest_to(self._goals[name], self._fixed) for name in names}
+        near = {name: nearest_entity(self._goals[name], self._fixed) for name in names}
         found = [(at[1], name, at[0]) for name, at in near.items() if at is not None]
         if not found:
             return ""
@@ -172,7 +177,7 @@ class _AnyOrder:
         return (
             f"; none of them touches what stands: nearest is {name}, {gap * 1e3:.1f} mm from {other}"
             f" (touch_m {self._assembly.touch:g}): put it nearer, or join the two over that room"
-            f" (joined: {{parts: [{name}, {other}], gap_m: {room(gap):g}}})"
+            f" (joined: {{parts: [{name}, {other}], gap_m: {format_room(gap):g}}})"
         )
 
     def ordered(self, known: StepPrecedence) -> PartAssembly:
@@ -199,7 +204,7 @@ class _AnyOrder:
         while True:
             ordered = self.ordered(known)
             steps, rules = part_steps(self._cell, ordered), self._assembly.balance
-            standing = standing or standing_of(self._cell, steps, rules)
+            standing = standing or make_stability_check(self._cell, steps, rules)
             balance = PartBalance(self._cell, steps, rules, standing, keepable)
             if balance.fall is None:
                 return known
@@ -291,7 +296,7 @@ class _AnyOrder:
         for name, carriers in graph.carriers.items():
             for other in sorted(carriers):
                 yield at[other], at[name], f"{name} rests on {other}"
-        for name, covers in stacked(self._starts).items():
+        for name, covers in parts_stacked_on(self._starts).items():
             for other in sorted(covers):
                 yield at[other], at[name], f"{other} lies on {name} at the start"
 
@@ -305,25 +310,27 @@ class _AnyOrder:
                 if other == name:
                     continue
                 most = self._assembly.overlaps.most(name, other)
-                if leads_through(goal, there, *down, most):
+                if sweeps_through(goal, there, *down, most):
                     words = f"{other} would bar the way of {name} to its place"
                     yield at[name], at[other], words
                 start = self._starts[other]
                 up = -np.array(handled[other].extraction), handled[other].leave
-                if depth(goal, start) > ROUNDING or leads_through(goal, start, *down):
+                if overlap_depth(goal, start) > ROUNDING or sweeps_through(
+                    goal, start, *down
+                ):
                     yield at[other], at[name], f"{other} is where {name} goes"
-                elif leads_through(start, goal, *up):
+                elif sweeps_through(start, goal, *up):
                     words = f"{name} would lock {other} in at its start"
                     yield at[other], at[name], words
 
     def _barred_works(self) -> Iterator[tuple[int, int, str]]:
         """Yield parts that would bar the straight way of a tool to where it works, as a rod on it."""
-        lying = {item.name: item.start for item in self._cell.objects}
-        lying |= self._assembly.goals
+        placed = {item.name: item.start for item in self._cell.objects}
+        placed |= self._assembly.goals
         for k, step in enumerate(self._steps):
             if not isinstance(step, Work):
                 continue
-            place = spot_pose(self._cell, step.spot, lying)
+            place = spot_pose(self._cell, step.spot, placed)
             long = step.process.approach - 2.0 * _BORE
             rod = box_shape("way", (_BORE, _BORE, long))
             for pose in step.process.path or (np.eye(4),):
@@ -335,5 +342,7 @@ class _AnyOrder:
                         yield k, self._placing[name], words
 
 
-def _overlap(one: Lying, other: Lying) -> bool:
-    return any(gap < -0.5 * _BORE for gap in near_to(one, {"": other}, 0.0).values())
+def _overlap(one: PlacedObject, other: PlacedObject) -> bool:
+    return any(
+        gap < -0.5 * _BORE for gap in nearby_entities(one, {"": other}, 0.0).values()
+    )

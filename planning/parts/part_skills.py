@@ -19,11 +19,11 @@ from planning.cell.workcell import (
     WorldState,
 )
 from planning.geometry.exact import resting_solid
-from planning.geometry.robot_bodies import entity, robot_bodies
+from planning.geometry.robot_bodies import entity_name, robot_bodies
 from planning.geometry.scene_checker import BodyPair, SceneChecker
-from planning.grips.fingers import in_the_way_of_fingers
+from planning.grips.fingers import finger_obstacles
 from planning.grips.grip import Grip
-from planning.grips.tool_grips import not_held, tool_misfit
+from planning.grips.tool_grips import describe_missed_contact, explain_tool_misfit
 from planning.kinematics.kinematics import frame_in_flange
 from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PartAssembly, PartHandling, Process
@@ -38,9 +38,9 @@ from planning.steps.skill import (
     SkillTargets,
     Subgoal,
     ToolContact,
-    gripped,
-    straight_way,
-    touching,
+    contacts_with,
+    grip_contact,
+    straight_subgoals,
 )
 from planning.steps.skill_trial import find_obstruction, resolve_skill
 from planning.steps.tool_changes import with_each_tool, with_tools
@@ -50,7 +50,7 @@ from planning.transforms import (
     Array,
     Transform,
     inverse,
-    readonly,
+    read_only_copy,
     rotation,
     translation,
 )
@@ -94,8 +94,8 @@ def place_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTarge
 def hold_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
     """Return the subgoals of gripping a part where it lies: straight to it, hold."""
     back = grip @ translation(0.0, 0.0, -ways.approach)
-    way = straight_way(frame, "approach", back, grip)
-    return SkillTargets(HOLD, (*way, Subgoal(HOLD, frame, grip)))
+    path = straight_subgoals(frame, "approach", back, grip)
+    return SkillTargets(HOLD, (*path, Subgoal(HOLD, frame, grip)))
 
 
 @dataclass(frozen=True)
@@ -124,11 +124,11 @@ def process_targets(process: Process, place: Transform, turn: float) -> ProcessT
     facing = rotation("z", turn) @ rotation("x", np.pi)
     poses = [place @ at @ facing for at in process.path or (np.eye(4),)]
     back = translation(0.0, 0.0, -process.approach)
-    way = [Subgoal(name, frame, pose) for pose in _along(poses)]
-    approach = straight_way(frame, "approach", poses[0] @ back, poses[0])
-    leave = straight_way(frame, "leave", poses[-1] @ back, poses[-1])[::-1]
-    first, last = len(approach), len(approach) + len(way) - 1
-    subgoals = (*approach, *way, *leave)
+    path = [Subgoal(name, frame, pose) for pose in _along(poses)]
+    approach = straight_subgoals(frame, "approach", poses[0] @ back, poses[0])
+    leave = straight_subgoals(frame, "leave", poses[-1] @ back, poses[-1])[::-1]
+    first, last = len(approach), len(approach) + len(path) - 1
+    subgoals = (*approach, *path, *leave)
     return ProcessTargets(SkillTargets(name, subgoals), first, last)
 
 
@@ -137,9 +137,9 @@ def _along(poses: Sequence[Transform]) -> list[Transform]:
     out = [poses[0]]
     for near, far in pairwise(poses):
         turn = Rotation.from_matrix(near[:3, :3].T @ far[:3, :3]).as_rotvec()
-        way = far[:3, 3] - near[:3, 3]
+        path = far[:3, 3] - near[:3, 3]
         steps = max(
-            np.linalg.norm(way) / SMALL_STRIDE, np.linalg.norm(turn) / SMALL_TURN
+            np.linalg.norm(path) / SMALL_STRIDE, np.linalg.norm(turn) / SMALL_TURN
         )
         count = max(1, math.ceil(float(steps) - 1e-9))
         for k in range(1, count + 1):
@@ -147,7 +147,7 @@ def _along(poses: Sequence[Transform]) -> list[Transform]:
             pose[:3, :3] = (
                 near[:3, :3] @ Rotation.from_rotvec(turn * k / count).as_matrix()
             )
-            pose[:3, 3] += way * k / count
+            pose[:3, 3] += path * k / count
             out.append(pose)
     return out
 
@@ -180,8 +180,8 @@ def _in_and_out(
 
     ``come`` and ``go`` are what the two ways are called, and where they begin and end.
     """
-    way_in = straight_way(frame, *come, grip)
-    way_out = straight_way(frame, *go, grip)[::-1]
+    way_in = straight_subgoals(frame, *come, grip)
+    way_out = straight_subgoals(frame, *go, grip)[::-1]
     subgoals = (*way_in, Subgoal("attach", frame, grip), *way_out)
     return SkillTargets(kind, subgoals, change_at=len(way_in))
 
@@ -195,7 +195,7 @@ def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
         grip: pose of that frame in the frame of the part.
     """
     tool = frame_in_flange(robot.model, frame)
-    return readonly(tool @ inverse(grip))
+    return read_only_copy(tool @ inverse(grip))
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,7 @@ class SkillTry:
             scene.configurations, {k: at for k, (_, at) in scene.objects.items()}
         )
         around = scene.cell, state, scene.contacts.during
-        return in_the_way_of_fingers(self.robot, frame, self.held, path.contact, around)
+        return finger_obstacles(self.robot, frame, self.held, path.contact, around)
 
     def carried_home(self) -> Obstruction | None:
         """Return what is in the way of who stands at HOME with what it has taken."""
@@ -289,24 +289,24 @@ class PartSkills:
         self, robot: PlacedRobot, part: CellObject, grip: Grip
     ) -> Obstruction | None:
         """Return why a robot's tool cannot hold a part by a grip, None where it can."""
-        ways = self.assembly.handling(part.name)
+        handling = self.assembly.handling(part.name)
         frame = self.assembly.frame
-        if wrong := tool_misfit(robot, frame, part, grip, ways.approach):
+        if wrong := explain_tool_misfit(robot, frame, part, grip, handling.approach):
             return wrong
-        words = not_held(robot, part, grip, ways.grips)
+        words = describe_missed_contact(robot, part, grip, handling.grips)
         return None if words is None else Obstruction(words)
 
     def pick(self, robot: PlacedRobot, step: PartStep, grip: Transform) -> SkillTry:
         """Return the pick of a step by a grip."""
-        lying, ways = step.part.start, self.assembly.handling(step.part.name)
-        targets = pick_targets(self.assembly.frame, lying @ grip, ways)
+        lying, handling = step.part.start, self.assembly.handling(step.part.name)
+        targets = pick_targets(self.assembly.frame, lying @ grip, handling)
         changes = Attachment(None, lying), self._in_hand(robot, grip)
         return self._handling(robot, step, (targets, grip), changes, step.at_start)
 
     def place(self, robot: PlacedRobot, step: PartStep, grip: Transform) -> SkillTry:
         """Return the place-down of a step by a grip."""
-        ways = self.assembly.handling(step.part.name)
-        targets = place_targets(self.assembly.frame, step.place @ grip, ways)
+        handling = self.assembly.handling(step.part.name)
+        targets = place_targets(self.assembly.frame, step.place @ grip, handling)
         changes = self._in_hand(robot, grip), Attachment(None, step.place)
         return self._handling(robot, step, (targets, grip), changes, step.touched)
 
@@ -314,19 +314,19 @@ class PartSkills:
         """Return how a robot grips what is held in a step, where it lies."""
         assert step.held is not None
         name = step.held.part.name
-        at_part, ways = gripped(robot.name, name), self.assembly.handling(name)
-        targets = hold_targets(self.assembly.frame, step.held.pose @ grip, ways)
+        at_part, handling = grip_contact(robot.name, name), self.assembly.handling(name)
+        targets = hold_targets(self.assembly.frame, step.held.pose @ grip, handling)
         contacts = SkillContacts(NOTHING, at_part, at_part)
         scene = SkillScene(self.cell, step.around, self._at_home, contacts)
         held = step.held.part, grip
-        return SkillTry(robot, targets, scene, ways.approach, held=held)
+        return SkillTry(robot, targets, scene, handling.approach, held=held)
 
     def work(
         self, robot: PlacedRobot, step: KnownStep, process: Process, turn: float
     ) -> SkillTry:
         """Return a process with its approach and way back, with the tool turned so far [rad]."""
         targets = process_targets(process, step.place, turn).targets
-        touches = touching(entity(robot.name, "tool"), step.touched)
+        touches = contacts_with(entity_name(robot.name, "tool"), step.touched)
         scene = SkillScene(
             self.cell,
             step.around,
@@ -368,19 +368,22 @@ class PartSkills:
     ) -> SkillTry:
         """Return a skill by a grip, given where the part is before and after, and what it touches at rest."""
         part, (first, then), (targets, grip) = step.part, changes, gripping
-        held, ways = gripped(robot.name, part.name), self.assembly.handling(part.name)
+        held, handling = (
+            grip_contact(robot.name, part.name),
+            self.assembly.handling(part.name),
+        )
         scene = SkillScene(
             self.cell,
             {**step.around, part.name: (part, first)},
             self._at_home,
             SkillContacts(
                 NOTHING if first.holder is None else held,
-                held | touching(part.name, touched),
+                held | contacts_with(part.name, touched),
                 NOTHING if then.holder is None else held,
             ),
             (part.name, then),
         )
-        ends = ways.approach, ways.leave
+        ends = handling.approach, handling.leave
         return SkillTry(robot, targets, scene, *ends, (part, grip))
 
     def _in_hand(self, robot: PlacedRobot, grip: Transform) -> Attachment:

@@ -11,16 +11,21 @@ import numpy as np
 from planning.cell.shape import box_shape
 from planning.cell.standing_rules import Joint
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
-from planning.contacts.interference import Overlaps, depth, leads_through
-from planning.contacts.play import Play, play
+from planning.contacts.interference import Overlaps, overlap_depth, sweeps_through
+from planning.contacts.play import Play, play_in_place
 from planning.errors import InfeasibleStepError
-from planning.geometry.touching import Lying, near_to, nearest_words, standing
+from planning.geometry.touching import (
+    PlacedObject,
+    describe_nearest,
+    nearby_entities,
+    standing_fixtures,
+)
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import tool_grips
 from planning.parts.assembly import AnyStep, PartAssembly, PlacePart, Spot, Work
 from planning.steps.skill import Objects
 from planning.steps.tool_changes import with_each_tool
-from planning.transforms import Transform, readonly
+from planning.transforms import Transform, read_only_copy
 
 TIP = 0.005
 """What is nearer than this to where a process is done may be touched by its tool [m]."""
@@ -67,7 +72,7 @@ class KnownStep:
     held: Held | None
 
     @property
-    def others(self) -> dict[str, Lying]:
+    def others(self) -> dict[str, PlacedObject]:
         """All other parts where they lie, by name."""
         return {name: (item, at.pose) for name, (item, at) in self.around.items()}
 
@@ -154,18 +159,18 @@ def steps_in_order(
                 del where[name]
 
 
-def lying_by_then(
+def objects_at_step(
     cell: Workcell, where: Mapping[str, Transform], but: str
-) -> dict[str, Lying]:
+) -> dict[str, PlacedObject]:
     """Return fixtures and parts where they are as a step begins, one part left out, by name."""
-    return standing(cell) | {
+    return standing_fixtures(cell) | {
         item.name: (item, where[item.name])
         for item in cell.objects
         if item.name in where and item.name != but
     }
 
 
-def far_first(step: KnownStep) -> list[int]:
+def sort_grips_by_clearance(step: KnownStep) -> list[int]:
     """Return the grips on what is held, those first that leave most room for the other robot."""
     assert step.held is not None
     held, work = step.held, step.place[:3, 3]
@@ -199,24 +204,24 @@ def place_step(
     name, goal, around = step.part, known.place, dict(known.around)
     _, at = around.pop(name)
     part = replace(cell.object(name), start=at.pose)
-    lying = standing(cell) | replace(known, around=around).others
-    touched = near_to((part, goal), lying, assembly.touch)
+    placed = standing_fixtures(cell) | replace(known, around=around).others
+    touched = nearby_entities((part, goal), placed, assembly.touch)
     if not touched and not assembly.joined_to(name):
         raise InfeasibleStepError(
             f"step {number} ({name}) would leave it in the air: it touches neither a fixture nor a part"
-            f" that is there by then; {nearest_words(name, (part, goal), lying)}",
+            f" that is there by then; {describe_nearest(name, (part, goal), placed)}",
             steps=[number],
             thing=name,
         )
-    _require_room(number, name, (part, goal), lying, assembly.overlaps)
-    at_start = near_to((part, part.start), lying, assembly.touch)
+    _require_room(number, name, (part, goal), placed, assembly.overlaps)
+    at_start = nearby_entities((part, part.start), placed, assembly.touch)
     rules = assembly.handling(name).grips
     robots = list(with_each_tool(cell.robots))
     grips = tool_grips(robots, part.shape, part.start, goal, rules)
     return PartStep(step, goal, around, touched, known.held, part, grips, at_start)
 
 
-def require_ways(
+def require_clear_insertion(
     cell: Workcell, assembly: PartAssembly, steps: Iterable[KnownStep]
 ) -> None:
     """Require that parts are not led straight through what they touch in their places or at their starts.
@@ -231,17 +236,17 @@ def require_ways(
         if not isinstance(step, PartStep):
             continue
         part, ways = step.part, assembly.handling(step.part.name)
-        lying = standing(cell) | step.others
+        placed = standing_fixtures(cell) | step.others
         for place, touched, direction, length, words in (
             (step.place, step.touched, np.array(ways.insertion), ways.approach, _IN),
             (part.start, step.at_start, -np.array(ways.extraction), ways.leave, _OUT),
         ):
             for other in sorted(touched):
                 most = assembly.overlaps.most(part.name, other)
-                if depth((part, place), lying[other]) > most:
+                if overlap_depth((part, place), placed[other]) > most:
                     continue  # a mistake of another kind
-                way = (part, place), lying[other], direction, length, most
-                if leads_through(*way):
+                way = (part, place), placed[other], direction, length, most
+                if sweeps_through(*way):
                     raise InfeasibleStepError(
                         f"step {number} ({part.name}) leads through {other} on the straight way"
                         f" {words}",
@@ -254,11 +259,11 @@ def require_ways(
 def _require_room(
     number: int,
     name: str,
-    part: Lying,
-    lying: Mapping[str, Lying],
+    part: PlacedObject,
+    placed: Mapping[str, PlacedObject],
     overlaps: Overlaps,
 ) -> None:
-    deep = overlaps.too_deep(name, part, lying)
+    deep = overlaps.is_too_deep(name, part, placed)
     if not deep:
         return
     other = max(deep, key=deep.__getitem__)
@@ -278,7 +283,9 @@ def _work_step(cell: Workcell, step: Work, known: KnownStep, touch: float) -> Kn
     grain = box_shape("tip", np.full(3, 1e-4))
     for at in step.process.path or (np.eye(4),):
         tip = Fixture("tip", grain, place @ at)
-        touched |= near_to((tip, tip.pose), standing(cell) | others, touch + TIP)
+        touched |= nearby_entities(
+            (tip, tip.pose), standing_fixtures(cell) | others, touch + TIP
+        )
     return replace(known, place=place, touched=touched)
 
 
@@ -291,7 +298,7 @@ def spot_pose(
         if item.name == spot.owner:
             inside = np.eye(4) if spot.frame is None else item.frames[spot.frame]
             base = item.pose @ inside
-    return readonly(base @ spot.pose)
+    return read_only_copy(base @ spot.pose)
 
 
 def _require_alone(number: int, step: PartStep, before: Iterable[KnownStep]) -> None:
@@ -315,18 +322,18 @@ def _require_alone(number: int, step: PartStep, before: Iterable[KnownStep]) -> 
         )
 
 
-def in_place(cell: Workcell, assembly: PartAssembly) -> dict[str, Lying]:
+def objects_in_place(cell: Workcell, assembly: PartAssembly) -> dict[str, PlacedObject]:
     """Return fixtures, parts in their places, and those that no step places where they lie, by name."""
-    lying = standing(cell)
+    placed = standing_fixtures(cell)
     for item in cell.objects:
         if item.name in assembly.goals:
-            lying[item.name] = item, assembly.goals[item.name]
+            placed[item.name] = item, assembly.goals[item.name]
         elif not item.later:
-            lying[item.name] = item, item.start
-    return lying
+            placed[item.name] = item, item.start
+    return placed
 
 
-def room(gap: float) -> float:
+def format_room(gap: float) -> float:
     """Return a distance in whole millimetres, rounded up [m]."""
     return math.ceil(round(gap * 1e3, 3)) / 1e3
 
@@ -338,21 +345,23 @@ def wide_joints(cell: Workcell, assembly: PartAssembly) -> Iterator[tuple[Joint,
         cell: its objects are the parts.
         assembly: goals, joints, and what touches.
     """
-    lying = in_place(cell, assembly) if assembly.joints else {}
+    placed = objects_in_place(cell, assembly) if assembly.joints else {}
     for joint in assembly.joints:
         first, second = joint.first, joint.second
         most = assembly.touch + joint.gap
-        if near_to(lying[first], {second: lying[second]}, most):
+        if nearby_entities(placed[first], {second: placed[second]}, most):
             continue
-        (gap,) = near_to(lying[first], {second: lying[second]}, math.inf).values()
-        others = {k: v for k, v in lying.items() if k not in (first, second)}
+        (gap,) = nearby_entities(
+            placed[first], {second: placed[second]}, math.inf
+        ).values()
+        others = {k: v for k, v in placed.items() if k not in (first, second)}
         said = f", gap_m {joint.gap:g}" if joint.gap else ""
         yield (
             joint,
             f"{first} and {second} are joined across {gap * 1e3:.1f} mm of air, and may be"
             f" {most * 1e3:g} mm apart (touch_m {assembly.touch:g}{said}): put them nearer, or say the room"
-            f" of what is between them (joined: {{parts: [{first}, {second}], gap_m: {room(gap):g}}}); of all"
-            f" else {nearest_words(second, lying[second], others)}",
+            f" of what is between them (joined: {{parts: [{first}, {second}], gap_m: {format_room(gap):g}}}); of all"
+            f" else {describe_nearest(second, placed[second], others)}",
         )
 
 
@@ -388,9 +397,9 @@ def part_fits(cell: Workcell, assembly: PartAssembly) -> Iterator[PartFit]:
     for number, step, where, goal in steps_in_order(cell, assembly):
         if not isinstance(step, PlacePart):
             continue
-        others = lying_by_then(cell, where, but=step.part)
+        others = objects_at_step(cell, where, but=step.part)
         way = np.array(assembly.handling(step.part).insertion)
-        found = play((cell.object(step.part), goal), others, way)
+        found = play_in_place((cell.object(step.part), goal), others, way)
         if found is not None:
             robots = tuple(r.name for r in cell.robots if step.done_by(r.name))
             yield PartFit(number, step.part, found, robots)

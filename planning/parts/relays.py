@@ -21,10 +21,10 @@ from planning.cell.workcell import (
     Workcell,
     WorldState,
 )
-from planning.geometry.touching import near_to, standing
-from planning.grips.fingers import firm_grips, in_the_way_of_fingers
+from planning.geometry.touching import nearby_entities, standing_fixtures
+from planning.grips.fingers import finger_obstacles, firm_grips
 from planning.grips.grip import Grip
-from planning.grips.tool_grips import overload, robot_grips
+from planning.grips.tool_grips import explain_overload, robot_grips
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.parts.part_skills import PartSkills, SkillTry, handover_targets, held_pose
 from planning.parts.part_steps import PartStep
@@ -33,7 +33,7 @@ from planning.steps.skill import (
     Obstruction,
     SkillPath,
     Subgoal,
-    gripped,
+    grip_contact,
     joint_distance,
 )
 from planning.steps.tool_changes import mounted_tool, with_each_tool
@@ -42,7 +42,7 @@ from planning.transforms import (
     Array,
     Transform,
     inverse,
-    readonly,
+    read_only_copy,
     rotation,
     translation,
 )
@@ -81,7 +81,7 @@ Skill = Callable[[PlacedRobot, PartStep, Transform], SkillTry]
 
 
 @dataclass(frozen=True)
-class LaidDown:
+class IntermediatePlace:
     """Where a part lies in between.
 
     Attributes:
@@ -94,7 +94,7 @@ class LaidDown:
 
 
 @dataclass(frozen=True)
-class End:
+class RelayEnd:
     """Pick of a part by a robot, or its place-down, at one end of the part's way.
 
     Attributes:
@@ -127,9 +127,9 @@ class Relay:
         cost: joint distance of all from HOME [rad].
     """
 
-    give: End
-    take: End
-    between: LaidDown | Handover
+    give: RelayEnd
+    take: RelayEnd
+    between: IntermediatePlace | Handover
     passing: tuple[SkillPath, ...]
     cost: float
 
@@ -200,8 +200,8 @@ class _Passing:
         count, step = 0, self._step
         for rest in self._rests():
             there = replace(step, place=rest.pose, touched=rest.touched)
-            lying = replace(step.part, start=rest.pose)
-            taken = replace(step, part=lying, at_start=rest.touched)
+            placed = replace(step.part, start=rest.pose)
+            taken = replace(step, part=placed, at_start=rest.touched)
             laid = self._through(self._skills.place, there, rest, self._picks)
             if not laid:
                 continue
@@ -233,11 +233,11 @@ class _Passing:
             ways = (self._handover(*meeting) for meeting in tries)
             yield from islice((way for way in ways if way is not None), 1)
 
-    def _ends(self, skill: Skill, at: Transform) -> list[End]:
+    def _ends(self, skill: Skill, at: Transform) -> list[RelayEnd]:
         """Return how robots can pick the part, or place it, where it is by then, some ways each."""
-        step, out = self._step, list[End]()
+        step, out = self._step, list[RelayEnd]()
         for robot in self._cell.robots:
-            heavy = overload(robot, step.part) is not None
+            heavy = explain_overload(robot, step.part) is not None
             if heavy or not step.step.done_by(robot.name):
                 continue
             count = 0
@@ -259,8 +259,12 @@ class _Passing:
         return out
 
     def _through(
-        self, skill: Skill, step: PartStep, rest: LaidDown, ends: Sequence[End]
-    ) -> list[tuple[End, End]]:
+        self,
+        skill: Skill,
+        step: PartStep,
+        rest: IntermediatePlace,
+        ends: Sequence[RelayEnd],
+    ) -> list[tuple[RelayEnd, RelayEnd]]:
         """Return the ends whose robots also reach the part where it is laid down, one way each."""
         robots = {end.robot.name: end.robot for end in ends}
         about = step.part.shape, rest.pose, rest.pose, self._ways.grips
@@ -269,7 +273,7 @@ class _Passing:
             for name, robot in robots.items()
             for grip in robot_grips(robot, *about)
         }
-        out: dict[str, tuple[End, End]] = {}
+        out: dict[str, tuple[RelayEnd, RelayEnd]] = {}
         for end in ends:
             name = end.robot.name
             if name not in out and (name, end.grip.pose.tobytes()) in good:
@@ -278,10 +282,10 @@ class _Passing:
                     out[name] = end, found
         return list(out.values())
 
-    def _rests(self) -> Iterator[LaidDown]:
+    def _rests(self) -> Iterator[IntermediatePlace]:
         """Yield where the part can lie in between, nearest to the robots first."""
         step, part, touch = self._step, self._step.part, self._assembly.touch
-        fixtures = standing(self._cell)
+        fixtures = standing_fixtures(self._cell)
         own = {"goal": (part, step.place), "start": (part, part.start)}
         # As far from the robots as what they reach already.
         rings = []
@@ -301,13 +305,13 @@ class _Passing:
                 rest = turn.copy()
                 rest[:3, 3] = spot
                 rest[2, 3] += _CLEAR - low[2]
-                touched = near_to((part, rest), fixtures | step.others, touch)
+                touched = nearby_entities((part, rest), fixtures | step.others, touch)
                 free = min(touched.values(), default=-1.0) >= 0.0
                 if not free or not touched.keys() <= fixtures.keys():
                     continue
-                if near_to((part, rest), own, touch):
+                if nearby_entities((part, rest), own, touch):
                     continue  # no step lies on where it comes from or goes
-                yield LaidDown(readonly(rest), touched)
+                yield IntermediatePlace(read_only_copy(rest), touched)
 
     def _in_reach(self, spot: Array) -> bool:
         """Tell whether a robot at either end reaches above a spot with its tool down."""
@@ -326,7 +330,7 @@ class _Passing:
 
     def _meetings(
         self, giver: PlacedRobot, receiver: PlacedRobot
-    ) -> Iterator[tuple[End, End, Transform]]:
+    ) -> Iterator[tuple[RelayEnd, RelayEnd, Transform]]:
         """Yield how two robots hold the part between them, and its pose: hands far apart come first.
 
         The giver points to the receiver, or down; the receiver to the giver, or down.
@@ -349,9 +353,9 @@ class _Passing:
             part[2, 3] += height
             facing = (part @ take.grip.pose)[:3, 2]
             if facing @ level[:3, 2] < -0.5 or facing[2] < -0.8:
-                yield give, take, readonly(part)
+                yield give, take, read_only_copy(part)
 
-    def _handover(self, give: End, take: End, at: Transform) -> Relay | None:
+    def _handover(self, give: RelayEnd, take: RelayEnd, at: Transform) -> Relay | None:
         """Return how the part is handed over at a pose, None if something is in the way."""
         giver, receiver, frame = give.robot, take.robot, self._assembly.frame
         tool = at @ take.grip.pose
@@ -376,7 +380,7 @@ class _Passing:
         cost += joint_distance(receiver.home, found.receive)
         return Relay(give, take, found, (found.give,), cost)
 
-    def _fingers_blocked(self, give: End, take: End, found: Handover) -> bool:
+    def _fingers_blocked(self, give: RelayEnd, take: RelayEnd, found: Handover) -> bool:
         """Tell whether fingers would meet anything as the part changes hands, such as the other's."""
         part, meeting = self._step.part, found.meeting
         hands = {
@@ -386,11 +390,11 @@ class _Passing:
         at = {robot.name: robot.home for robot in self._cell.robots}
         at |= {name: q for name, (_, q, _) in hands.items()}
         allowed = frozenset[frozenset[str]]().union(
-            *(gripped(name, part.name) for name in hands)
+            *(grip_contact(name, part.name) for name in hands)
         )
         places = {name: place for name, (_, place) in self._step.around.items()}
         return any(
-            in_the_way_of_fingers(
+            finger_obstacles(
                 end.robot,
                 self._assembly.frame,
                 (part, end.grip.pose),
@@ -401,11 +405,15 @@ class _Passing:
         )
 
 
-def _end(skill: Skill, robot: PlacedRobot, step: PartStep, grip: Grip) -> End | None:
+def _end(
+    skill: Skill, robot: PlacedRobot, step: PartStep, grip: Grip
+) -> RelayEnd | None:
     """Return how a robot picks or places the part of a step by a grip, None if it cannot."""
     tried = skill(robot, step, grip.pose)
     found = tried.found()
-    return None if isinstance(found, Obstruction) else End(robot, grip, tried, found)
+    return (
+        None if isinstance(found, Obstruction) else RelayEnd(robot, grip, tried, found)
+    )
 
 
 def _spots(fixture: Fixture) -> Iterator[Array]:
@@ -429,19 +437,19 @@ def _turns(step: PartStep) -> Iterator[Transform]:
     seen: set[bytes] = set()
     sides = (rotation(axis, quarter * np.pi / 2) for axis, quarter in _SIDES)
     for first in (step.part.start, step.place, *sides):
-        lying = np.eye(4)
-        lying[:3, :3] = first[:3, :3]
-        if np.max(np.abs(lying[2, :3])) < _UPRIGHT:
+        placed = np.eye(4)
+        placed[:3, :3] = first[:3, :3]
+        if np.max(np.abs(placed[2, :3])) < _UPRIGHT:
             continue  # it would stand on an edge
         for quarter in range(4):
-            turn = rotation("z", quarter * np.pi / 2) @ lying
+            turn = rotation("z", quarter * np.pi / 2) @ placed
             key = np.round(turn[:3, :3], 6).tobytes()
             if key not in seen:
                 seen.add(key)
                 yield turn
 
 
-def _apart(give: End, take: End) -> float:
+def _apart(give: RelayEnd, take: RelayEnd) -> float:
     """Return how far the palms of two hands on one part are from each other [m]."""
     palm = translation(0.0, 0.0, -_PALM)
     one, two = (end.grip.pose @ palm for end in (give, take))

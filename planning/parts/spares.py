@@ -9,7 +9,7 @@ import numpy as np
 
 from planning.cell.workcell import Attachment
 from planning.errors import InfeasibleStepError
-from planning.parts.alike import renamed
+from planning.parts.alike import with_renamed_parts
 from planning.parts.candidates import PartCandidates, PartCollector
 from planning.parts.part_steps import KnownStep, PartStep, place_step
 from planning.steps.tool_changes import with_tools
@@ -52,7 +52,7 @@ def with_spares(
             name: (cell.object(name), Attachment(None, cell.object(name).start)),
         }
         placing = replace(step.step, part=name)
-        other = renamed(assembly, {lost.name: name})
+        other = with_renamed_parts(assembly, {lost.name: name})
         try:
             own = place_step(cell, other, number, placing, replace(step, around=around))
         except InfeasibleStepError:
@@ -76,7 +76,7 @@ def with_spares(
     return replace(candidates, problem=problem, paths=paths, spares=spares)
 
 
-def as_chosen(
+def with_chosen_spares(
     candidates: PartCandidates, objects: Iterable[tuple[int, str | None]]
 ) -> PartCandidates:
     """Return candidates as if the spare parts that are chosen had been what their steps are about.

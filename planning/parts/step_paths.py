@@ -20,7 +20,7 @@ from planning.steps.skill import (
     SkillContacts,
     SkillPath,
     SkillScene,
-    gripped,
+    grip_contact,
 )
 from planning.steps.skill_trial import find_obstruction
 from planning.tasks.assignment import (
@@ -146,7 +146,10 @@ class StepPaths:
         there = dict(last.around)
         if isinstance(last, PartStep):
             there[last.part.name] = last.part, Attachment(None, last.place)
-        cell, grip = self.skills(item.tools).cell, gripped(item.robot, kept.part.name)
+        cell, grip = (
+            self.skills(item.tools).cell,
+            grip_contact(item.robot, kept.part.name),
+        )
         at_home = {robot.name: robot.home for robot in cell.robots}
         contacts = SkillContacts(grip, grip, NOTHING)
         scene = SkillScene(cell, there, at_home, contacts)

@@ -8,7 +8,7 @@ from functools import partial
 from itertools import pairwise
 
 from planning.parts.assembly import PartAssembly, Work
-from planning.parts.candidates import PartCandidates, StepsAhead
+from planning.parts.candidates import LazyCandidates, PartCandidates
 from planning.parts.expansion import step_tasks, time_windows, waiting_tasks
 from planning.parts.spares import with_spares
 from planning.tasks.work import AssemblyWork
@@ -31,8 +31,8 @@ def part_work(candidates: PartCandidates) -> AssemblyWork:
     )
 
 
-def first_work(known: StepsAhead, count: int) -> AssemblyWork:
-    """Return the assembly work of the first so many steps, see ``StepsAhead``."""
+def first_work(known: LazyCandidates, count: int) -> AssemblyWork:
+    """Return the assembly work of the first so many steps, see ``LazyCandidates``."""
     return part_work(known.first(count)).of_first(count)
 
 
@@ -52,7 +52,7 @@ def _work_with(
         for item in candidates.cell.objects
     )
     moved = replace(candidates.cell, objects=objects)
-    return part_work(StepsAhead(moved, candidates.assembly).first(candidates.count))
+    return part_work(LazyCandidates(moved, candidates.assembly).first(candidates.count))
 
 
 def _passing(assembly: PartAssembly) -> dict[str, tuple[int, ...]]:

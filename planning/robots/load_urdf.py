@@ -26,13 +26,13 @@ from planning.robots.descriptions.urdf_file import (
     UrdfFile,
     UrdfOptions,
     flange_link,
-    links_on,
+    links_on_flange,
     serial_chain,
     tip_link,
 )
-from planning.robots.descriptions.xml_files import number, read_xml
+from planning.robots.descriptions.xml_files import parse_number, read_xml
 from planning.robots.self_collision import never_colliding_pairs
-from planning.transforms import Array, inverse, readonly
+from planning.transforms import Array, inverse, read_only_copy
 
 _SIDES = 24
 """Side faces of what stands for something round: cylinders stand out by 0.9 % of the radius."""
@@ -66,15 +66,15 @@ def load_urdf(
     flange = _link_pose(model, flange_name) @ known.flange_offset
     hanging = known.tool_links
     if hanging is None:
-        hanging = links_on(description, flange_name)
+        hanging = links_on_flange(description, flange_name)
     frames = known.frames
     if frames is None:
         there = tuple(link for link in hanging if model.existFrame(link))
         tip = tip_link(there) or (there[-1] if there else flange_name)
         frames = {"tool": inverse(flange) @ _link_pose(model, tip)}
     joints = description.joints
-    lower = readonly([joint.lower for joint in joints])
-    upper = readonly([joint.upper for joint in joints])
+    lower = read_only_copy([joint.lower for joint in joints])
+    upper = read_only_copy([joint.upper for joint in joints])
     chain = _chain(description, model)
     parts = _parts(model, geometry, set(hanging))
     home = np.zeros(len(lower)) if known.home is None else known.home
@@ -87,13 +87,13 @@ def load_urdf(
         joint_names=tuple(joint.name for joint in joints),
         lower=lower,
         upper=upper,
-        velocity=readonly(speeds),
+        velocity=read_only_copy(speeds),
         chain=chain,
-        flange=readonly(flange),
-        frames={key: readonly(pose) for key, pose in frames.items()},
+        flange=read_only_copy(flange),
+        frames={key: read_only_copy(pose) for key, pose in frames.items()},
         parts=parts,
         never_collide=never_colliding_pairs(chain, parts, lower, upper, rest),
-        home=readonly(rest),
+        home=read_only_copy(rest),
         flange_link=flange_name,
         grip=known.grip,
         drives=_drives(root, description, known, set(hanging)),
@@ -104,16 +104,16 @@ def load_urdf(
 def _inertias(model: Any) -> LinkInertias:
     moved = list(model.inertias)[1:]
     return LinkInertias(
-        readonly([body.mass for body in moved]),
-        readonly([body.lever for body in moved]),
-        readonly([body.inertia for body in moved]),
+        read_only_copy([body.mass for body in moved]),
+        read_only_copy([body.lever for body in moved]),
+        read_only_copy([body.inertia for body in moved]),
     )
 
 
 def _mass(root: Element, links: set[str]) -> float:
     """Return the mass of links, as far as a description tells it [kg]."""
     return sum(
-        number(mass.get("value", "0"), "mass of a link")
+        parse_number(mass.get("value", "0"), "mass of a link")
         for link in root.findall("link")
         if link.get("name") in links
         and (mass := link.find("inertial/mass")) is not None
@@ -125,11 +125,11 @@ def _drives(
 ) -> DriveLimits:
     joints, payload = description.joints, known.payload
     return DriveLimits(
-        acceleration=readonly(
+        acceleration=read_only_copy(
             known.acceleration or [joint.acceleration for joint in joints]
         ),
-        jerk=readonly(known.jerk or [joint.jerk for joint in joints]),
-        effort=readonly(known.effort or [joint.effort for joint in joints]),
+        jerk=read_only_copy(known.jerk or [joint.jerk for joint in joints]),
+        effort=read_only_copy(known.effort or [joint.effort for joint in joints]),
         payload=math.inf if payload is None else payload,
         # Nobody asks for it otherwise, and not every description has masses that are numbers.
         tool_mass=0.0 if payload is None else _mass(root, tool),
@@ -164,7 +164,9 @@ def _chain(description: UrdfFile, model: Any) -> KinematicChain:
     prismatic = np.array([joint.kind == "prismatic" for joint in description.joints])
     prismatic.setflags(write=False)
     return KinematicChain(
-        readonly(placement), readonly([j.axis for j in description.joints]), prismatic
+        read_only_copy(placement),
+        read_only_copy([j.axis for j in description.joints]),
+        prismatic,
     )
 
 
@@ -173,7 +175,7 @@ def _parts(model: Any, geometry: Any, tool: set[str]) -> tuple[LinkPart, ...]:
     for item in geometry.geometryObjects:
         local = shape_vertices(item.geometry, item.name)
         pose = item.placement.homogeneous
-        hulls.append(readonly(local @ pose[:3, :3].T + pose[:3, 3]))
+        hulls.append(read_only_copy(local @ pose[:3, :3].T + pose[:3, 3]))
         groups.append("tool" if model.frames[item.parentFrame].name in tool else "arm")
         joints.append(item.parentJoint - 1)
     if not hulls:
@@ -217,12 +219,12 @@ def shape_vertices(shape: Any, name: str) -> Array:
         return np.asarray(signs * half)
     if kind == "Cylinder":
         length = float(shape.halfLength)
-        return frustum(shape.radius, shape.radius, -length, length)
+        return frustum_corners(shape.radius, shape.radius, -length, length)
     if kind == "Sphere":
-        return sphere(float(shape.radius))
+        return sphere_corners(float(shape.radius))
     if kind == "Capsule":
         ends = [[0.0, 0.0, s * float(shape.halfLength)] for s in (-1.0, 1.0)]
-        ball = sphere(float(shape.radius))
+        ball = sphere_corners(float(shape.radius))
         return hull_vertices(np.vstack([ball + end for end in ends]))
     if hasattr(shape, "vertices"):
         points = np.asarray(shape.vertices(), dtype=np.float64)
@@ -235,7 +237,9 @@ def shape_vertices(shape: Any, name: str) -> Array:
     )
 
 
-def frustum(radius_low: float, radius_high: float, low: float, high: float) -> Array:
+def frustum_corners(
+    radius_low: float, radius_high: float, low: float, high: float
+) -> Array:
     """Return the corners of a prism around a cone frustum (or cylinder) along z.
 
     Args:
@@ -255,7 +259,7 @@ def frustum(radius_low: float, radius_high: float, low: float, high: float) -> A
     )
 
 
-def sphere(radius: float) -> Array:
+def sphere_corners(radius: float) -> Array:
     """Return the corners of a polyhedron around a sphere, shape (v, 3).
 
     A ring every ``pi / 24`` of latitude; the faces of such a net come no closer to the

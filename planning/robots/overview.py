@@ -73,7 +73,7 @@ class Overview:
     words: tuple[str, ...]
 
 
-def overview(model: RobotModel) -> Overview:
+def robot_overview(model: RobotModel) -> Overview:
     """Return the contents of the description of a robot."""
     root = read_xml(model.urdf)
     values = dict(zip(model.joint_names, model.home.tolist(), strict=True))
@@ -122,7 +122,7 @@ def _words(
     doubts: tuple[str, ...],
 ) -> list[str]:
     out = [f"flange: link {model.flange_link!r}, z out of it"]
-    doubt = flange_doubt(model)
+    doubt = flange_warning(model)
     if doubt is not None:
         out[0] = f"flange: link {model.flange_link!r}"
         out.append(f"doubtful: {doubt}")
@@ -202,7 +202,7 @@ def _numbers(texts: Iterable[str]) -> list[float]:
     return found
 
 
-def flange_doubt(model: RobotModel) -> str | None:
+def flange_warning(model: RobotModel) -> str | None:
     """Return in words what is doubtful about a flange, None where nothing is.
 
     On all but few robots the last joint is a roll joint: its axis is z of the flange. The axis of a pitch joint,

@@ -12,7 +12,7 @@ import numpy as np
 
 from planning.cell.robot_model import RobotModel
 from planning.errors import FittingError, RobotModelError
-from planning.files import file_named, is_file
+from planning.files import is_file, resolve_file_name
 from planning.robots.descriptions.fitting import Fitting
 from planning.robots.descriptions.read_description import is_plain_urdf
 from planning.robots.descriptions.urdf_file import UrdfOptions
@@ -261,7 +261,7 @@ def robot_model(
         return _fitted(dirs[0] / entry.file, entry, fitting, dirs)
     try:
         folder = Path(base_dir or ".")
-        path = file_named(name_or_path, folder, RobotModelError).resolve()
+        path = resolve_file_name(name_or_path, folder, RobotModelError).resolve()
     except (OSError, ValueError) as error:
         raise RobotModelError(f"no robot {name_or_path[:60]!r}: {error}") from None
     if not is_file(path) and path.suffix.lower() not in (".urdf", ".xml", ".mjcf"):
@@ -278,7 +278,7 @@ def _fitted(
     path: Path, options: UrdfOptions, fitting: Fitting, dirs: tuple[Path, ...]
 ) -> RobotModel:
     """Return a robot as a cell fits it out, under a name that says so."""
-    from planning.robots.descriptions.description_files import keep_description
+    from planning.robots.descriptions.description_files import store_description
     from planning.robots.descriptions.mounting import fitted_description
 
     root = fitted_description(path, options, fitting, dirs)
@@ -289,7 +289,7 @@ def _fitted(
         name += "+tools"
     elif name in ROBOTS:
         name += "-fitted" if path.is_relative_to(_DESCRIPTIONS) else _FILE
-    kept = keep_description(root, name)
+    kept = store_description(root, name)
     return _from_file(kept, kept.stat().st_mtime_ns)
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from planning.caches import Arrays, remembered
+from planning.caches import Arrays, load_or_compute
 from planning.cell.robot_model import KinematicChain, LinkPart
 from planning.geometry import exact
-from planning.geometry.exact import Solid, distance_at
+from planning.geometry.exact import Solid, hull_distance_at
 from planning.kinematics import chain as kinematic_chain
 from planning.kinematics.chain import chain_table
 from planning.transforms import Array
@@ -65,7 +65,7 @@ def never_colliding_pairs(
         return {"pairs": np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)}
 
     names = frozenset({"pairs"})
-    known = remembered("apart", b"".join(question), names, find, _SOURCES)
+    known = load_or_compute("apart", b"".join(question), names, find, _SOURCES)
     return frozenset((int(a), int(b)) for a, b in known["pairs"])
 
 
@@ -104,7 +104,7 @@ class _Pairs:
         return out.union(pair for pair in left if self._proved_apart(pair))
 
     def _distance(self, pair: tuple[int, int], q: Array) -> float:
-        return distance_at(self._hulls[pair[0]], q, self._hulls[pair[1]], q)
+        return hull_distance_at(self._hulls[pair[0]], q, self._hulls[pair[1]], q)
 
     def _proved_apart(self, pair: tuple[int, int]) -> bool:
         """Bisect the joints between two parts; True when no values of theirs make them touch."""

@@ -7,7 +7,7 @@ from scipy.spatial import ConvexHull
 
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Element, Mesh, Shape, shape_of
-from planning.transforms import Array, Transform, inverse, readonly
+from planning.transforms import Array, Transform, inverse, read_only_copy
 
 
 def tool_shape(name: str, model: RobotModel, mount: Transform) -> Shape:
@@ -20,7 +20,7 @@ def tool_shape(name: str, model: RobotModel, mount: Transform) -> Shape:
     """
     own = inverse(model.flange @ mount)
     elements = (
-        Element(_hull_form(part.body.vertices, own, name), readonly(np.eye(4)))
+        Element(_hull_form(part.body.vertices, own, name), read_only_copy(np.eye(4)))
         for part in model.parts
         if part.group == "tool"
     )
@@ -39,10 +39,10 @@ def _hull_form(vertices: Array, pose: Transform, source: str) -> Mesh:
     centre = middle + (weights @ (a + b + c)) / (4.0 * weights.sum())
     faces.setflags(write=False)
     return Mesh(
-        readonly(corners),
+        read_only_copy(corners),
         faces,
-        (readonly(corners),),
+        (read_only_copy(corners),),
         float(hull.volume),
-        readonly(centre),
+        read_only_copy(centre),
         source=source,
     )

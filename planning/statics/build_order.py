@@ -30,7 +30,7 @@ from itertools import chain, combinations
 import networkx as nx
 
 from planning.cell.standing_rules import Joint
-from planning.statics.standing import Standing
+from planning.statics.standing import StabilityChecker
 
 Waits = frozenset[tuple[int, int]]
 
@@ -54,7 +54,7 @@ class BuildStep:
 
 
 @dataclass(frozen=True)
-class Stand:
+class StableBuild:
     """A build in which everything always stands.
 
     Attributes:
@@ -67,7 +67,7 @@ class Stand:
 
 
 @dataclass(frozen=True)
-class Fall:
+class UnstableState:
     """A state in which something falls.
 
     Attributes:
@@ -84,12 +84,12 @@ class Fall:
     held: tuple[str, ...] = ()
 
 
-def waits_for_balance(
-    standing: Standing,
+def balance_dependencies(
+    standing: StabilityChecker,
     steps: Sequence[BuildStep],
     waits: Iterable[tuple[int, int]],
     keepable: Collection[str] | None = None,
-) -> Stand | Fall:
+) -> StableBuild | UnstableState:
     """Return what steps must wait for beyond what they wait for anyway, or the first fall.
 
     Args:
@@ -116,7 +116,7 @@ class _Build:
 
     def __init__(
         self,
-        standing: Standing,
+        standing: StabilityChecker,
         steps: Sequence[BuildStep],
         waits: Iterable[tuple[int, int]],
         keepable: Collection[str] | None,
@@ -131,11 +131,11 @@ class _Build:
         self._whole: set[int] = set()
         self._new: set[tuple[int, int]] = set(self._until.items())
 
-    def stand(self) -> Stand:
+    def stand(self) -> StableBuild:
         """Return what must wait for what, and what is kept hold of, as far as is known."""
-        return Stand(frozenset(self._new), dict(self._until))
+        return StableBuild(frozenset(self._new), dict(self._until))
 
-    def fall(self, k: int) -> Fall | None:
+    def fall(self, k: int) -> UnstableState | None:
         """Return what falls after a step; let it wait for what it needs where nothing does."""
         mates = [n for n in range(k) if self._together[n] == self._together[k]]
         before = {*nx.ancestors(self._order, k), k}
@@ -157,7 +157,7 @@ class _Build:
                 and self._standing.falling(there, joints=joints, held=(*held, name))
                 is None
             )
-            return Fall(k, body, holds, held)
+            return UnstableState(k, body, holds, held)
         new = [(n, k) for n in mates if n not in before]
         self._order.add_edges_from(new)
         self._new.update(new)
@@ -219,7 +219,7 @@ class _Build:
         own = (self._steps[n].adds for n, last in self._until.items() if last == k)
         return list(chain.from_iterable(own))
 
-    def keep(self, fall: Fall) -> bool:
+    def keep(self, fall: UnstableState) -> bool:
         """Keep hold of what falls, or would if let go, until a later step joins it; tell whether."""
         k = fall.step
         own = [k] if k not in self._until else []
@@ -243,7 +243,9 @@ class _Build:
         return False
 
 
-def _hanging_together(standing: Standing, steps: Sequence[BuildStep]) -> list[int]:
+def _hanging_together(
+    standing: StabilityChecker, steps: Sequence[BuildStep]
+) -> list[int]:
     """Return, for each step, a number that it shares with the steps whose bodies its own touch."""
     graph = standing.touching()
     let_go: dict[int, list[str]] = defaultdict(list)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from planning.cell.body import ConvexBody
-from planning.transforms import Array, Transform, readonly
+from planning.transforms import Array, Transform, read_only_copy
 
 SLACK = 5e-4
 """How far a point of a face may be from its outermost point and still be in contact [m]."""
@@ -65,7 +65,7 @@ def contact_patch(
     """
     a = first.vertices @ at[:3, :3].T + at[:3, 3]
     b = second.vertices @ where[:3, :3].T + where[:3, 3]
-    ours, theirs = directions(first), directions(second)
+    ours, theirs = bounding_directions(first), bounding_directions(second)
     axes = _axes(
         (ours.normals @ at[:3, :3].T, ours.edges @ at[:3, :3].T),
         (theirs.normals @ where[:3, :3].T, theirs.edges @ where[:3, :3].T),
@@ -91,7 +91,7 @@ class Directions:
     edges: Array
 
 
-def directions(body: ConvexBody) -> Directions:
+def bounding_directions(body: ConvexBody) -> Directions:
     """Return the normals and edge directions of a body, worked out once a body."""
     return _directions(body.vertices.tobytes())
 
@@ -103,7 +103,9 @@ def _directions(corners: bytes) -> Directions:
         hull = ConvexHull(points)
     except QhullError:  # flat, or a line: its principal axes will do
         axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=True)[2]
-        return Directions(readonly(np.vstack([axes, -axes])), readonly(axes))
+        return Directions(
+            read_only_copy(np.vstack([axes, -axes])), read_only_copy(axes)
+        )
     normals = hull.equations[:, :3]
     ends: dict[frozenset[int], list[int]] = {}
     for face, simplex in enumerate(hull.simplices):
@@ -119,8 +121,8 @@ def _directions(corners: bytes) -> Directions:
     along = np.array(sorted(edges, key=lambda edge: -float(np.linalg.norm(edge))))
     along /= np.linalg.norm(along, axis=1)[:, None]
     return Directions(
-        readonly(_each_once(normals)),
-        readonly(_each_once(_one_sided(along))[:_MOST_EDGES]),
+        read_only_copy(_each_once(normals)),
+        read_only_copy(_each_once(_one_sided(along))[:_MOST_EDGES]),
     )
 
 

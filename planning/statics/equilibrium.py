@@ -19,7 +19,7 @@ import highspy
 import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix, eye, hstack
 
-from planning.silence import new_highs
+from planning.silence import make_quiet_solver
 from planning.transforms import Array
 
 STANDARD_GRAVITY = 9.80665
@@ -165,7 +165,7 @@ class Equilibrium:
         # As the solver knows them now. Row 0 adds up the shares of a load.
         self._bounds = np.empty((0, 2))
         self._rows = np.zeros((1 + 6 * len(self._names), 2))
-        self._solver = new_highs()
+        self._solver = make_quiet_solver()
         for option, value in (
             ("presolve", "off"),
             ("solver", "simplex"),
@@ -398,7 +398,7 @@ def _minimised(
     program.a_matrix_.start_ = matrix.indptr
     program.a_matrix_.index_ = matrix.indices
     program.a_matrix_.value_ = matrix.data
-    solver = new_highs()
+    solver = make_quiet_solver()
     solver.setOptionValue("threads", 1)
     # Presolving leaves some in doubt, and the dual simplex a few more.
     for presolve, strategy in (("on", _DUAL), ("off", _DUAL), ("off", _PRIMAL)):

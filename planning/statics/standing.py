@@ -79,7 +79,7 @@ def body_at(item: CellObject | Fixture, pose: Transform) -> PlacedBody:
     )
 
 
-def ground_of(cell: Workcell, placed: Collection[str]) -> dict[str, PlacedBody]:
+def ground_bodies(cell: Workcell, placed: Collection[str]) -> dict[str, PlacedBody]:
     """Return what never moves: fixtures, and objects that are not among what is placed."""
     ground = {item.name: body_at(item, item.pose) for item in cell.fixtures}
     return ground | {
@@ -89,7 +89,7 @@ def ground_of(cell: Workcell, placed: Collection[str]) -> dict[str, PlacedBody]:
     }
 
 
-class Standing:
+class StabilityChecker:
     """Tells which sets of bodies stand in their places.
 
     Args:
@@ -124,9 +124,9 @@ class Standing:
         self.joints = tuple(joints)
         """Everything that is joined where all bodies are there."""
 
-    def __reduce__(self) -> tuple[type[Standing], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[type[StabilityChecker], tuple[Any, ...]]:
         """Return what it is made of again in another process; solvers and what they found stay here."""
-        return Standing, (self.bodies, self._ground, self.rules)
+        return StabilityChecker, (self.bodies, self._ground, self.rules)
 
     def touching(self) -> nx.Graph[str]:
         """Return which bodies touch each other in their places, the ground left out."""

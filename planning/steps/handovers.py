@@ -19,7 +19,7 @@ from planning.steps.skill import (
     SkillScene,
     SkillTargets,
     Subgoal,
-    gripped,
+    grip_contact,
 )
 from planning.steps.skill_trial import find_obstruction, resolve_skill
 from planning.transforms import Array, Transform
@@ -87,7 +87,10 @@ def find_handover(
     """
     giver, receiver, item = meeting.giver, meeting.receiver, meeting.item
     home = {robot.name: robot.home for robot in cell.robots}
-    giving, taking = gripped(giver.name, item.name), gripped(receiver.name, item.name)
+    giving, taking = (
+        grip_contact(giver.name, item.name),
+        grip_contact(receiver.name, item.name),
+    )
     reason: Obstruction | None = None
     for pre, receive in _ready_postures(receiver, meeting.pre, meeting.receive):
         scene = SkillScene(

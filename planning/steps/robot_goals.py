@@ -55,10 +55,10 @@ def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
         name = goal.robot
         alone = replace(cell, robots=(cell.robot(name),))
         checker = SceneChecker(alone, name, start_state(alone), margin=MARGIN)
-        ways = _configurations(cell, goal, at[name])
-        if not ways:
+        configurations = _configurations(cell, goal, at[name])
+        if not configurations:
             collector.reject(step, name, "the pose is out of reach", name)
-        for number, q in enumerate(ways):
+        for number, q in enumerate(configurations):
             if (contact := checker.contact(q)) is not None:
                 what = f"{name}, configuration {number + 1}"
                 hit = Obstruction(str(contact), contact.obstacle)

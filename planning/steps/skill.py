@@ -19,7 +19,7 @@ from planning.cell.workcell import (
     Workcell,
     WorldState,
 )
-from planning.geometry.robot_bodies import entity, robot_bodies, while_deviating
+from planning.geometry.robot_bodies import entity_name, robot_bodies, with_deviations
 from planning.geometry.scene_checker import SceneChecker
 from planning.geometry.standing import StandingBoxes, stand_boxes
 from planning.geometry.swept import boxes_in_reach, make_swept
@@ -81,16 +81,16 @@ class SkillTargets:
     lead: int = 1
 
 
-def straight_way(
+def straight_subgoals(
     frame: str, name: str, far: Transform, near: Transform
 ) -> list[Subgoal]:
     """Return subgoals on the straight way from ``far`` to ``near``, the latter left out."""
-    way = near[:3, 3] - far[:3, 3]
-    count = max(1, math.ceil(float(np.linalg.norm(way)) / STRIDE - 1e-9))
+    displacement = near[:3, 3] - far[:3, 3]
+    count = max(1, math.ceil(float(np.linalg.norm(displacement)) / STRIDE - 1e-9))
     out = []
     for k in range(count):
         pose = far.copy()
-        pose[:3, 3] += way * k / count
+        pose[:3, 3] += displacement * k / count
         out.append(Subgoal(name, frame, pose))
     return out
 
@@ -136,20 +136,20 @@ class ToolContact:
 
 def tool_entity(robot: PlacedRobot) -> str:
     """Return by which name allowed contacts speak of the tool that a robot has on it."""
-    return str(robot.tool) if robot.tools else entity(robot.name, "tool")
+    return str(robot.tool) if robot.tools else entity_name(robot.name, "tool")
 
 
-def handled(robot: PlacedRobot, item: str) -> Pairs:
+def handled_contact(robot: PlacedRobot, item: str) -> Pairs:
     """Return the contact of the tool that a robot has on it with the object that it handles."""
-    return touching(tool_entity(robot), [item])
+    return contacts_with(tool_entity(robot), [item])
 
 
-def gripped(robot: str, item: str) -> Pairs:
+def grip_contact(robot: str, item: str) -> Pairs:
     """Return the contact of a robot's tool with the object that it handles."""
-    return touching(entity(robot, "tool"), [item])
+    return contacts_with(entity_name(robot, "tool"), [item])
 
 
-def touching(one: str, others: Iterable[str]) -> Pairs:
+def contacts_with(one: str, others: Iterable[str]) -> Pairs:
     """Return the contacts of one thing with others."""
     return frozenset(frozenset((one, other)) for other in others)
 
@@ -223,9 +223,12 @@ def skill_postures(
         yield SkillPath(targets.skill, robot.name, chain[:lead], chain[lead:], change)
 
 
-def in_some_posture(robot: PlacedRobot, targets: SkillTargets) -> bool:
+def is_possible_in_some_posture(robot: PlacedRobot, targets: SkillTargets) -> bool:
     """Tell whether a skill is possible in some posture, with nothing around."""
-    return any(isinstance(way, SkillPath) for way in skill_postures(robot, targets))
+    return any(
+        isinstance(displacement, SkillPath)
+        for displacement in skill_postures(robot, targets)
+    )
 
 
 def joint_distance(q_a: Array, q_b: Array) -> float:
@@ -302,7 +305,7 @@ class SkillScene:
         robot = self.cell.robot(path.robot)
         own = robot_bodies(robot, held)
         if error := self.cell.deviations.get(path.skill):
-            own = while_deviating(own, robot, path.waypoints, error)
+            own = with_deviations(own, robot, path.waypoints, error)
         return boxes.only(
             boxes_in_reach(
                 make_swept(own.hulls),

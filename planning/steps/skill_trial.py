@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot
-from planning.geometry.exact import Solid, distance_at
-from planning.geometry.robot_bodies import entity
+from planning.geometry.exact import Solid, hull_distance_at
+from planning.geometry.robot_bodies import entity_name
 from planning.geometry.scene_checker import BodyPair, SceneChecker
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.steps.skill import (
@@ -20,8 +20,8 @@ from planning.steps.skill import (
     SkillPath,
     SkillScene,
     SkillTargets,
+    contacts_with,
     skill_postures,
-    touching,
 )
 from planning.transforms import Array, inverse
 
@@ -34,7 +34,7 @@ _AS_BEFORE = Obstruction("refused like another path")
 
 
 @dataclass(frozen=True)
-class Hindrance:
+class PathObstacle:
     """Two bodies that were in the way of a path at one of its configurations.
 
     Where they are so again, another path of the same scene is refused as well, whatever else is in
@@ -73,7 +73,7 @@ class Hindrance:
         goal = goals[self.at]
         joint = goal.pose @ inverse(frame_in_last_joint(robot.model, goal.frame))
         there = Solid(mine.name, mine.body, joint @ mine.local)
-        return distance_at(there, _NO_JOINTS, other, _NO_JOINTS) < limit - _SURELY
+        return hull_distance_at(there, _NO_JOINTS, other, _NO_JOINTS) < limit - _SURELY
 
 
 class SkillTrial:
@@ -92,7 +92,7 @@ class SkillTrial:
         self.path = path
         self.gone: list[str] = []
         self.touched: dict[str, bool] = {}
-        self.hindrance: Hindrance | None = None
+        self.hindrance: PathObstacle | None = None
         self._scene = scene
         self._near = scene.near(path)
         self._built: dict[tuple[bool, bool], SceneChecker] = {}
@@ -100,7 +100,7 @@ class SkillTrial:
         self._obstructions = self._in_the_way()
         self.found = self._next()
 
-    def take_away(self, names: Collection[str]) -> Obstruction | None:
+    def remove_obstacles(self, names: Collection[str]) -> Obstruction | None:
         """Go on without whatever is in the way and among some names; return what remains so."""
         while self.found is not None and self.found.by in names:
             assert self.found.by is not None
@@ -142,7 +142,7 @@ class SkillTrial:
         if contact is None:
             return None
         before = phase is Phase.BEFORE
-        self.hindrance = contact.pair and Hindrance(before, k, contact.pair)
+        self.hindrance = contact.pair and PathObstacle(before, k, contact.pair)
         words = f"{contact} {phase.value}"
         return Obstruction(words, contact.obstacle, phase, contact.moving)
 
@@ -165,16 +165,20 @@ class SkillTrial:
             self.hindrance = self._deep_in(found.by)
         return found
 
-    def _deep_in(self, name: str | None) -> Hindrance | None:
+    def _deep_in(self, name: str | None) -> PathObstacle | None:
         """Return where the tool goes deeper into an object than it ever may, if it is at a waypoint."""
-        tool, way = self._scene.tool, self.path.waypoints
+        tool, path = self._scene.tool, self.path.waypoints
         if tool is None or name not in self._near.names[self._near.fixtures :]:
             return None
         depth = max(tool.grazing, tool.pressing) + _SURELY
         checker = self._checker(Phase.UNTIL_CHANGE)
-        pairs = (checker.tool_overlaps(q, name, depth) for q in way[::-1])
+        pairs = (checker.tool_overlaps(q, name, depth) for q in path[::-1])
         return next(
-            (Hindrance(before=False, at=~k, pair=p) for k, p in enumerate(pairs) if p),
+            (
+                PathObstacle(before=False, at=~k, pair=p)
+                for k, p in enumerate(pairs)
+                if p
+            ),
             None,
         )
 
@@ -196,14 +200,14 @@ class SkillTrial:
             return False
         if name not in self._near.names[self._near.fixtures :]:
             return False
-        checker, way = self._checker(Phase.UNTIL_CHANGE), self.path.waypoints
-        leans = checker.tool_comes_within(way, name, -tool.grazing)
+        checker, path = self._checker(Phase.UNTIL_CHANGE), self.path.waypoints
+        leans = checker.tool_comes_within(path, name, -tool.grazing)
         if leans and (
             name not in tool.leaning
-            or checker.tool_comes_within(way, name, -tool.pressing)
+            or checker.tool_comes_within(path, name, -tool.pressing)
         ):
             return False
-        if not checker.tool_comes_within(way, name, checker.clearance):
+        if not checker.tool_comes_within(path, name, checker.clearance):
             return False
         self.touched[name] = leans
         self._checkers.clear()
@@ -214,7 +218,7 @@ class SkillTrial:
         tool, scene = self._scene.tool, self._scene
         if tool is None:
             return None
-        hand = entity(self.path.robot, "tool")
+        hand = entity_name(self.path.robot, "tool")
         beside = {
             name for pair in scene.contacts.during if hand in pair for name in pair
         }
@@ -241,7 +245,7 @@ class SkillTrial:
         if phase is Phase.AFTER:
             allowed = scene.contacts.after
         elif phase is not Phase.BEFORE:
-            grazed = touching(entity(robot, "tool"), self.touched)
+            grazed = contacts_with(entity_name(robot, "tool"), self.touched)
             allowed = scene.contacts.during | grazed
         if phase is Phase.AFTER and scene.refill is not None:
             return scene.checker(self.path, self._near, phase, allowed)
@@ -297,7 +301,7 @@ def resolve_skill(
         The path, what must be gone and what the tool touches; or why, in the first way, the posture
         nearest to HOME that came furthest failed.
     """
-    hindrances: list[Hindrance] = []
+    hindrances: list[PathObstacle] = []
     reason: Obstruction | None = None
     for targets in ways:
         found = _in_a_posture(
@@ -315,7 +319,7 @@ def _in_a_posture(
     targets: SkillTargets,
     scene: SkillScene,
     loose: Collection[str],
-    hindrances: list[Hindrance],
+    hindrances: list[PathObstacle],
     *,
     whether: bool,
 ) -> ResolvedSkill | Obstruction:
@@ -368,7 +372,9 @@ def _first_free(
     """Return the first skill that is free, or the most telling reason."""
     reason: Obstruction | None = None
     for trial in trials:
-        found = trial if isinstance(trial, Obstruction) else trial.take_away(loose)
+        found = (
+            trial if isinstance(trial, Obstruction) else trial.remove_obstacles(loose)
+        )
         if found is None:
             assert isinstance(trial, SkillTrial)
             return trial.resolved()

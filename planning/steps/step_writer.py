@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
-from planning.steps.skill import Pairs, SkillPath, handled
+from planning.steps.skill import Pairs, SkillPath, handled_contact
 from planning.tasks.task import (
     ARRIVE,
     CLOSE,
@@ -24,7 +24,7 @@ from planning.tasks.task import (
     Task,
 )
 from planning.tasks.work import Refill
-from planning.transforms import Array, Transform, readonly
+from planning.transforms import Array, Transform, read_only_copy
 
 
 @dataclass
@@ -104,7 +104,7 @@ class StepWriter:
         change_at = None if path.change_at is None else path.change_at + len(acts)
         handlings: tuple[Handling, ...] = ()
         if pose is not None and item is not None and change_at is not None:
-            change = Handling(item, change_at, holder, readonly(pose))
+            change = Handling(item, change_at, holder, read_only_copy(pose))
             handlings = (change,)
         if refill is not None:
             coming = Handling(refill.name, len(way), None, refill.start)
@@ -195,7 +195,7 @@ class StepWriter:
             for task in self._tasks
             if task.robot == robot and first <= task.index <= last
         ]
-        self.allow(handled(self.cell.robot(robot), item), *own, *also)
+        self.allow(handled_contact(self.cell.robot(robot), item), *own, *also)
 
     def build(self) -> StepTasks:
         """Return the step."""
@@ -223,7 +223,7 @@ class StepWriter:
         goal: bool = False,
         actuations: tuple[Actuation, ...] = (),
     ) -> int:
-        index, way = self.first + len(self._tasks), readonly(path)
+        index, way = self.first + len(self._tasks), read_only_copy(path)
         about = index, robot, kind, self.step, label, way, handlings, item, goal
         self._tasks.append(Task(*about, actuations))
         return index

@@ -19,8 +19,8 @@ import numpy as np
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import Attachment, PlacedRobot, RackTool, Workcell
 from planning.errors import InfeasibleStepError
-from planning.geometry.robot_bodies import entity
-from planning.geometry.touching import near_to, standing
+from planning.geometry.robot_bodies import entity_name
+from planning.geometry.touching import nearby_entities, standing_fixtures
 from planning.steps.skill import (
     NOTHING,
     Obstruction,
@@ -31,10 +31,10 @@ from planning.steps.skill import (
     SkillScene,
     SkillTargets,
     Subgoal,
+    contacts_with,
     joint_distance,
     skill_postures,
-    straight_way,
-    touching,
+    straight_subgoals,
 )
 from planning.steps.skill_trial import find_obstruction
 from planning.steps.step_writer import StepWriter
@@ -75,10 +75,10 @@ def with_tools(cell: Workcell, tools: Tools) -> Workcell:
         return cell
     chosen = dict(tools)
     robots = tuple(_with_tool(robot, chosen.get(robot.name)) for robot in cell.robots)
-    return replace(in_racks(cell), robots=robots)
+    return replace(with_tools_in_racks(cell), robots=robots)
 
 
-def in_racks(cell: Workcell) -> Workcell:
+def with_tools_in_racks(cell: Workcell) -> Workcell:
     """Return the cell with all tools that are changed in their racks."""
     racks = {tool.name: tool.rack for tool in rack_tools(cell)}
     objects = tuple(
@@ -87,9 +87,9 @@ def in_racks(cell: Workcell) -> Workcell:
     return replace(cell, objects=objects)
 
 
-def with_every_tool(cell: Workcell) -> Workcell:
+def with_all_tools_mounted(cell: Workcell) -> Workcell:
     """Return the cell in which a robot is several: one with each of its tools on it."""
-    return replace(in_racks(cell), robots=tuple(with_each_tool(cell.robots)))
+    return replace(with_tools_in_racks(cell), robots=tuple(with_each_tool(cell.robots)))
 
 
 def rack_tools(cell: Workcell) -> Iterator[RackTool]:
@@ -160,8 +160,8 @@ class ToolChanges:
                     for tool in (old, new)
                 ]
                 stops = pairwise([robot.home, *ends, robot.home])
-                way = sum(joint_distance(a, b) for a, b in stops)
-                found[robot.name, old.name, new.name] = way + old.seconds + new.seconds
+                path = sum(joint_distance(a, b) for a, b in stops)
+                found[robot.name, old.name, new.name] = path + old.seconds + new.seconds
         return found
 
     def begin(self, build: StepWriter) -> None:
@@ -204,8 +204,8 @@ class ToolChanges:
                 if handling.object in tools:
                     now[task.robot] = handling.object if handling.holder else None
             for name in {*on_it, now.get(task.robot)} - {None}:
-                flange = entity(task.robot, "tool")
-                build.allow(touching(flange, [str(name)]), task.index)
+                flange = entity_name(task.robot, "tool")
+                build.allow(contacts_with(flange, [str(name)]), task.index)
 
 
 def find_tool_changes(cell: Workcell, goals: Mapping[str, Transform]) -> ToolChanges:
@@ -222,17 +222,17 @@ def find_tool_changes(cell: Workcell, goals: Mapping[str, Transform]) -> ToolCha
         InfeasibleStepError: a part lies where a tool has its rack, or a robot cannot come to a
             rack, or cannot stand there; says why.
     """
-    touched, ways = _touched_in_racks(cell, goals), {}
+    touched, paths = _touched_in_racks(cell, goals), {}
     around = with_tools(cell, NO_TOOLS)
     for robot in cell.robots:
         robots = [robot if r.name == robot.name else r for r in around.robots]
         here = replace(around, robots=tuple(robots))
         for tool in robot.tools:
-            flange = touching(entity(robot.name, "tool"), [tool.name])
-            contacts = flange | touching(tool.name, touched[tool.name])
+            flange = contacts_with(entity_name(robot.name, "tool"), [tool.name])
+            contacts = flange | contacts_with(tool.name, touched[tool.name])
             path = _rack_path(here, robot, tool, goals, contacts)
-            ways[robot.name, tool.name] = RackPath(tool, path, contacts)
-    return ToolChanges(cell, ways)
+            paths[robot.name, tool.name] = RackPath(tool, path, contacts)
+    return ToolChanges(cell, paths)
 
 
 def _touched_in_racks(
@@ -243,8 +243,10 @@ def _touched_in_racks(
     Raises:
         InfeasibleStepError: a part lies where a tool has its rack, at the start or in its place.
     """
-    fixtures = standing(cell)
-    lying = {item.name: (item, item.start) for item in in_racks(cell).objects}
+    fixtures = standing_fixtures(cell)
+    lying = {
+        item.name: (item, item.start) for item in with_tools_in_racks(cell).objects
+    }
     placed = {
         f"{name} in its place": (cell.object(name), goal)
         for name, goal in goals.items()
@@ -253,7 +255,7 @@ def _touched_in_racks(
     for tool in rack_tools(cell):
         rest = tool.item, tool.rack
         others = {k: at for k, at in (lying | placed).items() if k != tool.name}
-        for other, gap in near_to(rest, others | fixtures, _RACK_TOUCH).items():
+        for other, gap in nearby_entities(rest, others | fixtures, _RACK_TOUCH).items():
             if gap < -_RACK_DEPTH:
                 raise InfeasibleStepError(
                     f"the rack of {tool.name} is where {other} is: they overlap by"
@@ -261,7 +263,7 @@ def _touched_in_racks(
                     thing=tool.name,
                     blocked_by=[other],
                 )
-        found[tool.name] = frozenset(near_to(rest, fixtures, _RACK_TOUCH))
+        found[tool.name] = frozenset(nearby_entities(rest, fixtures, _RACK_TOUCH))
     return found
 
 
@@ -272,23 +274,23 @@ def _rack_path(
     goals: Mapping[str, Transform],
     contacts: Pairs,
 ) -> SkillPath:
-    lying: dict[str, Placed] = {
+    placed: dict[str, Placed] = {
         item.name: (item, Attachment(None, item.start))
         for item in cell.objects
         if not item.later
     }
     for name, goal in goals.items():
-        lying[f"{name} in its place"] = cell.object(name), Attachment(None, goal)
+        placed[f"{name} in its place"] = cell.object(name), Attachment(None, goal)
     near = tool.rack @ inverse(tool.mount)
     far = near @ translation(0.0, 0.0, -tool.approach)
-    subgoals = straight_way("flange", "rack", far, near)
+    subgoals = straight_subgoals("flange", "rack", far, near)
     targets = SkillTargets(
         STRAIGHT, (*subgoals, Subgoal("rack", "flange", near)), len(subgoals)
     )
-    on_it = touching(entity(robot.name, "tool"), [tool.name])
+    on_it = contacts_with(entity_name(robot.name, "tool"), [tool.name])
     scene = SkillScene(
         cell,
-        lying,
+        placed,
         {r.name: r.home for r in cell.robots},
         SkillContacts(NOTHING, contacts, on_it),
         (tool.name, Attachment(robot.name, tool.mount)),

@@ -367,7 +367,7 @@ class TaskPlan:
         )
 
 
-def alternatives(
+def alternative_choices(
     problem: AssignmentProblem, plan: TaskPlan, step: int
 ) -> list[StepChoice]:
     """Return the other ways to do a step that leave all other steps as they are.

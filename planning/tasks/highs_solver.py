@@ -19,7 +19,7 @@ from planning.tasks.assignment import (
     TaskPlan,
 )
 from planning.tasks.rejections import explain_rejections, find_blockers
-from planning.tasks.rolling_horizon import is_large, solve_in_windows
+from planning.tasks.rolling_horizon import needs_rolling_horizon, solve_in_windows
 
 _TIME_LIMIT_S = 60.0
 """Time limit of one solve; the best plan found by then is taken."""
@@ -35,8 +35,8 @@ def assign_steps(problem: AssignmentProblem) -> TaskPlan:
         InfeasibleStepError: a step has no candidate (why each fell out is listed), or the steps
             compete for robots and objects (which do is listed).
     """
-    require_candidates(problem)
-    windows = is_large(problem) and not problem.kept
+    check_candidates(problem)
+    windows = needs_rolling_horizon(problem) and not problem.kept
     plan = solve_in_windows(problem, _solved) if windows else None
     plan = plan or _solved(problem)
     if plan is None:
@@ -44,7 +44,7 @@ def assign_steps(problem: AssignmentProblem) -> TaskPlan:
     return plan
 
 
-def require_candidates(problem: AssignmentProblem) -> None:
+def check_candidates(problem: AssignmentProblem) -> None:
     """Check that some robots can do each step.
 
     Raises:
@@ -173,10 +173,10 @@ class _Program:
     def _constrain_step(self, step: int) -> None:
         problem = self.problem
         done = 1 - self.left_out[step] if self.left_out else 1
-        ways = {p: problem.primaries[p] for p in self.x_of[step]}
+        candidates = {p: problem.primaries[p] for p in self.x_of[step]}
         helps = {s: problem.supports[s] for s in problem.supports_of.get(step, [])}
         # (2), and (5): only objects of the right type are candidates.
-        self.model += pulp.lpSum(self.x[p] for p in ways) == done
+        self.model += pulp.lpSum(self.x[p] for p in candidates) == done
         if not problem.needs_support[step - 1]:
             for s in helps:
                 self.model += self.y[s] == 0
@@ -188,17 +188,19 @@ class _Program:
                 self.y[s] for s, item in helps.items() if item.robot == robot
             )
 
-        for robot in dict.fromkeys(item.robot for item in ways.values()):  # (4)
+        for robot in dict.fromkeys(item.robot for item in candidates.values()):  # (4)
             own = pulp.lpSum(
-                self.x[p] for p, item in ways.items() if item.robot == robot
+                self.x[p] for p, item in candidates.items() if item.robot == robot
             )
             self.model += own + supporting(robot) <= 1
-        for partner in dict.fromkeys(item.partner for item in ways.values()):
+        for partner in dict.fromkeys(item.partner for item in candidates.values()):
             if partner is not None:
-                own = pulp.lpSum(self.x[p] for p in ways if ways[p].partner == partner)
+                own = pulp.lpSum(
+                    self.x[p] for p in candidates if candidates[p].partner == partner
+                )
                 self.model += own <= supporting(partner)
         for s in helps:
-            clashing = [self.x[p] for p in ways if (p, s) in problem.incompatible]
+            clashing = [self.x[p] for p in candidates if (p, s) in problem.incompatible]
             if clashing:
                 self.model += pulp.lpSum(clashing) + self.y[s] <= 1
 
@@ -294,8 +296,8 @@ def _competition(problem: AssignmentProblem) -> InfeasibleStepError:
         taken[choice.object].append(choice.step)
     lines = []
     for step in lacking:
-        ways = [problem.primaries[p] for p in problem.primaries_of[step]]
-        objects = sorted({item.object for item in ways})
+        candidates = [problem.primaries[p] for p in problem.primaries_of[step]]
+        objects = sorted({item.object for item in candidates})
         free = [name for name in objects if not taken[name]]
         text = f"  step {step} ({problem.steps[step - 1]}) can use {', '.join(objects)}"
         if len(free) < len(objects):
@@ -304,7 +306,7 @@ def _competition(problem: AssignmentProblem) -> InfeasibleStepError:
                 for name in objects
                 if taken[name]
             )
-        blockers = {other for w in ways if w.object in free for other in w.after}
+        blockers = {other for w in candidates if w.object in free for other in w.after}
         if blockers:
             text += f"; {', '.join(free)} is blocked by {', '.join(sorted(blockers))}"
         for kept, last in problem.kept.items():

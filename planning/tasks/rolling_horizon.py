@@ -24,7 +24,7 @@ Solve = Callable[[AssignmentProblem], TaskPlan | None]
 """Returns the cheapest plan of a problem, None where there is none."""
 
 
-def is_large(problem: AssignmentProblem) -> bool:
+def needs_rolling_horizon(problem: AssignmentProblem) -> bool:
     """Tell whether a problem is better solved window by window.
 
     Endless supplies tie steps together by the balance of robots alone, which the whole program

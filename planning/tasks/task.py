@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from planning.cell.workcell import Attachment, CellObject, Workcell, WorldState
-from planning.transforms import Array, Transform, readonly
+from planning.transforms import Array, Transform, read_only_copy
 
 TRANSIT = "transit"
 SKILLS = ("pick", "place-down", "place-up", "handover", "support-bottom", "support-top")
@@ -43,7 +43,7 @@ CLOSE, OPEN = "close", "open"
 ActuationKey = tuple[str, str, str | None]
 """What is done, by whose tool, and the name of that."""
 
-STILL = readonly(np.zeros((1, 1)))
+STILL = read_only_copy(np.zeros((1, 1)))
 """Path of a machine, which does not move."""
 
 ARRIVE = "arrive"
@@ -222,7 +222,7 @@ def is_done_to_a_product(task: Task) -> bool:
     return task.kind not in (TRANSIT, "pick", *SUPPLY_KINDS)
 
 
-def door_shut(door: str, pose: Transform) -> tuple[Handling, Handling]:
+def shut_door_handlings(door: str, pose: Transform) -> tuple[Handling, Handling]:
     """Return how a door comes up when a task begins, and is gone when it is over.
 
     So nobody may be where it is for as long as the task may last, and it rests nowhere in between.

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 import networkx as nx
 import numpy as np
 
-from planning.tasks.assignment import AssignmentProblem, TaskPlan, alternatives
+from planning.tasks.assignment import AssignmentProblem, TaskPlan, alternative_choices
 from planning.tasks.task import StepTasks, Task, TimeWindow
 from planning.transforms import Indices, Transform
 
 _MOST_WAYS = 12
 """How many ways are tried for one step."""
 
-Lying = tuple[str, Transform]
+PlacedPart = tuple[str, Transform]
 """Name of a part and where its centre lies in the world."""
 
 ORDER, DEPENDENCY = "order", "dependency"
@@ -178,7 +178,7 @@ class StepExpansions:
         """Yield a step as planned, then in other ways; the last one taken is remembered."""
         chosen = self.plan
         yield self.work.expand(chosen, step, first_index)
-        others = alternatives(self.work.problem, chosen, step)
+        others = alternative_choices(self.work.problem, chosen, step)
         for choice in islice(others, _MOST_WAYS - 1):
             self.plan = chosen.with_choice(choice)
             yield self.work.expand(self.plan, step, first_index)
@@ -196,7 +196,7 @@ class Refill:
     """
 
     machine: str
-    parts: tuple[Lying, ...]
+    parts: tuple[PlacedPart, ...]
     arrivals: str | None = None
     buffer: int | None = None
 
@@ -211,7 +211,7 @@ class Leaving:
     """
 
     machine: str
-    parts: tuple[Lying, ...]
+    parts: tuple[PlacedPart, ...]
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,10 @@ from planning.timing.smooth_path import (
     Limits,
     PathPiece,
     SmoothPath,
-    curve_of,
-    is_near,
+    is_near_curve,
     least_step,
     limit_rows,
+    pack_curve,
     quickest_piece,
 )
 from planning.transforms import Array
@@ -80,7 +80,7 @@ class StoppedPath:
         return t, q, v, a
 
 
-def stopped_path(
+def stop_along_path(
     limits: MotionLimits,
     motion: SmoothPath,
     slower: float,
@@ -138,26 +138,26 @@ def _stopped(
     path = piece.path
     # Until then the motion has come to depend on these control points.
     given = int(after / piece.step) + 4
-    ways = np.empty(len(piece.ways))
+    controls = np.empty(len(piece.ways))
     near = (path.curvature(), FOLLOWED)
     count = _brake(
         limit_rows(limits),
-        curve_of(path),
+        pack_curve(path),
         near,
         (piece.ways, piece.step),
         given,
-        ways,
+        controls,
     )
     if count == 0:
         return piece, None
-    way = float(ways[count - 1])
+    way = float(controls[count - 1])
     if float(path.at[-1]) - way < _THERE * float(path.at[-1]):
         return piece, None
     rest = quickest_piece(limits, path, FOLLOWED, way)
     if rest is None:
         return piece, None
     slow = PathPiece(path, rest.ways, rest.step * slower)
-    return PathPiece(path, ways[:count].copy(), piece.step), slow
+    return PathPiece(path, controls[:count].copy(), piece.step), slow
 
 
 @kernel
@@ -181,16 +181,16 @@ def _brake(
         given: how many of these are settled when the stop begins.
         out: what is written.
     """
-    ways, step = motion
-    total = len(ways)
+    controls, step = motion
+    total = len(controls)
     end = curve[1][-1]
     points = np.empty((total, curve[0].shape[1]))
-    curve_points(*curve, ways, points)
-    out[:given] = ways[:given]
+    curve_points(*curve, controls, points)
+    out[:given] = controls[:given]
     for first in range(given, total):
-        out[first - 1] = ways[first - 1]
-        speed = ways[first - 1] - ways[first - 2]
-        rise = speed - ways[first - 2] + ways[first - 3]
+        out[first - 1] = controls[first - 1]
+        speed = controls[first - 1] - controls[first - 2]
+        rise = speed - controls[first - 2] + controls[first - 3]
         for steps in range(1, total - first):
             count = first + steps + 1
             fits = True
@@ -209,6 +209,6 @@ def _brake(
             curve_points(*curve, out[low:count], points[low:count])
             if least_step(limits, points[low:count]) > step * (1.0 + _ROUNDING):
                 continue
-            if is_near(curve[1], *near, out[low:count]):
+            if is_near_curve(curve[1], *near, out[low:count]):
                 return count
     return 0

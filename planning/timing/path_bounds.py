@@ -99,7 +99,7 @@ class PathBounds:
     efforts: PathEfforts | None = None
 
 
-def no_efforts(legs: int, bends: int) -> PathEfforts:
+def unlimited_efforts(legs: int, bends: int) -> PathEfforts:
     """Return bounds that nothing exceeds.
 
     Args:
@@ -128,7 +128,7 @@ def least_ramp(legs: EffortRows) -> float:
 
 
 @inner_kernel
-def greatest_borne_speed(bends: EffortRows, piece: int, rate: float) -> float:
+def torque_limited_speed(bends: EffortRows, piece: int, rate: float) -> float:
     """Return the greatest share of full speed that joints bear on a bent piece, 0 where none is.
 
     Args:

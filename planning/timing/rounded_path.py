@@ -57,14 +57,14 @@ class RoundedPath:
     turn: Array
     reach: Array
 
-    def points(self, way: Array) -> Array:
+    def points(self, arc: Array) -> Array:
         """Return points of the curve, shape (k, n).
 
         Args:
-            way: of each, from 0 to the length of the polyline, rising, shape (k,).
+            arc: of each, from 0 to the length of the polyline, rising, shape (k,).
         """
-        out = np.empty((len(way), self.corners.shape[1]))
-        curve_points(self.corners, self.at, self.turn, self.reach, way, out)
+        out = np.empty((len(arc), self.corners.shape[1]))
+        curve_points(self.corners, self.at, self.turn, self.reach, arc, out)
         return out
 
     def curvature(self) -> Array:
@@ -82,37 +82,37 @@ def rounded_path(corners: Array, stray: float) -> RoundedPath:
         corners: of the polyline with its ends, no two in a row the same, shape (w, n), w > 1.
         stray: allowance, all coordinates added up.
     """
-    ways = np.diff(corners, axis=0)
-    lengths = np.linalg.norm(ways, axis=1)
+    steps = np.diff(corners, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
     at = np.concatenate([[0.0], np.cumsum(lengths)])
     turn = np.zeros_like(corners)
-    turn[1:-1] = np.diff(ways / lengths[:, None], axis=0)
+    turn[1:-1] = np.diff(steps / lengths[:, None], axis=0)
     reach = _reaches(at, np.abs(turn).sum(axis=1), stray)
     return RoundedPath(corners, at, turn, reach)
 
 
 @kernel
 def curve_points(
-    corners: Array, at: Array, turn: Array, reach: Array, way: Array, out: Array
+    corners: Array, at: Array, turn: Array, reach: Array, arc: Array, out: Array
 ) -> None:
     """Write points of a rounded path, see ``RoundedPath.points``."""
     count, n = corners.shape
     most = reach.max()
     piece = 0
-    for i in range(len(way)):
-        while piece < count - 2 and way[i] > at[piece + 1]:
+    for i in range(len(arc)):
+        while piece < count - 2 and arc[i] > at[piece + 1]:
             piece += 1
-        share = (way[i] - at[piece]) / (at[piece + 1] - at[piece])
+        share = (arc[i] - at[piece]) / (at[piece + 1] - at[piece])
         for d in range(n):
             gone = corners[piece + 1, d] - corners[piece, d]
             out[i, d] = corners[piece, d] + share * gone
         first = piece
-        while first > 0 and way[i] - at[first] < most:
+        while first > 0 and arc[i] - at[first] < most:
             first -= 1
         for k in range(first, count):
-            if at[k] - way[i] >= most:
+            if at[k] - arc[i] >= most:
                 break
-            rest = reach[k] - abs(way[i] - at[k])
+            rest = reach[k] - abs(arc[i] - at[k])
             if rest > 0.0:
                 off = rest * rest * rest / (6.0 * reach[k] * reach[k])
                 for d in range(n):
@@ -205,23 +205,23 @@ class BlendedPath:
         """Full speed on each leg, shape (k + 1, n)."""
         return np.asarray(np.diff(self.points, axis=0) / np.diff(self.at)[:, None])
 
-    def states(self, way: Array) -> tuple[Array, Array, Array]:
+    def states(self, arc: Array) -> tuple[Array, Array, Array]:
         """Return configurations at some ways, and their first and second derivatives.
 
         Args:
-            way: shape (w,) [s].
+            arc: shape (w,) [s].
 
         Returns:
             Three arrays of shape (w, n).
         """
         speed = self.velocity
         leg = np.clip(
-            np.searchsorted(self.at, way, side="right") - 1, 0, len(speed) - 1
+            np.searchsorted(self.at, arc, side="right") - 1, 0, len(speed) - 1
         )
-        q = self.points[leg] + (way - self.at[leg])[:, None] * speed[leg]
+        q = self.points[leg] + (arc - self.at[leg])[:, None] * speed[leg]
         first, second = speed[leg], np.zeros_like(q)
         for k, window in enumerate(self.window.tolist()):
-            since = (way - self.at[k + 1]) / window
+            since = (arc - self.at[k + 1]) / window
             inside = np.flatnonzero(np.abs(since) < 0.5)
             x, turn = since[inside, None], speed[k + 1] - speed[k]
             q[inside] += window * (_averaged(x, 1) - np.maximum(x, 0.0)) * turn

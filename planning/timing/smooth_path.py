@@ -56,18 +56,18 @@ _SAME = 1e-12
 """Waypoints nearer to each other are one [rad or m]."""
 
 
-def line_times(limits: MotionLimits, way: Array) -> tuple[Array, float]:
+def line_times(limits: MotionLimits, displacement: Array) -> tuple[Array, float]:
     """Return the quickest motion along a straight line in joint space, from rest to rest.
 
     Args:
         limits: of the robot.
-        way: from start to end, not 0, shape (n,) [rad or m].
+        displacement: from start to end, not 0, shape (n,) [rad or m].
 
     Returns:
         How long its seven pieces take, in which the jerk is positive, 0, negative, 0, negative, 0 and
         positive, shape (7,) [s]; and that jerk over the way [1/s^3].
     """
-    far = np.maximum(np.abs(way), 1e-300)
+    far = np.maximum(np.abs(displacement), 1e-300)
     speed = min(float(np.min(limits.velocity / far)), limits.sum_of_speeds / far.sum())
     rise = float(np.min(limits.acceleration / far))
     jolt = min(float(np.min(limits.jerk / far)), rise / LEAST_BUILD_UP)
@@ -176,7 +176,7 @@ def quickest_piece(
     jerky = max(1, int(count * spans[0] / spans.sum()))
     steady = int(count * spans[1] / spans.sum())
     shape = jerky, max(0, min(steady, (count - 4 * jerky) // 2))
-    curve, near = (begin, *curve_of(path)), (bends, stray)
+    curve, near = (begin, *pack_curve(path)), (bends, stray)
     step = _quickest_steps(limit_rows(limits), curve, near, shape, ways, points)
     return PathPiece(path, ways, step) if np.isfinite(step) else None
 
@@ -191,7 +191,7 @@ def limit_rows(limits: MotionLimits) -> Limits:
     )
 
 
-def curve_of(path: RoundedPath) -> Curve:
+def pack_curve(path: RoundedPath) -> Curve:
     """Return a rounded path as kernels take it."""
     return path.corners, path.at, path.turn, path.reach
 
@@ -255,7 +255,7 @@ def _tried(
         ways[len(ways) - 1 - i] = end
     curve_points(corners, at, turn, reach, ways, points)
     least = least_step(limits, points)
-    return least if is_near(at, *near, ways) else np.inf
+    return least if is_near_curve(at, *near, ways) else np.inf
 
 
 @inner_kernel
@@ -301,7 +301,7 @@ def least_step(limits: Limits, points: Array) -> float:
 
 
 @inner_kernel
-def is_near(at: Array, bends: Array, stray: float, ways: Array) -> bool:
+def is_near_curve(at: Array, bends: Array, stray: float, ways: Array) -> bool:
     """Return whether a spline of points of a curve stays near the curve.
 
     It is off by half the curvature times the variance of the ways of the four control points that a

@@ -16,9 +16,9 @@ from planning.timing.path_bounds import (
     HEAD_ROOM,
     PathBounds,
     PathEfforts,
-    greatest_borne_speed,
     least_ramp,
-    no_efforts,
+    torque_limited_speed,
+    unlimited_efforts,
 )
 from planning.timing.rounded_path import BentPieces, BlendedPath
 from planning.transforms import Array
@@ -61,11 +61,11 @@ class Stretch:
         """Time from rest to rest [s]."""
         if self.cruise <= 0.0:
             return 0.0
-        return from_rest_to_rest(self.cruise, self.ramp) + self.lag
+        return rest_to_rest_seconds(self.cruise, self.ramp) + self.lag
 
 
 def straight_stretch(
-    limits: MotionLimits, way: Array, tool_speed: float = 0.0
+    limits: MotionLimits, displacement: Array, tool_speed: float = 0.0
 ) -> Stretch:
     """Return the quickest motion along a straight line in joint space.
 
@@ -75,7 +75,7 @@ def straight_stretch(
 
     Args:
         limits: of the robot.
-        way: from start to end, shape (n,) [rad or m].
+        displacement: from start to end, shape (n,) [rad or m].
         tool_speed: greatest speed of the tool on the way if that took a second, over the
             limit of it [s].
     """
@@ -84,7 +84,7 @@ def straight_stretch(
         limits.acceleration,
         limits.jerk,
         limits.sum_of_speeds,
-        way,
+        displacement,
         tool_speed,
     )
     return Stretch(*found)
@@ -125,7 +125,7 @@ def _seconds(
             velocity, acceleration, jerk, sum_of_speeds, ways[k], 0.0
         )
         if cruise > 0.0:
-            out[k] = from_rest_to_rest(cruise, ramp) + lag
+            out[k] = rest_to_rest_seconds(cruise, ramp) + lag
     return out
 
 
@@ -135,34 +135,34 @@ def _quickest_straight(
     acceleration: Array,
     jerk: Array,
     sum_of_speeds: float,
-    way: Array,
+    displacement: Array,
     cruise: float,
 ) -> tuple[float, float, float]:
     total = 0.0
-    for i in range(len(way)):
-        far = abs(way[i])
+    for i in range(len(displacement)):
+        far = abs(displacement[i])
         total += far
         cruise = max(cruise, far / velocity[i])
     cruise = max(cruise, total / sum_of_speeds)
     if cruise <= 0.0:
         return 0.0, 0.0, 0.0
     least, jerky = 0.0, 0.0
-    for i in range(len(way)):
-        speed = abs(way[i]) / cruise
+    for i in range(len(displacement)):
+        speed = abs(displacement[i]) / cruise
         least = max(least, speed / acceleration[i])
         # The lag is this over the ramp.
         jerky = max(jerky, 2.0 * speed / jerk[i])
-    ramp, seconds = least, from_rest_to_rest(cruise, least) + jerky / least
+    ramp, seconds = least, rest_to_rest_seconds(cruise, least) + jerky / least
     for other in (math.sqrt(jerky), (jerky * jerky / cruise) ** (1.0 / 3.0)):
         slower = max(least, other)
-        takes = from_rest_to_rest(cruise, slower) + jerky / slower
+        takes = rest_to_rest_seconds(cruise, slower) + jerky / slower
         if takes < seconds:
             ramp, seconds = slower, takes
     return cruise, ramp, max(jerky / ramp, LEAST_BUILD_UP)
 
 
 @kernel
-def from_rest_to_rest(cruise: float, ramp: float) -> float:
+def rest_to_rest_seconds(cruise: float, ramp: float) -> float:
     """Return how long it takes from rest to rest, as commanded.
 
     Args:
@@ -201,7 +201,7 @@ def exit_bound(length: Array, top: Array, node: int, last: int, ramp: Array) -> 
 
 
 @kernel
-def pass_through(
+def passage_seconds(
     length: float, top: float, entry: float, bound: float, ramp: float
 ) -> tuple[float, float, float]:
     """Return the least time through a piece of a stretch, the speed at its end and the greatest.
@@ -227,7 +227,9 @@ def pass_through(
 
 
 @kernel
-def braked(length: float, entry: float, ramp: float) -> tuple[float, float, float]:
+def brake_within_piece(
+    length: float, entry: float, ramp: float
+) -> tuple[float, float, float]:
     """Return how long a robot brakes within a piece, its speed then, and how far it got.
 
     Args:
@@ -235,9 +237,9 @@ def braked(length: float, entry: float, ramp: float) -> tuple[float, float, floa
         entry: speed at its start.
         ramp: time from full speed to rest.
     """
-    way = 0.5 * entry * entry * ramp
-    if way <= length * (1.0 + _ROUNDING):
-        return entry * ramp, 0.0, min(way, length)
+    displacement = 0.5 * entry * entry * ramp
+    if displacement <= length * (1.0 + _ROUNDING):
+        return entry * ramp, 0.0, min(displacement, length)
     leave = math.sqrt(max(0.0, entry * entry - 2.0 * length / ramp))
     return (entry - leave) * ramp, leave, length
 
@@ -290,7 +292,7 @@ def rounded_stretch(
         path.velocity,
         float(path.at[-1]),
         bent,
-        bounds.efforts or no_efforts(legs, bends),
+        bounds.efforts or unlimited_efforts(legs, bends),
         bounds.cap,
     )
     ramp, lag, bent_ramp, seconds, cap = found
@@ -337,7 +339,7 @@ def _quickest_rounded(
                     share / ramp,
                     lag,
                 )
-                borne = greatest_borne_speed(efforts.bends, p, share / ramp)
+                borne = torque_limited_speed(efforts.bends, p, share / ramp)
                 cap[p] = min(min(by_joints, borne), most[p])
                 slowest = min(slowest, cap[p])
             if slowest <= 0.0:
@@ -381,7 +383,7 @@ def _commanded(
     for p in range(pieces):
         if length[p] > 0.0:
             bound = exit_bound(length, top, p, pieces - 1, ramps)
-            took, speed, _ = pass_through(length[p], top[p], speed, bound, ramps[p])
+            took, speed, _ = passage_seconds(length[p], top[p], speed, bound, ramps[p])
             seconds += took
     return seconds
 

@@ -44,17 +44,22 @@ def greatest_tool_speed(
     return math.sqrt(_greatest_square(joints, *rows))
 
 
-def tool_speed_along(joints: JointTable, tip: Array, start: Array, way: Array) -> float:
+def tool_speed_along(
+    joints: JointTable, tip: Array, start: Array, displacement: Array
+) -> float:
     """Return such a speed along a straight line in joint space that is passed in a second [m/s].
 
     Args:
         joints: of the robot.
         tip: the point in the last joint's frame, shape (3,) [m].
         start: where the line begins, shape (n,).
-        way: from there to its end, shape (n,).
+        displacement: from there to its end, shape (n,).
     """
-    still = np.zeros((2, len(way)))
-    q, v = np.array([start, start + way]), np.array([way, way])
+    still = np.zeros((2, len(displacement)))
+    q, v = (
+        np.array([start, start + displacement]),
+        np.array([displacement, displacement]),
+    )
     return greatest_tool_speed(joints, tip, np.array([0.0, 1.0]), q, v, still)
 
 

@@ -43,7 +43,7 @@ _SPARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Payload:
+class HandPayload:
     """A part in hand.
 
     Attributes:
@@ -58,7 +58,7 @@ class Payload:
 
 
 @dataclass(frozen=True)
-class Bearing:
+class TorqueScaling:
     """What limits of effort make of a motion.
 
     Attributes:
@@ -76,7 +76,7 @@ class Bearing:
     overloaded: int = -1
 
 
-def borne_stretch(stretch: Stretch, bearing: Bearing) -> Stretch:
+def torque_limited_stretch(stretch: Stretch, bearing: TorqueScaling) -> Stretch:
     """Return a stretch as joints bear it: slower throughout, or with lower accelerations alone.
 
     The quicker of the two; the jerk is no greater than it was.
@@ -101,7 +101,10 @@ class ArmDynamics:
     """
 
     def __init__(
-        self, robot: PlacedRobot, model: RobotModel, payloads: Sequence[Payload] = ()
+        self,
+        robot: PlacedRobot,
+        model: RobotModel,
+        payloads: Sequence[HandPayload] = (),
     ) -> None:
         assert model.drives is not None
         self._effort = model.drives.effort
@@ -121,19 +124,21 @@ class ArmDynamics:
         still = np.zeros(len(q))
         return np.array(pinocchio.rnea(self._body, self._data, q, still, still))
 
-    def along_stretch(self, start: Array, way: Array, stretch: Stretch) -> Bearing:
+    def along_stretch(
+        self, start: Array, displacement: Array, stretch: Stretch
+    ) -> TorqueScaling:
         """Return what limits of effort make of a straight line in joint space.
 
         The robot may speed up or slow down anywhere on it, at any speed that it can reach.
 
         Args:
             start: where it begins, shape (n,).
-            way: from there to its end, shape (n,).
+            displacement: from there to its end, shape (n,).
             stretch: how it is passed.
         """
-        count = max(_FEWEST, math.ceil(float(np.abs(way).sum()) / _TURN))
-        q = start + np.linspace(0.0, 1.0, count + 1)[:, None] * way
-        still, along = np.zeros_like(q), np.tile(way, (count + 1, 1))
+        count = max(_FEWEST, math.ceil(float(np.abs(displacement).sum()) / _TURN))
+        q = start + np.linspace(0.0, 1.0, count + 1)[:, None] * displacement
+        still, along = np.zeros_like(q), np.tile(displacement, (count + 1, 1))
         weight = self._efforts(q, still, still)
         push = self._efforts(q, still, along) - weight
         swing = self._efforts(q, along, still) - weight
@@ -162,7 +167,7 @@ class ArmDynamics:
             easing = math.inf
         return replace(slower, easing=easing)
 
-    def along_skill(self, motion: SmoothPath, rows: slice) -> Bearing:
+    def along_skill(self, motion: SmoothPath, rows: slice) -> TorqueScaling:
         """Return what limits of effort make of some rows of a skill's motion.
 
         Args:
@@ -199,8 +204,10 @@ class ArmDynamics:
         turns = bent.first.sum(axis=1) * span
         counts = np.maximum(np.ceil(turns / _TURN).astype(np.int64), _PIECE)
         piece, share = _samples(counts)
-        way = bent.low[piece] + share * span[piece]
-        return PathEfforts(self.along_legs(path), self._rows(*path.states(way), piece))
+        displacement = bent.low[piece] + share * span[piece]
+        return PathEfforts(
+            self.along_legs(path), self._rows(*path.states(displacement), piece)
+        )
 
     def along_legs(self, path: BlendedPath) -> EffortRows:
         """Return how joints bear the straight legs of a way with rounded corners."""
@@ -250,7 +257,7 @@ class ArmDynamics:
 
     def _bearing(
         self, weight: Array, loose: Array, rest: Array, extra: Array
-    ) -> Bearing:
+    ) -> TorqueScaling:
         """Return the least factor at which gravity and the rest keep within the limits.
 
         Args:
@@ -274,20 +281,20 @@ class ArmDynamics:
         share = np.where(tight, np.inf, share).min(axis=(0, 1))
         joint = int(np.argmin(share))
         if share[joint] >= 1.0:
-            return Bearing(overloaded=overloaded)
+            return TorqueScaling(overloaded=overloaded)
         factor = 1.0 / math.sqrt(float(share[joint]))
-        return Bearing(factor, math.inf, joint, overloaded)
+        return TorqueScaling(factor, math.inf, joint, overloaded)
 
 
-def why_unchecked(robot: PlacedRobot) -> str | None:
+def explain_unchecked_efforts(robot: PlacedRobot) -> str | None:
     """Return in words why the efforts of a robot cannot be checked; None where they can.
 
     A description may have no limits of effort or no masses, or values that were filled in by default.
     """
-    return _untold(robot.model) or too_weak(robot)
+    return _untold(robot.model) or describe_weak_joint(robot)
 
 
-def too_weak(robot: PlacedRobot) -> str | None:
+def describe_weak_joint(robot: PlacedRobot) -> str | None:
     """Return in words which joint does not even hold its arm at HOME; None where all do.
 
     None, too, where that cannot be told of a description.
@@ -368,7 +375,7 @@ def _body(model: RobotModel) -> pinocchio.Model:
     return body
 
 
-def _box_inertia(payload: Payload) -> pinocchio.Inertia:
+def _box_inertia(payload: HandPayload) -> pinocchio.Inertia:
     x, y, z = payload.shape.size**2
     turning = payload.mass / 12.0 * np.diag([y + z, x + z, x + y])
     centre = np.asarray(payload.shape.centre_of_mass)

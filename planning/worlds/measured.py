@@ -10,25 +10,25 @@ import numpy as np
 from planning.errors import InfeasibleStepError
 from planning.tasks.assignment import AssignmentProblem, PrimaryCandidate, TaskPlan
 from planning.tasks.work import AssemblyWork
-from planning.transforms import Array, Transform, readonly
+from planning.transforms import Array, Transform, read_only_copy
 
 Poses = Mapping[str, Transform]
 """Where parts lie that were found elsewhere than at their start, by name."""
 
 
-def beside(pose: Transform, way: Array, turn: float) -> Transform:
+def offset_on_surface(pose: Transform, displacement: Array, turn: float) -> Transform:
     """Return a pose that is moved on what it lies on, and turned about the vertical.
 
     Args:
         pose: in the world.
-        way: along x and y of the world, shape (2,) [m].
+        displacement: along x and y of the world, shape (2,) [m].
         turn: [rad].
     """
     out = np.array(pose)
     cos, sin = np.cos(turn), np.sin(turn)
     out[:2, :3] = np.array([[cos, -sin], [sin, cos]]) @ pose[:2, :3]
-    out[:2, 3] += way
-    return readonly(out)
+    out[:2, 3] += displacement
+    return read_only_copy(out)
 
 
 @dataclass
@@ -88,7 +88,9 @@ def _of_step(problem: AssignmentProblem, step: int) -> list[PrimaryCandidate]:
     return [problem.primaries[k] for k in problem.primaries_of.get(step, ())]
 
 
-def chosen_there(work: AssemblyWork, plan: TaskPlan, poses: Poses) -> TaskPlan:
+def choices_at_measured_poses(
+    work: AssemblyWork, plan: TaskPlan, poses: Poses
+) -> TaskPlan:
     """Return choices in which parts that were measured are picked where they are, if need be by another grip."""
     problem = work.problem
     known = set(problem.primaries) if poses else set()

@@ -15,9 +15,9 @@ from itertools import product
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.motion.known_motions import KnownMotions
+from planning.motion.motion_cache import MotionCache
 from planning.motion.motion_plan import MotionPlan
-from planning.motion.sequential import MotionSettings, plan_sequential
+from planning.motion.sequential import MotionSettings, plan_motions_sequentially
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -28,13 +28,19 @@ from planning.tasks.assignment import (
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import STRAIGHT, TRANSIT, AllowedContact, StepTasks, Task
 from planning.tasks.work import AssemblyWork, StepExpansions
-from planning.transforms import Array, Indices, readonly
-from planning.worlds.supplied import Scrap, brings, supplied, taken_out, without_brought
-from planning.worlds.world import Leftover, World, leftovers, taken_by
+from planning.transforms import Array, Indices, read_only_copy
+from planning.worlds.supplied import (
+    RemovalPlan,
+    brings_parts,
+    find_removal,
+    supplied_tasks_by_step,
+    without_supplied_tasks,
+)
+from planning.worlds.world import UnfinishedStep, World, picked_steps, unfinished_steps
 
 
 @dataclass(frozen=True)
-class Onward:
+class OnwardPlan:
     """A plan from a world on.
 
     Attributes:
@@ -50,7 +56,7 @@ class Onward:
 
 
 @dataclass(frozen=True)
-class Situation:
+class ReplanningState:
     """A world, and what has become of the plan in it.
 
     Attributes:
@@ -80,7 +86,7 @@ class Situation:
     def taken(self) -> dict[int, str]:
         """What steps have taken that are not begun anew, by number; a name of their own for those that are not done."""
         nothing = {step: f"nothing, for step {step}" for step in self.given_up}
-        own = taken_by(self.world.begun(), self.world.complete)
+        own = picked_steps(self.world.begun(), self.world.complete)
         return {**nothing, **{k: t for k, t in own.items() if k not in self.reopened}}
 
     @property
@@ -93,9 +99,9 @@ def plan_onward(
     cell: Workcell,
     work: AssemblyWork,
     settings: MotionSettings,
-    now: Situation,
-    known: KnownMotions | None = None,
-) -> Onward:
+    now: ReplanningState,
+    known: MotionCache | None = None,
+) -> OnwardPlan:
     """Plan what is left of an assembly.
 
     Args:
@@ -110,10 +116,10 @@ def plan_onward(
         TransitError: no collision-free path was found, such as for a robot that is shut in.
     """
     world, kept = now.world, now.kept
-    left = leftovers(world, now.reopened)
-    there = supplied(world)
+    left = unfinished_steps(world, now.reopened)
+    there = supplied_tasks_by_step(world)
     busy = _busy_until(cell, left, now.reopened)
-    problem = narrowed(work.problem, kept, world.out, busy)
+    problem = fix_choices(work.problem, kept, world.out, busy)
     plan = replace(assign_steps(problem), taken=now.taken, there=now.there)
     again = StepExpansions(replace(work, problem=problem), plan)
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
@@ -124,9 +130,9 @@ def plan_onward(
         items.append(_Item(_to(world, name, home, stands=name not in gone)))
     burdens = _burdens(world, left)
     for robot, name in burdens.items():
-        items.append(_Item(_once(partial(taken_out, cell, world, robot, name))))
+        items.append(_Item(_once(partial(find_removal, cell, world, robot, name))))
     undone = frozenset(plan[step].object for step in now.given_up if step in kept)
-    scrap = Scrap(world, work.passing, undone)
+    scrap = RemovalPlan(world, work.passing, undone)
     goes_on = {item.step.step: item for item in left if not item.ends}
     aside, stands = set(now.aside), world.state.configurations
     for step in range(1, len(plan.choices) + 1):
@@ -144,8 +150,8 @@ def plan_onward(
         brought = there.get(step, ())
         if step in now.given_up:
             if work.passing:
-                ways = partial(scrap.of_step, again, step, brought)
-                items.append(_Item(ways, machines=step))
+                alternatives = partial(scrap.of_step, again, step, brought)
+                items.append(_Item(alternatives, machines=step))
         elif step not in kept:
             items.append(_fresh(again, step, brought))
     begun = world.begun()
@@ -165,7 +171,10 @@ def plan_onward(
                 steps[item.step] = item.whole(tasks)
                 done[item.step] = steps[item.step]
             if item.machines is not None:
-                own = (*there.get(item.machines, ()), *filter(brings, tasks.tasks))
+                own = (
+                    *there.get(item.machines, ()),
+                    *filter(brings_parts, tasks.tasks),
+                )
                 done[item.machines] = StepTasks(item.machines, own, (), ())
         every = (task for step in (*past, *steps.values()) for task in step.tasks)
         waits = work.link([done[number] for number in sorted(done)])
@@ -177,7 +186,7 @@ def plan_onward(
         return np.unique(np.concatenate([waits, more]), axis=0)
 
     every_way = [partial(_there, scrap, item.ways) for item in items]
-    motions = plan_sequential(
+    motions = plan_motions_sequentially(
         cell,
         every_way,
         link,
@@ -188,7 +197,7 @@ def plan_onward(
         begins=world.beginning,
     )
     whole = tuple(steps[number] for number in sorted(steps))
-    return Onward(motions, again.plan, whole, tuple(past))
+    return OnwardPlan(motions, again.plan, whole, tuple(past))
 
 
 @dataclass(frozen=True)
@@ -226,7 +235,7 @@ def _back_before(
 
 
 def _there(
-    scrap: Scrap, ways: Callable[[int], Iterator[StepTasks]], first: int
+    scrap: RemovalPlan, ways: Callable[[int], Iterator[StepTasks]], first: int
 ) -> Iterator[StepTasks]:
     """Yield the ways of a step in which only what is there leaves the cell."""
     yield from map(scrap.there, ways(first))
@@ -235,30 +244,32 @@ def _there(
 def _fresh(again: StepExpansions, step: int, brought: tuple[Task, ...]) -> _Item:
     """Return a step that is done from its begin on, and in which nothing is brought again."""
 
-    def ways(first: int) -> Iterator[StepTasks]:
+    def alternatives(first: int) -> Iterator[StepTasks]:
         for planned in again.ways(step, first):
-            yield without_brought(planned, brought)
+            yield without_supplied_tasks(planned, brought)
 
     def whole(planned: StepTasks) -> StepTasks:
         return replace(planned, tasks=(*brought, *planned.tasks))
 
-    return _Item(ways, step, whole)
+    return _Item(alternatives, step, whole)
 
 
-def _going_on(again: StepExpansions, left: Leftover, first: int) -> Iterator[StepTasks]:
+def _going_on(
+    again: StepExpansions, left: UnfinishedStep, first: int
+) -> Iterator[StepTasks]:
     """Yield what is left of a step, among what stands around by now."""
     fresh = again.work.expand(again.plan, left.step.step, first)
     yield left.numbered(first, fresh)
 
 
-def _of_leftover(left: Leftover, now: Situation) -> _Item:
+def _of_leftover(left: UnfinishedStep, now: ReplanningState) -> _Item:
     number = left.step.step
     if number in now.reopened:
         return _Item(_once(left.numbered))
     return _Item(_once(left.numbered), number, left.with_done)
 
 
-def narrowed(
+def fix_choices(
     problem: AssignmentProblem,
     kept: Mapping[int, StepChoice],
     out: Collection[str],
@@ -299,7 +310,7 @@ def narrowed(
 
 
 @dataclass(frozen=True)
-class Hindered:
+class BlockedStep:
     """A step that nobody can do as things are.
 
     Attributes:
@@ -313,25 +324,25 @@ class Hindered:
     later: int = 0
 
 
-def hindered(
-    cell: Workcell, problem: AssignmentProblem, now: Situation
-) -> Hindered | None:
+def find_blocked_step(
+    cell: Workcell, problem: AssignmentProblem, now: ReplanningState
+) -> BlockedStep | None:
     """Return the first step that nobody can do in a situation, None where there is none."""
-    busy = _busy_until(cell, leftovers(now.world, now.reopened), now.reopened)
+    busy = _busy_until(cell, unfinished_steps(now.world, now.reopened), now.reopened)
     held = {at.holder for _, at in now.world.held()}
     about = problem, now.kept, now.world.out
-    for step in narrowed(*about, busy).impossible:
+    for step in fix_choices(*about, busy).impossible:
         if step in now.kept:
             continue
         for robot in sorted(busy.keys() & held):
             others = {k: until for k, until in busy.items() if k != robot}
-            if step not in narrowed(*about, others).impossible:
-                return Hindered(step, robot, busy[robot])
-        return Hindered(step)
+            if step not in fix_choices(*about, others).impossible:
+                return BlockedStep(step, robot, busy[robot])
+        return BlockedStep(step)
     return None
 
 
-def _carriers(left: list[Leftover]) -> Iterator[Task]:
+def _carriers(left: list[UnfinishedStep]) -> Iterator[Task]:
     """Yield the tasks in which robots are to put down, or hand over, what they have in their hands."""
     for item in left:
         if not item.ends:
@@ -339,7 +350,7 @@ def _carriers(left: list[Leftover]) -> Iterator[Task]:
 
 
 def _busy_until(
-    cell: Workcell, left: list[Leftover], reopened: Collection[int]
+    cell: Workcell, left: list[UnfinishedStep], reopened: Collection[int]
 ) -> dict[str, int]:
     """Return the last step that robots cannot begin for what they bring to an end before, by robot."""
     until: dict[str, int] = {}
@@ -355,21 +366,21 @@ def _busy_until(
 def _once(
     numbered: Callable[[int], StepTasks],
 ) -> Callable[[int], Iterator[StepTasks]]:
-    def ways(first: int) -> Iterator[StepTasks]:
+    def alternatives(first: int) -> Iterator[StepTasks]:
         yield numbered(first)
 
-    return ways
+    return alternatives
 
 
 def _away(
-    cell: Workcell, world: World, left: list[Leftover], gone: Collection[str]
+    cell: Workcell, world: World, left: list[UnfinishedStep], gone: Collection[str]
 ) -> Iterator[str]:
     """Yield the robots that stand somewhere with nothing to bring to an end there, and not at a goal.
 
     Of those that have gone a way by then, the ones that go no farther than out of where they were.
     """
-    ways = {task.robot: task.kind for item in left for task in item.tasks}
-    going = {k for k, kind in ways.items() if kind != STRAIGHT or k not in gone}
+    alternatives = {task.robot: task.kind for item in left for task in item.tasks}
+    going = {k for k, kind in alternatives.items() if kind != STRAIGHT or k not in gone}
     last = set(world.beginning.last_task.values())
     tasks = (task for step in world.steps for task in step.tasks)
     going |= {task.robot for task in tasks if task.goal and task.index in last}
@@ -380,7 +391,7 @@ def _away(
             yield robot.name
 
 
-def _burdens(world: World, left: list[Leftover]) -> dict[str, str]:
+def _burdens(world: World, left: list[UnfinishedStep]) -> dict[str, str]:
     """Return what robots hold that they are to put nowhere any more, by robot."""
     going = {task.robot for item in left if not item.ends for task in item.tasks}
     # Also in a step that was then begun anew, if another plan came before the hand was emptied.
@@ -405,7 +416,7 @@ def _to(
     number = steps[0].step if steps else 1
 
     def numbered(first: int) -> StepTasks:
-        task = Task(first, robot, TRANSIT, number, "aside", readonly(q[None]))
+        task = Task(first, robot, TRANSIT, number, "aside", read_only_copy(q[None]))
         # What it may touch where it stands, it may touch on its way from and to there.
         allowed: Sequence[AllowedContact] = ()
         if last is not None and stands:

@@ -26,36 +26,38 @@ from planning.tasks.task import (
     Task,
 )
 from planning.tasks.work import StepExpansions
-from planning.transforms import Transform, readonly
-from planning.worlds.world import World, continued
+from planning.transforms import Transform, read_only_copy
+from planning.worlds.world import World, renumber_contacts
 
 REMOVAL = "removal"
 """Name of the machine by which a person takes what lies in the way of others."""
 
 
-def brings(task: Task) -> bool:
+def brings_parts(task: Task) -> bool:
     """Tell whether a machine brings parts or takes them away in a task."""
     return task.kind in SUPPLY_KINDS and task.kind != LAG
 
 
-def supplied(world: World) -> dict[int, tuple[Task, ...]]:
+def supplied_tasks_by_step(world: World) -> dict[int, tuple[Task, ...]]:
     """Return what was brought and taken away in each step, by its number, in order."""
     found: dict[int, dict[int, Task]] = {}
     for step in (*world.past, *world.steps):
         own = {
-            t.index: t for t in step.tasks if brings(t) and t.index in world.complete
+            t.index: t
+            for t in step.tasks
+            if brings_parts(t) and t.index in world.complete
         }
         if own:
             found.setdefault(step.step, {}).update(own)
     return {number: tuple(own[k] for k in sorted(own)) for number, own in found.items()}
 
 
-def without_brought(step: StepTasks, there: Sequence[Task]) -> StepTasks:
+def without_supplied_tasks(step: StepTasks, there: Sequence[Task]) -> StepTasks:
     """Return a step without what was brought and taken away in it before."""
     if not there:
         return step
     old = {(t.kind, t.robot, t.object): t.index for t in there}
-    keys = {t.index: (t.kind, t.robot, t.object) for t in step.tasks if brings(t)}
+    keys = {t.index: (t.kind, t.robot, t.object) for t in step.tasks if brings_parts(t)}
     done = {index: old[key] for index, key in keys.items() if key in old}
     return _some_of(step, [t for t in step.tasks if t.index not in done], done)
 
@@ -73,12 +75,12 @@ def _some_of(
         dependencies=tuple(
             (known[a], new[b]) for a, b in step.dependencies if a in known and b in new
         ),
-        allowed=continued(step.allowed, new),
+        allowed=renumber_contacts(step.allowed, new),
     )
 
 
 @dataclass
-class Scrap:
+class RemovalPlan:
     """What is taken away of steps that are not done any more, so that those after them can be.
 
     Attributes:
@@ -115,8 +117,8 @@ class Scrap:
             about = first, REMOVAL, TAKEN_OUT, step, words, STILL, gone, name
             tasks.append(Task(*about))
             self.taken[name] = first
-        left = without_brought(fresh, there)
-        own = _some_of(left, [t for t in left.tasks if brings(t)], {})
+        left = without_supplied_tasks(fresh, there)
+        own = _some_of(left, [t for t in left.tasks if brings_parts(t)], {})
         later = [replace(t, index=t.index + len(tasks)) for t in own.tasks]
         waits = [(a + len(tasks), b + len(tasks)) for a, b in own.dependencies]
         yield StepTasks(step, (*tasks, *later), tuple(waits), ())
@@ -138,7 +140,7 @@ class Scrap:
 
         tasks = tuple(
             replace(t, handlings=tuple(h for h in t.handlings if not stays(h)))
-            if brings(t)
+            if brings_parts(t)
             else t
             for t in step.tasks
         )
@@ -162,11 +164,11 @@ class Scrap:
             pose = own.handlings[0].pose
             for task in tasks:
                 comes = any(np.allclose(h.pose, pose) for h in task.handlings)
-                if brings(task) and task.index > index and comes:
+                if brings_parts(task) and task.index > index and comes:
                     yield index, task.index
 
 
-def taken_out(
+def find_removal(
     cell: Workcell, world: World, robot: str, name: str, first: int
 ) -> StepTasks:
     """Return how a robot stands at HOME until what it holds has been taken from it.
@@ -181,10 +183,10 @@ def taken_out(
     placed = cell.robot(robot)
     pose = frame_pose(placed, placed.home) @ world.state.attachments[name].pose
     gone = (
-        Handling(name, 1, None, readonly(pose)),
-        Handling(name, 1, GONE, readonly(pose)),
+        Handling(name, 1, None, read_only_copy(pose)),
+        Handling(name, 1, GONE, read_only_copy(pose)),
     )
-    path, label = readonly(placed.home[None]), f"{name} is taken out"
+    path, label = read_only_copy(placed.home[None]), f"{name} is taken out"
     task = Task(first, robot, TAKEN_OUT, 1, label, path, gone, name)
     # As it is let go of, it is still where the tool touches it.
     touches = AllowedContact(f"{robot}/tool", name, frozenset({first}))

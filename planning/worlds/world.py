@@ -13,7 +13,7 @@ import numpy as np
 
 from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.kinematics.kinematics import frame_pose
-from planning.motion.sequential import Beginning
+from planning.motion.sequential import StartConfiguration
 from planning.tasks.task import (
     EARLIER,
     HOLD,
@@ -26,7 +26,7 @@ from planning.tasks.task import (
     Task,
     TimeWindow,
 )
-from planning.transforms import Transform, readonly
+from planning.transforms import Transform, read_only_copy
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,9 @@ class World:
     ago: Mapping[int, float] = field(default_factory=dict)
 
     @property
-    def beginning(self) -> Beginning:
+    def beginning(self) -> StartConfiguration:
         """Where a sequential plan begins in it."""
-        return Beginning(self.state, self._last_tasks, self.tasks)
+        return StartConfiguration(self.state, self._last_tasks, self.tasks)
 
     @property
     def _last_tasks(self) -> dict[str, int]:
@@ -88,7 +88,7 @@ class World:
         }
 
 
-def taken_by(
+def picked_steps(
     begun: Mapping[int, StepTasks], complete: Collection[int]
 ) -> dict[int, str]:
     """Return what has been picked in steps that have begun, by number, given the tasks that are complete."""
@@ -100,7 +100,9 @@ def taken_by(
     }
 
 
-def windows_from(world: World, windows: Iterable[TimeWindow]) -> Iterator[TimeWindow]:
+def pending_windows(
+    world: World, windows: Iterable[TimeWindow]
+) -> Iterator[TimeWindow]:
     """Yield the windows of time in which something is due that is new in a world; some are open by then."""
     for window in windows:
         if window.due < world.tasks:
@@ -110,17 +112,17 @@ def windows_from(world: World, windows: Iterable[TimeWindow]) -> Iterator[TimeWi
         yield replace(known, ago=ago)
 
 
-def pose_of(cell: Workcell, state: WorldState, name: str) -> Transform:
+def object_pose(cell: Workcell, state: WorldState, name: str) -> Transform:
     """Return where an object is in the world, be it in a hand or at rest."""
     at = state.attachments[name]
     if at.holder is None:
         return at.pose
     flange = frame_pose(cell.robot(at.holder), state.configurations[at.holder])
-    return readonly(flange @ at.pose)
+    return read_only_copy(flange @ at.pose)
 
 
 @dataclass(frozen=True)
-class Leftover:
+class UnfinishedStep:
     """What is left of a step that has begun, to be done as it was planned.
 
     Attributes:
@@ -148,7 +150,7 @@ class Leftover:
             numbered,
             tasks=tuple(new.get(task.index, task) for task in self.step.tasks),
             allowed=(
-                *continued(self.step.allowed, self._itself),
+                *renumber_contacts(self.step.allowed, self._itself),
                 *numbered.allowed,
             ),
         )
@@ -170,7 +172,7 @@ class Leftover:
             for a, b in self.step.dependencies
             if a in known and b in new
         )
-        allowed = continued(self.step.allowed, known, new)
+        allowed = renumber_contacts(self.step.allowed, known, new)
         if fresh is not None and _alike(fresh, self.step):
             pairs = zip(fresh.tasks, self.step.tasks, strict=True)
             now = {f.index: known[t.index] for f, t in pairs if t.index in known}
@@ -200,7 +202,7 @@ def _alike(fresh: StepTasks, step: StepTasks) -> bool:
     ]
 
 
-def continued(
+def renumber_contacts(
     allowed: Sequence[AllowedContact],
     known: Mapping[int, int],
     among: Collection[int] | None = None,
@@ -222,7 +224,9 @@ def continued(
     )
 
 
-def leftovers(world: World, reopened: Mapping[int, frozenset[str]]) -> list[Leftover]:
+def unfinished_steps(
+    world: World, reopened: Mapping[int, frozenset[str]]
+) -> list[UnfinishedStep]:
     """Return what is left of the steps that have begun, ways to go first, then in their order.
 
     Args:
@@ -251,9 +255,9 @@ def leftovers(world: World, reopened: Mapping[int, frozenset[str]]) -> list[Left
         left = [task for task in left if task.robot not in world.out]
         if left:
             own = frozenset(t.index for t in step.tasks if t.index in world.complete)
-            ways = (TRANSIT, STRAIGHT) if number in reopened else (TRANSIT,)
-            ends = all(task.kind in ways for task in left)
-            found.append(Leftover(step, tuple(left), own, ends))
+            kinds = (TRANSIT, STRAIGHT) if number in reopened else (TRANSIT,)
+            ends = all(task.kind in kinds for task in left)
+            found.append(UnfinishedStep(step, tuple(left), own, ends))
     return sorted(found, key=lambda item: (not item.ends, item.step.step))
 
 
@@ -270,10 +274,12 @@ def _way_out(step: StepTasks, robot: str, world: World) -> Iterator[Task]:
     elif left[0].kind != TRANSIT and last.kind == STRAIGHT and before:
         # It has its number: what touches on the way there touches on the way back.
         back = np.concatenate([last.path[-2::-1], before[-1].path[-1:]])
-        yield replace(last, label=f"back: {last.label}", path=readonly(back))
+        yield replace(last, label=f"back: {last.label}", path=read_only_copy(back))
 
 
-def standing(left: Sequence[Leftover], but: int | None = None) -> frozenset[str]:
+def robots_with_unfinished_steps(
+    left: Sequence[UnfinishedStep], but: int | None = None
+) -> frozenset[str]:
     """Return the robots that have something to bring to an end where they stand, but in one step.
 
     Not those that keep something in its place: it might fall.
@@ -283,7 +289,7 @@ def standing(left: Sequence[Leftover], but: int | None = None) -> frozenset[str]
     return frozenset(robots - {k for item in left for k in robots if _keeps(item, k)})
 
 
-def _keeps(left: Leftover, robot: str) -> bool:
+def _keeps(left: UnfinishedStep, robot: str) -> bool:
     """Tell whether a robot holds something in its place, or is to let go of something before it goes."""
     own = [task for task in left.step.tasks if task.robot == robot]
     done = [task for task in own if task.index in left.complete]
@@ -294,7 +300,7 @@ def _keeps(left: Leftover, robot: str) -> bool:
     return lets_go or (bool(done) and done[-1].kind == HOLD)
 
 
-def in_world(cell: Workcell, world: World, busy: frozenset[str]) -> Workcell:
+def as_start_of(cell: Workcell, world: World, busy: frozenset[str]) -> Workcell:
     """Return a cell in which a world is how everything is at the start.
 
     Args:
@@ -305,20 +311,20 @@ def in_world(cell: Workcell, world: World, busy: frozenset[str]) -> Workcell:
     robots = tuple(
         robot
         if robot.name in busy
-        else replace(robot, home=readonly(world.state.configurations[robot.name]))
+        else replace(robot, home=read_only_copy(world.state.configurations[robot.name]))
         for robot in cell.robots
     )
     objects = []
     for item in cell.objects:
         if item.name in world.state.attachments:
-            start = pose_of(cell, world.state, item.name)
+            start = object_pose(cell, world.state, item.name)
             objects.append(replace(item, start=start, later=False))
         else:
             objects.append(replace(item, later=True))
     return replace(cell, robots=robots, objects=tuple(objects))
 
 
-def taken_up(tasks: Sequence[Task], world: World) -> tuple[Task, ...]:
+def rebase_first_tasks(tasks: Sequence[Task], world: World) -> tuple[Task, ...]:
     """Return tasks in whose first ones robots take up what they hold when a plan begins in a world."""
     held: dict[str, list[Handling]] = {}
     for name, at in world.held():

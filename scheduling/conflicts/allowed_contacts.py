@@ -117,7 +117,7 @@ def _lists(table: ContactTable, entry: int, task: int) -> bool:
 
 
 @inner_kernel
-def may_touch(
+def is_contact_allowed(
     table: ContactTable,
     x: int,
     y: int,

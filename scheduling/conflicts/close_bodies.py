@@ -19,26 +19,26 @@ from planning.geometry.separation import (
     APART,
     CONFLICT,
     Scratch,
-    judge_hulls,
+    check_hulls_continuously,
     make_scratch,
     pose_segments,
 )
 from planning.geometry.stretches import (
     MIXED,
     PosedStretch,
+    are_stretches_apart,
     make_stretch,
     measure_bodies,
-    measure_stray,
+    measure_deviation,
     pose_stretch,
-    stretches_stay_apart,
 )
 from planning.kernels import inner_kernel
 from planning.packed import packed
 from planning.transforms import Array, Indices
 from scheduling.conflicts.allowed_contacts import (
     ContactTable,
+    is_contact_allowed,
     least_distance,
-    may_touch,
 )
 from scheduling.conflicts.swept_sequence import LEAF, SweptSequence
 
@@ -196,7 +196,7 @@ def keep_close_bodies(
             if (
                 one_task
                 and table.head[u, v] >= 0
-                and may_touch(
+                and is_contact_allowed(
                     table, u, v, a.task[s], a.other_task[s], b.task[t], b.other_task[t]
                 )
             ):
@@ -204,8 +204,8 @@ def keep_close_bodies(
             least = least_distance(
                 table, u, a_hulls.joint[one], v, b_hulls.joint[other]
             )
-            measure_stray(a_hulls, one, room.on_a)
-            measure_stray(b_hulls, other, room.on_b)
+            measure_deviation(a_hulls, one, room.on_a)
+            measure_deviation(b_hulls, other, room.on_b)
         pairs[end, 0], pairs[end, 1] = x, y
         where[end, 0] = least
         end += 1
@@ -219,7 +219,9 @@ def keep_close_bodies(
         x, y, least = pairs[e, 0], pairs[e, 1], where[e, 0]
         for r in range(3):
             direction[r] = 0.0
-        answer = judge_hulls(a_hulls, x, b_hulls, y, least - descent.slack, scratch)
+        answer = check_hulls_continuously(
+            a_hulls, x, b_hulls, y, least - descent.slack, scratch
+        )
         if answer == APART:
             continue
         if answer == CONFLICT:
@@ -259,7 +261,7 @@ def _keep_unseparated(descent: Descent, first: int, end: int) -> int:
             continue
         plane = room.planes[x, y]
         for attempt in range(2):
-            if attempt == 1 and not stretches_stay_apart(
+            if attempt == 1 and not are_stretches_apart(
                 a, on_a.solid[x], on_a, b, on_b.solid[y], on_b, least, plane
             ):
                 break

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from planning.geometry.distance import boxes_apart, segment_distance
-from planning.geometry.exact import come_close, distance_at
+from planning.geometry.distance import are_boxes_apart, segment_distance
+from planning.geometry.exact import hull_distance_at, may_come_close
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import ContactTable
@@ -60,9 +60,9 @@ def hulls_conflict(
         )
         limit = float(table.clearance[0 if both else 1]) - descent.slack
         q_a, q_b = a_from + x * (a_to - a_from), b_from + y * (b_to - b_from)
-        if distance_at(solid_a, q_a, solid_b, q_b) < limit:
+        if hull_distance_at(solid_a, q_a, solid_b, q_b) < limit:
             return True
-        if come_close(solid_a, a_from, a_to, solid_b, b_from, b_to, limit):
+        if may_come_close(solid_a, a_from, a_to, solid_b, b_from, b_to, limit):
             return True
     return False
 
@@ -87,7 +87,7 @@ def search_conflicts(
         table: allowed contacts and clearances.
         slack: taken off the clearances [m].
     """
-    if stay_apart(a.sequence, b.sequence, table.gap):
+    if are_apart_everywhere(a.sequence, b.sequence, table.gap):
         return
     depth = 1
     # Who asks for the first conflict alone does not have to wait for more.
@@ -103,7 +103,7 @@ def search_conflicts(
                 continue
             if hulls_conflict(a, s, b, t, descent, slice(first, first + bodies)):
                 v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
-                raise_floor(floor, v, u)
+                raise_wait_floor(floor, v, u)
                 yield v, u
 
 
@@ -177,7 +177,7 @@ def next_proposal(
                 continue
             if kept == PROVED:
                 hits[found, 0], hits[found, 1] = a.node[s], b.node[t]
-                raise_floor(floor, a.node[s], b.node[t])
+                raise_wait_floor(floor, a.node[s], b.node[t])
                 found += 1
                 if found == len(hits):
                     return depth, 0, 0, 0, 0, found
@@ -206,14 +206,14 @@ def next_proposal(
 
 
 @kernel
-def stay_apart(a: SweptSequence, b: SweptSequence, gap: float) -> bool:
+def are_apart_everywhere(a: SweptSequence, b: SweptSequence, gap: float) -> bool:
     """Tell whether even the volumes that hold all of two occupancies are apart."""
     pairs = np.empty((1, 2), dtype=np.int64)
     return close_blocks(a, ZERO, b, ZERO, gap, ZERO > 0, pairs) == 0
 
 
 @kernel
-def raise_floor(floor: Indices, v: int, u: int) -> None:
+def raise_wait_floor(floor: Indices, v: int, u: int) -> None:
     """Note that v, and so every later node of its robot, waits for u."""
     while v < len(floor) and floor[v] < u:
         floor[v] = u
@@ -235,7 +235,7 @@ def close_blocks(
     Returns:
         Their number; with ``every`` unset, 1 as soon as there is one.
     """
-    if boxes_apart(a.block_box, i, b.block_box, j, gap):
+    if are_boxes_apart(a.block_box, i, b.block_box, j, gap):
         return 0
     count = 0
     theirs, box = b.capsules[j], b.block_box[j]

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.workcell import PlacedRobot, PoseError
 from planning.geometry.robot_bodies import entity_numbers
-from planning.parallel import side_by_side
+from planning.parallel import map_in_parallel
 from planning.tasks.task import AllowedContact
 from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import ContactTable, contact_table
@@ -45,9 +45,9 @@ from scheduling.graph.temporal_plan_graph import Causes, NodeChain, TemporalPlan
 from scheduling.graph.total_order import (
     FlatGraph,
     NodeOrder,
-    flatten,
-    order_and_reduce,
+    flatten_graph,
     planned_ranks,
+    transitive_reduction,
 )
 
 _KEPT_ANSWERS = 100_000
@@ -75,12 +75,12 @@ class DerivedTpg:
     @cached_property
     def flat(self) -> FlatGraph:
         """Nodes and edges as flat arrays."""
-        return flatten(self.ranks, self.tpg.edges)
+        return flatten_graph(self.ranks, self.tpg.edges)
 
     @cached_property
     def order(self) -> NodeOrder:
         """Precedence between nodes that type-1 and type-2 edges impose."""
-        return order_and_reduce(self.ranks, self.tpg.edges)[0]
+        return transitive_reduction(self.ranks, self.tpg.edges)[0]
 
     @cached_property
     def entities(self) -> dict[str, int]:
@@ -119,7 +119,7 @@ class DerivedTpg:
     def occupancies(self) -> list[Occupancy]:
         """Occupancy of the nodes of each chain."""
         cell, entities, spans = self.tpg.cell, self.entities, self.spans
-        return side_by_side(
+        return map_in_parallel(
             lambda k: chain_occupancy(
                 cell, self.tpg.chains[k], spans[k], entities, self.deviations
             ),
@@ -159,7 +159,7 @@ class DerivedTpg:
         Raises:
             PlanInvariantError: an edge goes against the total order.
         """
-        order, keep = order_and_reduce(self.ranks, edges)
+        order, keep = transitive_reduction(self.ranks, edges)
         edges, cause = edges[keep], cause[keep]
         by_edge = np.lexsort(edges.T[::-1])
         tpg = replace(self.tpg, edges=edges[by_edge], cause=cause[by_edge])
@@ -319,8 +319,10 @@ class StretchConflicts:
 
     def __init__(self, *, kept: bool = False) -> None:
         self._kept = kept
-        self._found: KeptAnswers[Sequence[tuple[int, int]]] = KeptAnswers(_KEPT_ANSWERS)
-        self._clear: KeptAnswers[bool] = KeptAnswers(_KEPT_ANSWERS)
+        self._found: BoundedCache[Sequence[tuple[int, int]]] = BoundedCache(
+            _KEPT_ANSWERS
+        )
+        self._clear: BoundedCache[bool] = BoundedCache(_KEPT_ANSWERS)
         self._allowed: tuple[AllowedContact, ...] = ()
         self._of_task: dict[int, set[int]] = {}
 

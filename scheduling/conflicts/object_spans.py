@@ -269,7 +269,7 @@ class _Trace:
         return frame_pose(self._tpg.cell.robot(chain.robot), chain.stands_at(k + 1))
 
 
-def while_at_rest(
+def nodes_meeting_rest(
     order: NodeOrder, rest: Rest, robot: int, count: int
 ) -> tuple[int, int]:
     """Return the nodes of a robot, ``range(floor + 1, limit)``, that meet an object at rest.

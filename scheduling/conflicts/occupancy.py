@@ -22,7 +22,7 @@ from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot, PoseError, Workcell
 from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import HullTable, hull_table, standing_hulls
-from planning.geometry.robot_bodies import how_far, robot_bodies
+from planning.geometry.robot_bodies import position_error_bound, robot_bodies
 from planning.geometry.swept import bound_travel
 from planning.kinematics.chain import NO_JOINTS, placed_joints, standing_at
 from planning.packed import packed
@@ -68,7 +68,7 @@ class Occupancy:
         return int(self.sequence.node[-1]) + 1
 
 
-def cut_nodes(
+def cut_into_segments(
     robot: PlacedRobot,
     chain: NodeChain,
     held: Sequence[tuple[Shape, Transform]] = (),
@@ -141,7 +141,7 @@ class _Segments(NamedTuple):
     Attributes:
         q_a, q_b: their ends, shape (s, n).
         node: the node of each, shape (s,).
-        task, other_task: tasks of each, see ``may_touch``, shape (s,).
+        task, other_task: tasks of each, see ``is_contact_allowed``, shape (s,).
     """
 
     q_a: Array
@@ -173,7 +173,7 @@ def chain_occupancy(
         for s in spans
         if s.carried
     }
-    q_a, q_b, node, waypoint = cut_nodes(robot, chain, tuple(bodies.values()))
+    q_a, q_b, node, waypoint = cut_into_segments(robot, chain, tuple(bodies.values()))
     task = chain.task[node]
     found = [(span, *_segments_of(span, node, waypoint, chain)) for span in spans]
     runs = sorted((run for run in found if run[1] < run[2]), key=lambda run: run[1])
@@ -307,7 +307,7 @@ def _assemble(
         path = np.vstack([segments.q_a[first], segments.q_b[first:stop]])
         here = solid[first:stop]
         moving = [k for k in np.unique(here[here >= 0]) if solids[k].carrier]
-        off = how_far(robot, path, error, [solids[k] for k in moving])
+        off = position_error_bound(robot, path, error, [solids[k] for k in moving])
         place_of = np.arange(len(solids) + 1)  # the last one is for -1
         place_of[-1] = -1
         for k, far in zip(moving, off.tolist(), strict=True):

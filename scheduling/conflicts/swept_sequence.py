@@ -19,7 +19,7 @@ from planning.geometry.stretches import (
     MIXED,
     PosedStretch,
     make_stretch,
-    measure_stray,
+    measure_deviation,
     pose_stretch,
     sweep_all_capsules,
     sweep_capsules,
@@ -46,7 +46,7 @@ class SweptSequence(NamedTuple):
     Attributes:
         hulls: the bodies in motion.
         node: node of each segment, never falling, shape (s,).
-        task, other_task: tasks of each segment, see ``may_touch``, never falling, shape (s,).
+        task, other_task: tasks of each segment, see ``is_contact_allowed``, never falling, shape (s,).
         entity: entity of each body, -1 where there is none, shape (s, bodies).
         column: where the capsules of each body begin, shape (bodies + 1,).
         block_first, block_last: segments of each block, ``range(first, last)``, shape (b,).
@@ -159,7 +159,7 @@ def bound_leaf(seq: SweptSequence, block: int, room: PosedStretch) -> None:
                 solid = ZERO + hulls.solid[s, i]
                 if solid < 0:
                     continue
-                measure_stray(hulls, solid, room)
+                measure_deviation(hulls, solid, room)
                 sweep_capsules(hulls, solid, room)
                 for e in range(capsule_first[solid], capsule_first[solid + 1]):
                     for k in range(3):

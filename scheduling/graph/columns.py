@@ -68,15 +68,15 @@ class Column:
                 f" {np.dtype(self.dtype)} of shape {shape}"
             )
         if values.dtype.kind == "f":
-            require(np.isfinite(values), name, values, "is not finite")
+            require_values(np.isfinite(values), name, values, "is not finite")
             wrong = f"is beyond {self.largest:g}"
-            require(abs(values) <= self.largest, name, values, wrong)
+            require_values(abs(values) <= self.largest, name, values, wrong)
         if self.least is not None:
             least, most = self.least, np.inf if self.most is None else self.most
             wrong = f"must be at least {least:g}"
             if self.most is not None:
                 wrong = f"must be {least:g} to {most:g}"
-            require((values >= least) & (values <= most), name, values, wrong)
+            require_values((values >= least) & (values <= most), name, values, wrong)
         if self.shape[-2:] == (4, 4):
             _require_poses(name, values)
 
@@ -116,7 +116,7 @@ def read_columns(
     }
 
 
-def require(
+def require_values(
     ok: npt.NDArray[np.bool_], name: str, values: npt.NDArray[Any], wrong: str
 ) -> None:
     """Refuse an array whose values are not all right.

@@ -17,7 +17,7 @@ from pydantic import (
 
 from planning.bounds import DEEPEST_M, LATEST_S, LONGEST_NAME
 from planning.cell.robot_model import RobotModel
-from planning.errors import OutputError, listed
+from planning.errors import OutputError, format_names
 from planning.tasks.task import (
     EARLIER,
     GONE,
@@ -32,17 +32,17 @@ from scheduling.graph.columns import (
     Arrays,
     Column,
     read_columns,
-    require,
+    require_values,
     write_columns,
 )
 from scheduling.graph.stored_cell import (
     CellEntry,
     Entry,
     Index,
-    made,
+    from_entry,
     read_cell,
     stack,
-    told,
+    to_entry,
     write_cell,
 )
 from scheduling.graph.temporal_plan_graph import (
@@ -171,7 +171,7 @@ def _unique(place: str, names: Sequence[str]) -> set[str]:
 
 def _check_name(place: str, name: str, known: Collection[str]) -> None:
     if name not in known:
-        valid = listed(sorted(known)) or "none"
+        valid = format_names(sorted(known)) or "none"
         raise OutputError(f"{place}: there is no {name!r} (valid: {valid})")
 
 
@@ -203,7 +203,7 @@ def write_graph(tpg: TemporalPlanGraph) -> tuple[PlanDocument, Arrays]:
     names = tuple(chain.robot for chain in tpg.chains)
     try:
         cell = write_cell(tpg.cell, arrays)
-        return told(PlanDocument, tpg, cell=cell, chains=names), arrays
+        return to_entry(PlanDocument, tpg, cell=cell, chains=names), arrays
     except ValidationError as error:
         raise OutputError(first_problem(error)) from None
 
@@ -250,9 +250,11 @@ def read_graph(
         cell=cell,
         tasks=tasks,
         chains=chains,
-        handlings=tuple(made(NodeHandling, h, pose=pose) for h, pose in pairs),
-        allowed=tuple(made(AllowedContact, contact) for contact in document.allowed),
-        windows=tuple(made(TimeWindow, window) for window in document.windows),
+        handlings=tuple(from_entry(NodeHandling, h, pose=pose) for h, pose in pairs),
+        allowed=tuple(
+            from_entry(AllowedContact, contact) for contact in document.allowed
+        ),
+        windows=tuple(from_entry(TimeWindow, window) for window in document.windows),
         **own,
     )
 
@@ -263,7 +265,7 @@ def _read_tasks(
     shape = _SHAPES.read("task_shape", arrays, {"rows": len(entries)})
     dof = np.array([joints[entry.robot] for entry in entries], dtype=np.int64)
     of_path = shape[:, 1]
-    require(of_path == dof, "task_shape", of_path, "is not the number of joints")
+    require_values(of_path == dof, "task_shape", of_path, "is not the number of joints")
     ends = np.cumsum(shape.prod(axis=1))
     values = _VALUES.read(
         "task_path", arrays, {"values": int(ends[-1]) if len(ends) else 0}
@@ -272,14 +274,14 @@ def _read_tasks(
     handed = sum(len(entry.handlings) for entry in entries)
     poses = iter(POSES.read("task_handling_pose", arrays, {"rows": handed}))
     return tuple(
-        made(
+        from_entry(
             Task,
             entry,
             path=path,
             handlings=tuple(
-                made(Handling, h, pose=next(poses)) for h in entry.handlings
+                from_entry(Handling, h, pose=next(poses)) for h in entry.handlings
             ),
-            actuations=tuple(made(Actuation, a) for a in entry.actuations),
+            actuations=tuple(from_entry(Actuation, a) for a in entry.actuations),
         )
         for entry, path in zip(entries, paths, strict=False)
     )

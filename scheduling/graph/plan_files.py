@@ -32,16 +32,16 @@ from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError
 from planning.files import (
     NPZ_ERRORS,
-    arrays_text,
+    digest_parts,
     read_file,
     read_npz,
-    replacing,
+    replace_atomically,
     require_own_files,
 )
 from planning.json_files import parse_json
 from planning.robots.descriptions.description_files import copy_description
 from planning.tasks.task import EARLIER, Handling, Task
-from scheduling.graph.columns import require
+from scheduling.graph.columns import require_values
 from scheduling.graph.document import (
     PlanDocument,
     first_problem,
@@ -82,7 +82,9 @@ def check_plan(tpg: TemporalPlanGraph) -> None:
         model = tpg.cell.robot(chain.robot).model
         for name, q in (("start", chain.start[None]), ("waypoints", chain.waypoints)):
             inside = (q >= model.lower - LIMIT_SLACK) & (q <= model.upper + LIMIT_SLACK)
-            require(inside, f"{prefix}{name}", q, f"is beyond a limit of {model.name}")
+            require_values(
+                inside, f"{prefix}{name}", q, f"is beyond a limit of {model.name}"
+            )
     _check_edges(tpg)
     _check_handlings(tpg)
 
@@ -91,40 +93,40 @@ def _check_chain(prefix: str, chain: NodeChain, tasks: int) -> None:
     first, task, points = chain.first, chain.task, len(chain.waypoints)
     if not len(task):
         raise OutputError(f"{prefix}task is empty: a chain has nodes")
-    require(np.diff(first) > 0, f"{prefix}first", first, "does not rise")
+    require_values(np.diff(first) > 0, f"{prefix}first", first, "does not rise")
     if len(first) != len(task) + 1 or first[0] != 0 or first[-1] != points:
         raise OutputError(
             f"{prefix}first does not run from 0 to {points} in {len(task)} nodes"
         )
     known = (task >= 0) & (task < tasks)
-    require(known, f"{prefix}task", task, f"must be 0 to {tasks - 1}")
+    require_values(known, f"{prefix}task", task, f"must be 0 to {tasks - 1}")
     for name in ("task", "planned_start"):
         values = getattr(chain, name)
         rises = values[1:] >= values[:-1]
-        require(rises, f"{prefix}{name}", values, "falls afterwards")
+        require_values(rises, f"{prefix}{name}", values, "falls afterwards")
     fraction, ends = chain.fraction, np.zeros(points, dtype=bool)
     ends[first[1:] - 1] = True
     rises = (np.diff(fraction, append=0.0) >= 0) | ends
-    require(rises, f"{prefix}fraction", fraction, "falls within its node")
+    require_values(rises, f"{prefix}fraction", fraction, "falls within its node")
     whole = (fraction == 1.0) | ~ends
-    require(whole, f"{prefix}fraction", fraction, "ends a node, must be 1")
+    require_values(whole, f"{prefix}fraction", fraction, "ends a node, must be 1")
 
 
 def _check_drive(prefix: str, chain: NodeChain, drive: Drive) -> None:
     slowed_by, joints = drive.slowed_by, len(chain.start)
     known = (slowed_by >= -joints) & (slowed_by < BY_EFFORT + joints)
     wrong = f"must be {-joints} to {BY_EFFORT + joints - 1}"
-    require(known, f"{prefix}slowed_by", slowed_by, wrong)
-    require(drive.cap > 0.0, f"{prefix}cap", drive.cap, "must be above 0")
+    require_values(known, f"{prefix}slowed_by", slowed_by, wrong)
+    require_values(drive.cap > 0.0, f"{prefix}cap", drive.cap, "must be above 0")
     ramp, lag, rests = drive.ramp, drive.lag, drive.rests
     moves, alike = rests.copy(), rests.copy()
     moves[:-1] |= (ramp[1:] > 0.0) & (ramp[:-1] > 0.0)
-    require(moves, f"{prefix}ramp", ramp, "is 0 within a stretch")
+    require_values(moves, f"{prefix}ramp", ramp, "is 0 within a stretch")
     alike[:-1] |= lag[1:] == lag[:-1]
-    require(alike, f"{prefix}lag", lag, "is another one within a stretch")
+    require_values(alike, f"{prefix}lag", lag, "is another one within a stretch")
     for name, values in (("duration", chain.duration), ("cruise", drive.cruise)):
         some = (values > 0) | (ramp == 0)
-        require(some, f"{prefix}{name}", values, "must be above 0")
+        require_values(some, f"{prefix}{name}", values, "must be above 0")
 
 
 def _check_corners(name: str, chain: NodeChain, corners: RoundedCorners) -> None:
@@ -133,10 +135,10 @@ def _check_corners(name: str, chain: NodeChain, corners: RoundedCorners) -> None
     bend, at, window = corners.bend, corners.at, corners.window
     after = np.append(0, stop[:-1])
     ok = (begin >= after) & (begin < stop)
-    require(ok, f"{name}begin", begin, "is out of order")
-    require(stop <= len(chain), f"{name}stop", stop, "is the index of no node")
+    require_values(ok, f"{name}begin", begin, "is out of order")
+    require_values(stop <= len(chain), f"{name}stop", stop, "is the index of no node")
     steps = np.diff(bend, prepend=-1)
-    require((steps >= 0) & (steps <= 1), f"{name}bend", bend, "is out of order")
+    require_values((steps >= 0) & (steps <= 1), f"{name}bend", bend, "is out of order")
     if len(bend) == 0 or bend[-1] != len(begin) - 1:
         raise OutputError(f"{name}bend does not run from 0 to {len(begin) - 1}")
     # Windows are as long as they are, and in order, where a bend begins and ends.
@@ -146,7 +148,7 @@ def _check_corners(name: str, chain: NodeChain, corners: RoundedCorners) -> None
     ok &= (steps != 0) | (np.diff(at, prepend=0.0) > 0)
     for edge in (low, high):
         ok &= (steps != 0) | (np.diff(edge, prepend=0.0) >= -slack)
-    require(ok, f"{name}window", window, "does not fit the bend")
+    require_values(ok, f"{name}window", window, "does not fit the bend")
     if chain.drive is None:
         raise OutputError(
             f"{name}begin: robots rest at corners where nothing is limited"
@@ -160,19 +162,19 @@ def _check_edges(tpg: TemporalPlanGraph) -> None:
     counts = np.array([len(chain) for chain in tpg.chains])
     robots, nodes = tpg.edges[:, [0, 2]], tpg.edges[:, [1, 3]]
     ok = (robots >= 0) & (robots < len(counts))
-    require(ok, "edges", robots, "is the index of no chain")
+    require_values(ok, "edges", robots, "is the index of no chain")
     ok = (nodes >= 0) & (nodes < counts[robots])
-    require(ok, "edges", nodes, "is the index of no node")
+    require_values(ok, "edges", nodes, "is the index of no node")
     apart = robots[:, 0] != robots[:, 1]
-    require(apart, "edges", robots[:, 0], "joins nodes of one robot")
-    require(tpg.cause <= 1, "cause", tpg.cause, "must be 0 or 1")
+    require_values(apart, "edges", robots[:, 0], "joins nodes of one robot")
+    require_values(tpg.cause <= 1, "cause", tpg.cause, "must be 0 or 1")
     done = {int(task) for chain in tpg.chains for task in np.unique(chain.task)}
     for k, window in enumerate(tpg.windows):
         if not window.own <= done or window.due == EARLIER:
             raise OutputError(f"windows.{k}: is of a task that has no node")
     needs = tpg.dependencies
     ok = (needs >= 0) & (needs < len(tpg.tasks))
-    require(ok, "dependencies", needs, "is the index of no task")
+    require_values(ok, "dependencies", needs, "is the index of no task")
 
 
 def _check_handlings(tpg: TemporalPlanGraph) -> None:
@@ -195,8 +197,8 @@ def _check_actuations(place: str, task: Task) -> None:
             raise OutputError(f"{place}: waypoint {act.waypoint} is out of order")
         before = act.waypoint
         # Where the path begins is not said by the task.
-        way = task.path[max(0, act.waypoint - 2) : act.waypoint]
-        if np.any(way[0] != way[-1]):
+        path = task.path[max(0, act.waypoint - 2) : act.waypoint]
+        if np.any(path[0] != path[-1]):
             raise OutputError(f"{place}: the robot moves up to waypoint {before}")
 
 
@@ -246,7 +248,7 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
     except OSError as error:
         raise OutputError(f"cannot write the plan to {folder}: {error}") from error
     for name, written in (("plan.npz", content), ("plan.json", text.encode())):
-        with replacing(folder / name) as temporary:
+        with replace_atomically(folder / name) as temporary:
             temporary.write_bytes(written)
 
 
@@ -256,7 +258,7 @@ def plan_sha256(tpg: TemporalPlanGraph) -> str:
     for robot in document.cell.robots:
         robot.urdf = ""
     digest = sha256(document.model_dump_json().encode())
-    for piece in arrays_text(arrays):
+    for piece in digest_parts(arrays):
         digest.update(piece)
     return digest.hexdigest()
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from planning.kernels import kernel
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks
+from scheduling.graph.total_order import FlatGraph, flatten_graph, planned_ranks
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def earliest_times(
     duration = np.concatenate(chosen) if chosen else np.empty(0)
     integer = np.issubdtype(duration.dtype, np.integer)
     duration = duration.astype(np.int64 if integer else np.float64)
-    graph = flat or flatten(planned_ranks(tpg.chains), tpg.edges)
+    graph = flat or flatten_graph(planned_ranks(tpg.chains), tpg.edges)
     floor = np.zeros_like(duration)
     if earliest is not None:
         floor = np.concatenate(earliest).astype(duration.dtype)
@@ -107,7 +107,7 @@ def latest_ends(
         rollout: of it, with durations in seconds.
         flat: the graph as flat arrays, where they are known already.
     """
-    flat = flat or flatten(planned_ranks(tpg.chains), tpg.edges)
+    flat = flat or flatten_graph(planned_ranks(tpg.chains), tpg.edges)
     duration = np.concatenate([*rollout.duration, np.empty(0)])
     latest = _latest_ends(flat, duration, float(rollout.makespan))
     return np.split(latest, flat.first[1:-1])

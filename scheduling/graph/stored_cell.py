@@ -28,7 +28,7 @@ from planning.bounds import (
     MOST_ROBOTS,
     THINNEST_M,
 )
-from planning.cell.machine import machine
+from planning.cell.machine import machine_robot
 from planning.cell.motion_limits import MotionLimits
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import (
@@ -56,7 +56,7 @@ from planning.errors import RobotModelError
 from planning.robots.descriptions.description_files import description_sha256
 from planning.robots.registry import ROBOTS, robot_model
 from planning.transforms import Array
-from scheduling.graph.columns import POSE, POSES, Arrays, Column, require
+from scheduling.graph.columns import POSE, POSES, Arrays, Column, require_values
 
 Index = Annotated[int, Field(ge=0, lt=2**31)]
 Metres = Annotated[float, Field(ge=0, le=LARGEST_M)]
@@ -96,13 +96,13 @@ class Entry(BaseModel):
     )
 
 
-def told(kind: type[E], item: object, **others: object) -> E:
+def to_entry(kind: type[E], item: object, **others: object) -> E:
     """Return the entry of something: its attributes, and what they do not say."""
     names = [name for name in kind.model_fields if hasattr(item, name)]
     return kind.model_validate({n: getattr(item, n) for n in names} | others)
 
 
-def made(kind: type[T], entry: Entry, **others: object) -> T:
+def from_entry(kind: type[T], entry: Entry, **others: object) -> T:
     """Return what an entry tells of: its values, and what it does not say."""
     names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
     return kind(**{n: value for n, value in entry if n in names} | others)
@@ -212,9 +212,9 @@ def write_cell(cell: Workcell, arrays: Arrays) -> CellEntry:
         robots=tuple(_write_robot(i, r, arrays) for i, r in enumerate(cell.robots)),
         fixtures=tuple(_write_thing(_Fixture, f, arrays) for f in cell.fixtures),
         objects=tuple(_write_thing(_Object, o, arrays) for o in cell.objects),
-        clearance=told(_Clearance, cell.clearances),
+        clearance=to_entry(_Clearance, cell.clearances),
         machines=tuple(item.name for item in cell.machines),
-        begun=None if cell.begun is None else told(_Begun, cell.begun),
+        begun=None if cell.begun is None else to_entry(_Begun, cell.begun),
     )
 
 
@@ -249,24 +249,24 @@ def _write_robot(i: int, robot: PlacedRobot, arrays: Arrays) -> _Robot:
 def _write_thing(kind: type[E], item: Fixture | CellObject, arrays: Arrays) -> E:
     """Return what is written of a thing; a box is described by its size alone."""
     if item.shape.is_box:
-        return told(kind, item, body=item.shape.pieces[0].name, shape=None)
+        return to_entry(kind, item, body=item.shape.pieces[0].name, shape=None)
     elements = item.shape.elements
     arrays[f"shape_{item.name}_pose"] = stack([e.pose for e in elements], 4, 4)
     described = tuple(
         _write_form(f"shape_{item.name}_{k}_", element.form, arrays)
         for k, element in enumerate(elements)
     )
-    return told(kind, item, body=item.name, shape=described)
+    return to_entry(kind, item, body=item.name, shape=described)
 
 
 def _write_form(prefix: str, form: Form, arrays: Arrays) -> Entry:
     if isinstance(form, Mesh):
         own = form.vertices, form.faces, np.vstack(form.hulls), form.centre
         arrays |= {prefix + k: v for k, v in zip(_MESH, own, strict=True)}
-        return told(_Mesh, form, hulls=tuple(map(len, form.hulls)))
+        return to_entry(_Mesh, form, hulls=tuple(map(len, form.hulls)))
     entries: dict[type, type[Entry]]
     entries = {Box: _Box, Cylinder: _Cylinder, Capsule: _Capsule}
-    return told(entries[type(form)], form)
+    return to_entry(entries[type(form)], form)
 
 
 def read_cell(
@@ -281,10 +281,10 @@ def read_cell(
     objects = _read_things("object", "start", document.objects, arrays)
     return Workcell(
         robots,
-        tuple(made(Fixture, entry, **own) for entry, own in fixtures),
-        tuple(made(CellObject, entry, **own) for entry, own in objects),
-        made(Clearances, document.clearance),
-        tuple(map(machine, document.machines)),
+        tuple(from_entry(Fixture, entry, **own) for entry, own in fixtures),
+        tuple(from_entry(CellObject, entry, **own) for entry, own in objects),
+        from_entry(Clearances, document.clearance),
+        tuple(map(machine_robot, document.machines)),
         {
             name.removeprefix(_DEVIATION): PoseError(
                 *_ERROR.read(name, arrays, {}).tolist()
@@ -292,7 +292,7 @@ def read_cell(
             for name in sorted(arrays)
             if name.startswith(_DEVIATION)
         },
-        None if document.begun is None else made(Begun, document.begun),
+        None if document.begun is None else from_entry(Begun, document.begun),
     )
 
 
@@ -322,7 +322,7 @@ def _read_robot(
     if f"{prefix}limits" in arrays:
         rates = _RATES.read(f"{prefix}limits", arrays, sizes)
         wrong = "speed and acceleration must be above 0; jerk may be 0, for no limit"
-        require(rates[:2] > 0.0, f"{prefix}limits", rates, wrong)
+        require_values(rates[:2] > 0.0, f"{prefix}limits", rates, wrong)
         caps = _CAPS.read(f"{prefix}caps", arrays, sizes)
         rates, caps = (np.where(own > 0.0, own, np.inf) for own in (rates, caps))
         limits = MotionLimits(*rates, *caps.tolist())
@@ -368,11 +368,11 @@ def _read_shape(prefix: str, entry: _Thing, arrays: Arrays) -> Shape:
 def _read_form(prefix: str, entry: _Element, arrays: Arrays) -> Form:
     if not isinstance(entry, _Mesh):
         kind = {"box": Box, "cylinder": Cylinder, "capsule": Capsule}[entry.form]
-        return made(kind, entry)
+        return from_entry(kind, entry)
     sizes = {"corners": sum(entry.hulls)}
     own = {k: c.read(prefix + k, arrays, sizes) for k, c in _MESH.items()}
     faces = own["faces"]
     known = (faces >= 0) & (faces < len(own["vertices"]))
-    require(known, f"{prefix}faces", faces, "is no vertex")
+    require_values(known, f"{prefix}faces", faces, "is no vertex")
     hulls = np.split(own.pop("corners"), np.cumsum(entry.hulls)[:-1])
-    return made(Mesh, entry, hulls=tuple(hulls), **own)
+    return from_entry(Mesh, entry, hulls=tuple(hulls), **own)

@@ -77,7 +77,7 @@ class FlatGraph(NamedTuple):
     row: Indices
 
 
-def flatten(ranks: Sequence[Indices], edges: Indices) -> FlatGraph:
+def flatten_graph(ranks: Sequence[Indices], edges: Indices) -> FlatGraph:
     """Return a graph as flat arrays.
 
     Args:
@@ -213,7 +213,7 @@ def _clocks(
                 changed[n] = True
 
 
-def order_and_reduce(
+def transitive_reduction(
     ranks: Sequence[Indices], edges: Indices
 ) -> tuple[NodeOrder, npt.NDArray[np.bool_]]:
     """Return the order that edges impose, and which of them say it already.
@@ -229,7 +229,7 @@ def order_and_reduce(
     Raises:
         PlanInvariantError: an edge goes against the total order.
     """
-    graph = flatten(ranks, edges)
+    graph = flatten_graph(ranks, edges)
     place = np.argsort(graph.order)
     target = np.repeat(np.arange(len(place)), np.diff(graph.edge_first))
     against = graph.row[place[graph.source] >= place[target]]
@@ -241,15 +241,15 @@ def order_and_reduce(
         )
     nodes = len(graph.chain)
     clock = np.full((nodes, len(ranks)), -1)
-    return reduce_again(
+    return update_reduction(
         graph, NodeOrder(graph.first, clock), np.ones(nodes, dtype=np.bool_)
     )
 
 
-def reduce_again(
+def update_reduction(
     graph: FlatGraph, before: NodeOrder, changed: npt.NDArray[np.bool_]
 ) -> tuple[NodeOrder, npt.NDArray[np.bool_]]:
-    """Return order and reduction, see ``order_and_reduce``, after some edges have changed.
+    """Return order and reduction, see ``transitive_reduction``, after some edges have changed.
 
     Args:
         graph: with its edges, which follow the total order.

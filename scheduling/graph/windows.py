@@ -21,7 +21,7 @@ from planning.transforms import Indices
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import sequential_order
 from scheduling.graph.temporal_plan_graph import EVER, Causes, TemporalPlanGraph
-from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks
+from scheduling.graph.total_order import FlatGraph, flatten_graph, planned_ranks
 
 Times = npt.NDArray[np.int64]
 
@@ -46,7 +46,9 @@ def window_nodes(tpg: TemporalPlanGraph) -> Indices:
     return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
 
-def opened_at(tpg: TemporalPlanGraph, end: npt.NDArray[np.int64]) -> dict[int, int]:
+def window_opening_times(
+    tpg: TemporalPlanGraph, end: npt.NDArray[np.int64]
+) -> dict[int, int]:
     """Return when the tasks ended that opened windows, by their index, of all that have ended.
 
     Args:
@@ -89,21 +91,21 @@ def least_gaps(tpg: TemporalPlanGraph, busy: Times) -> Times:
         tpg: the graph.
         busy: duration of every node in r cases, chain by chain, shape (nodes, r).
     """
-    graph = flatten(planned_ranks(tpg.chains), tpg.edges)
+    graph = flatten_graph(planned_ranks(tpg.chains), tpg.edges)
     ever = np.full(len(tpg.edges), EVER, dtype=np.int64)
     rows = []
     for window, (_, done, due) in zip(
         tpg.windows, window_nodes(tpg).tolist(), strict=True
     ):
-        way = _ways_to(graph, ever, busy, due, -1)
+        longest = _ways_to(graph, ever, busy, due, -1)
         if done == EARLIER:
-            rows.append(way.max(axis=0) + round(window.ago * _NANOSECONDS))
+            rows.append(longest.max(axis=0) + round(window.ago * _NANOSECONDS))
         else:
-            rows.append(way[done] - busy[done])
+            rows.append(longest[done] - busy[done])
     return np.array(rows, dtype=np.int64).reshape(-1, busy.shape[1])
 
 
-def worth(tpg: TemporalPlanGraph) -> tuple[float, float]:
+def plan_cost(tpg: TemporalPlanGraph) -> tuple[float, float]:
     """Return by how much a plan breaks windows at nominal times, and its makespan: less is better [s]."""
     times = earliest_times(tpg)
     if not tpg.windows:
@@ -114,7 +116,7 @@ def worth(tpg: TemporalPlanGraph) -> tuple[float, float]:
     return float(late.sum()), float(times.makespan)
 
 
-def with_holds(
+def with_window_hold_edges(
     tpg: TemporalPlanGraph, busy: Times, share: float, cause: int
 ) -> TemporalPlanGraph:
     """Return a graph with edges that hold back what opens windows, its own ones first.
@@ -142,7 +144,7 @@ def with_holds(
 
     def graph() -> tuple[FlatGraph, TemporalPlanGraph]:
         held = _with_patience(tpg, own, cause)
-        return followed_order(flatten(ranks, held.edges), held), held
+        return followed_order(flatten_graph(ranks, held.edges), held), held
 
     for k in (*reversed(timed), *timed):
         own.pop(k, None)
@@ -203,8 +205,10 @@ def _last_late(
     own = busy[begun : done + 1].sum(axis=0)
     # What is held back waits for what comes before it anyway.
     before = _ways_to(graph, patience, busy[:, :1].copy(), begun, -1)
-    way = _ways_to(graph, patience, busy, due, begun)
-    free = (way[:, 0] != _NO_WAY) & (before[:, 0] == _NO_WAY) & ~_after(graph, begun)
+    longest = _ways_to(graph, patience, busy, due, begun)
+    free = (
+        (longest[:, 0] != _NO_WAY) & (before[:, 0] == _NO_WAY) & ~_after(graph, begun)
+    )
     chains = np.unique(graph.chain[free]).tolist()
     late = 1.0 - (1.0 - share) / max(len(chains), 1)
     found = {}
@@ -214,7 +218,7 @@ def _last_late(
         low, high = 0, len(nodes)
         while low < high:
             middle = (low + high) // 2
-            need = np.quantile(way[nodes[middle]] - own, late, method="higher")
+            need = np.quantile(longest[nodes[middle]] - own, late, method="higher")
             if need > most:
                 low, found[int(nodes[middle])] = middle + 1, int(need - most)
             else:
@@ -256,20 +260,22 @@ def _ways_to(
 
     Ways through the node ``but`` are left out.
     """
-    way = np.full(busy.shape, _NO_WAY, np.int64)
-    way[due] = 0
+    longest = np.full(busy.shape, _NO_WAY, np.int64)
+    longest[due] = 0
     for n in graph.order[::-1]:
-        if way[n, 0] == _NO_WAY or n == but:
+        if longest[n, 0] == _NO_WAY or n == but:
             continue
         if n != due:
-            way[n] += busy[n]
+            longest[n] += busy[n]
         if n > graph.first[graph.chain[n]]:
-            way[n - 1] = np.maximum(way[n - 1], way[n])
+            longest[n - 1] = np.maximum(longest[n - 1], longest[n])
         for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
             source = graph.source[e]
             if patience[e] < EVER:
                 early = np.maximum(busy[source] - patience[e], 0)
-                way[source] = np.maximum(way[source], np.maximum(way[n] - early, 0))
+                longest[source] = np.maximum(
+                    longest[source], np.maximum(longest[n] - early, 0)
+                )
             else:
-                way[source] = np.maximum(way[source], way[n])
-    return way
+                longest[source] = np.maximum(longest[source], longest[n])
+    return longest

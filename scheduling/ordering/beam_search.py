@@ -51,7 +51,7 @@ def _end_of(done: Sequence[_DoneUnit | None], unit: int) -> float:
 
 
 @dataclass(frozen=True)
-class Way:
+class TaskOrderPath:
     """A partial path through the task-completion grid.
 
     Attributes:
@@ -72,15 +72,15 @@ class Way:
     late: float
     rating: float
     move: int
-    parent: Way | None
+    parent: TaskOrderPath | None
 
     def order(self) -> list[int]:
         """Return the blocks, one after another."""
         blocks = []
-        way: Way | None = self
-        while way is not None and way.parent is not None:
-            blocks.append(way.move)
-            way = way.parent
+        path: TaskOrderPath | None = self
+        while path is not None and path.parent is not None:
+            blocks.append(path.move)
+            path = path.parent
         return blocks[::-1]
 
 
@@ -124,17 +124,19 @@ class TaskOrderSearch:
                 opens = None if window.done == EARLIER else number[window.done]
                 due.append((opens, window.most - window.ago))
 
-    def best_way(self, width: int) -> Way:
+    def best_path(self, width: int) -> TaskOrderPath:
         """Return the best complete path through the grid that is found.
 
         Args:
             width: ways that are followed at once.
         """
         none, zero = tuple(None for _ in self._chains), tuple(0 for _ in self._chains)
-        start = Way(zero, none, tuple(map(float, zero)), 0.0, 0.0, 0.0, -1, None)
+        start = TaskOrderPath(
+            zero, none, tuple(map(float, zero)), 0.0, 0.0, 0.0, -1, None
+        )
         planned, turn = start, 0
         total = len(self._units)
-        found: dict[int, list[Way]] = {0: [start]}
+        found: dict[int, list[TaskOrderPath]] = {0: [start]}
         for number in range(total):
             for state in self._best(found.pop(number, []), width):
                 for block in self._moves(state):
@@ -147,14 +149,14 @@ class TaskOrderSearch:
                 turn += 1
                 found.setdefault(sum(planned.counts), []).append(planned)
         return min(
-            found[total], key=lambda way: (way.late, max(way.clocks), way.waited)
+            found[total], key=lambda path: (path.late, max(path.clocks), path.waited)
         )
 
-    def _best(self, states: list[Way], width: int) -> list[Way]:
+    def _best(self, states: list[TaskOrderPath], width: int) -> list[TaskOrderPath]:
         """Return the best ways, not too many that have done the same."""
         states.sort(key=lambda state: (state.rating, state.waited))
-        kept: list[Way] = []
-        seen: dict[tuple[int, ...], list[Way]] = {}
+        kept: list[TaskOrderPath] = []
+        seen: dict[tuple[int, ...], list[TaskOrderPath]] = {}
         for state in states:
             same = seen.setdefault(state.counts, [])
             if len(same) >= 4 or any(
@@ -171,7 +173,7 @@ class TaskOrderSearch:
                 break
         return kept
 
-    def _moves(self, state: Way) -> list[int]:
+    def _moves(self, state: TaskOrderPath) -> list[int]:
         """Return the blocks that could come next by their robots' own orders."""
         found = set()
         for own, count in zip(self._relations.of_chain, state.counts, strict=True):
@@ -186,7 +188,7 @@ class TaskOrderSearch:
                 found.add(block)
         return sorted(found)
 
-    def _extend(self, state: Way, block: int) -> Way:
+    def _extend(self, state: TaskOrderPath, block: int) -> TaskOrderPath:
         counts, done, clocks = list(state.counts), list(state.done), list(state.clocks)
         waited, late = state.waited, state.late
         for unit, ends in self._ends_together(state, self._blocks[block]):
@@ -203,7 +205,7 @@ class TaskOrderSearch:
         for chain, own in enumerate(self._relations.of_chain):
             rest = self._tail[own[counts[chain]]] if counts[chain] < len(own) else 0.0
             bound = max(bound, clocks[chain] + rest)
-        return Way(
+        return TaskOrderPath(
             tuple(counts),
             tuple(done),
             tuple(clocks),
@@ -214,7 +216,7 @@ class TaskOrderSearch:
             state,
         )
 
-    def _safe(self, state: Way, block: int) -> bool:
+    def _safe(self, state: TaskOrderPath, block: int) -> bool:
         """Tell whether a block can be done next, one task after another."""
         inside = self._blocks[block]
         busy = {self._units[w].chain for w in inside}
@@ -231,11 +233,11 @@ class TaskOrderSearch:
             for unit in inside
         )
 
-    def _is_done(self, state: Way, unit: int) -> bool:
+    def _is_done(self, state: TaskOrderPath, unit: int) -> bool:
         u = self._units[unit]
         return u.place < state.counts[u.chain]
 
-    def _chain_clear(self, state: Way, unit: int, chain: int) -> bool:
+    def _chain_clear(self, state: TaskOrderPath, unit: int, chain: int) -> bool:
         """Tell whether a unit is clear of what another robot does sooner or later than planned."""
         relations = self._relations
         count, planned = state.counts[chain], self._planned[unit][chain]
@@ -249,7 +251,7 @@ class TaskOrderSearch:
             self._rest_clear(number, state, unit) for number in sooner + later
         ) and relations.stands_clear(chain, count, unit)
 
-    def _rest_clear(self, number: int, state: Way, unit: int) -> bool:
+    def _rest_clear(self, number: int, state: TaskOrderPath, unit: int) -> bool:
         """Tell whether an object is not at rest there now, or not in a unit's way."""
         relations = self._relations
         rest = relations.graph.history.rests[number]
@@ -263,7 +265,7 @@ class TaskOrderSearch:
                 return True
         return relations.rest_clear(number, unit)
 
-    def _ready(self, state: Way, unit: int) -> list[tuple[int, float]]:
+    def _ready(self, state: TaskOrderPath, unit: int) -> list[tuple[int, float]]:
         """Return nodes of a unit, and times before which they cannot start."""
         chain = self._units[unit].chain
         now = state.clocks[chain]
@@ -279,7 +281,7 @@ class TaskOrderSearch:
                 item = item.before
         return found
 
-    def _ends_alone(self, state: Way, unit: int) -> Array:
+    def _ends_alone(self, state: TaskOrderPath, unit: int) -> Array:
         cum = self._cum[unit]
         now = state.clocks[self._units[unit].chain]
         ready = self._ready(state, unit)
@@ -291,7 +293,7 @@ class TaskOrderSearch:
         return np.asarray(np.maximum.accumulate(late) + cum[1:])
 
     def _ends_together(
-        self, state: Way, inside: Sequence[int]
+        self, state: TaskOrderPath, inside: Sequence[int]
     ) -> list[tuple[int, Array]]:
         """Return when the nodes of units end that move at once, as far apart as planned."""
         if len(inside) == 1:

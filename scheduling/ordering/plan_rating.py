@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError, TransitError
-from planning.motion.known_motions import KnownMotions
+from planning.motion.motion_cache import MotionCache
 from planning.motion.motion_plan import MotionPlan
-from planning.motion.sequential import MotionSettings, plan_sequential
+from planning.motion.sequential import MotionSettings, plan_motions_sequentially
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.work import AssemblyWork, StepExpansions
 from scheduling.build_nodes import build_nodes
@@ -21,8 +21,8 @@ from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.known_edges import connect_in_order
 from scheduling.ordering.relations import TaskRelations
 from scheduling.ordering.reordering import find_blocks, put_in_order
-from scheduling.shortcuts.scenery import KnownWays
 from scheduling.shortcuts.shortcutting import smooth_runs
+from scheduling.shortcuts.static_scene import SmoothedPathCache
 
 _WIDTH = 8
 """Orders followed at once; the plan that is found is ordered again with care."""
@@ -67,8 +67,8 @@ class PlanRater:
         self._cell, self._settings = cell, settings
         self._shortcuts = shortcuts
         self._conflicts = StretchConflicts(kept=True)
-        self._motions = KnownMotions()
-        self._ways = KnownWays(settings.seed)
+        self._motions = MotionCache()
+        self._ways = SmoothedPathCache(settings.seed)
 
     def rate(self, work: AssemblyWork, plan: TaskPlan) -> RatedPlan | None:
         """Plan the motions of a plan and rate them; None where there are none.
@@ -79,7 +79,7 @@ class PlanRater:
         """
         steps = StepExpansions(work, plan)
         try:
-            motions = plan_sequential(
+            motions = plan_motions_sequentially(
                 self._cell,
                 steps.callables(),
                 work.link,
@@ -102,7 +102,7 @@ class PlanRater:
         nodes = build_nodes(motions)
         relations = TaskRelations(DerivedTpg(nodes), self._conflicts)
         blocks = find_blocks(nodes.chains, relations)
-        way = TaskOrderSearch(relations, blocks).best_way(_WIDTH)
+        way = TaskOrderSearch(relations, blocks).best_path(_WIDTH)
         by_home = max(way.clocks, default=0.0)
         order = [blocks[b] for b in way.order()]
         chains = put_in_order(nodes.chains, relations, order)

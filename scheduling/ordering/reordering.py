@@ -18,7 +18,7 @@ from planning.transforms import Array
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.graph.windows import worth
+from scheduling.graph.windows import plan_cost
 from scheduling.ordering.beam_search import BLOCK_GAP_S, TaskOrderSearch
 from scheduling.ordering.relations import TaskRelations
 
@@ -40,13 +40,13 @@ def reorder_tasks(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
     graph = DerivedTpg(tpg)
     relations = TaskRelations(graph)
     blocks = find_blocks(tpg.chains, relations)
-    order = TaskOrderSearch(relations, blocks).best_way(_WIDTH).order()
+    order = TaskOrderSearch(relations, blocks).best_path(_WIDTH).order()
     if order == list(range(len(blocks))):
         return tpg
     chains = put_in_order(tpg.chains, relations, [blocks[b] for b in order])
     slots = np.empty(0, dtype=np.int64)
     again = connect_nodes(DerivedTpg(replace(tpg, chains=chains, slots=slots)))
-    return again if worth(again) < worth(tpg) else tpg
+    return again if plan_cost(again) < plan_cost(tpg) else tpg
 
 
 def find_blocks(

@@ -172,7 +172,7 @@ def complete_tasks(tpg: TemporalPlanGraph, counts: Sequence[int]) -> frozenset[i
     return frozenset(found)
 
 
-def state_at(tpg: TemporalPlanGraph, counts: Sequence[int]) -> WorldState:
+def world_state_after(tpg: TemporalPlanGraph, counts: Sequence[int]) -> WorldState:
     """Return where everything is when so many nodes of each chain are complete, and nothing moves.
 
     Args:
@@ -236,7 +236,9 @@ class KeptHold(NamedTuple):
     left: bool
 
 
-def kept_hold(tpg: TemporalPlanGraph, complete: Collection[int]) -> Iterator[KeptHold]:
+def active_holds(
+    tpg: TemporalPlanGraph, complete: Collection[int]
+) -> Iterator[KeptHold]:
     """Yield the parts that are kept hold of in their places when some tasks are complete, or were.
 
     The way back of who keeps hold of a part is a task of its own that is about the part and in which nothing

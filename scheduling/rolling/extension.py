@@ -22,7 +22,7 @@ from planning.tasks.task import (
     Task,
     TimeWindow,
 )
-from planning.transforms import Indices, readonly
+from planning.transforms import Indices, read_only_copy
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.machine_chains import machine_chains
@@ -39,7 +39,9 @@ from scheduling.graph.temporal_plan_graph import (
 )
 
 
-def committed_part(tpg: TemporalPlanGraph, counts: Sequence[int]) -> TemporalPlanGraph:
+def committed_subgraph(
+    tpg: TemporalPlanGraph, counts: Sequence[int]
+) -> TemporalPlanGraph:
     """Return the committed nodes of a graph, with the edges among them.
 
     Tasks that have no node left are kept as left out, so that indices stay; those behind the last one
@@ -57,7 +59,7 @@ def committed_part(tpg: TemporalPlanGraph, counts: Sequence[int]) -> TemporalPla
     tasks = tuple(
         (replace(task, goal=False) if task.index in cut else task)
         if task.index in done
-        else left_out(task)
+        else as_omitted_task(task)
         for task in tpg.tasks[: max(done, default=-1) + 1]
     )
     own = [
@@ -79,7 +81,7 @@ def committed_part(tpg: TemporalPlanGraph, counts: Sequence[int]) -> TemporalPla
             for h in tpg.handlings
             if h.node < counts[h.robot]
         ),
-        allowed=allowed_during(tpg.allowed, done),
+        allowed=contacts_allowed_during(tpg.allowed, done),
         dependencies=np.array(waits, dtype=np.int64).reshape(-1, 2),
         slots=none,
         products=none,
@@ -87,7 +89,7 @@ def committed_part(tpg: TemporalPlanGraph, counts: Sequence[int]) -> TemporalPla
     )
 
 
-def allowed_during(
+def contacts_allowed_during(
     allowed: Iterable[AllowedContact], tasks: Collection[int]
 ) -> tuple[AllowedContact, ...]:
     """Return what may touch in some tasks, and in no others."""
@@ -95,14 +97,14 @@ def allowed_during(
     return tuple(own for c, own in pairs if own.tasks or not c.tasks)
 
 
-def left_out(task: Task) -> Task:
+def as_omitted_task(task: Task) -> Task:
     """Return a task as one that is not done."""
     return replace(
         task, kind=LEFT_OUT, handlings=(), actuations=(), object=None, goal=False
     )
 
 
-def extended(
+def extend_graph(
     committed: TemporalPlanGraph,
     new: TemporalPlanGraph,
     cell: Workcell,
@@ -114,7 +116,7 @@ def extended(
     """Return committed nodes with new ones after them, reduced and checked.
 
     Args:
-        committed: see ``committed_part``.
+        committed: see ``committed_subgraph``.
         new: a graph that begins in the world at the cut: its tasks are those of the committed nodes and
             then its own, and its robots begin with what they hold in their hands.
         cell: with all objects, as it was at the very start.
@@ -142,7 +144,7 @@ def extended(
     for chain in new.chains:
         later = replace(chain, planned_start=chain.planned_start + begins + 1.0)
         parts[place[chain.robot]].append(later)
-    chains = tuple(joined_parts(own) for own in parts)
+    chains = tuple(join_chain_parts(own) for own in parts)
     handlings = [
         replace(h, robot=place[committed.chains[h.robot].robot])
         for h in committed.handlings
@@ -180,7 +182,7 @@ def extended(
         chains,
         *NO_EDGES,
         tuple(handlings),
-        merged((*committed.allowed, *new.allowed)),
+        merge_contacts((*committed.allowed, *new.allowed)),
         _pairs((*committed.dependencies.tolist(), *dependencies.tolist(), *passed)),
         windows=tuple(window for window in timed if window.own <= done),
     )
@@ -221,7 +223,7 @@ def _empty_chain(cell: Workcell, name: str) -> NodeChain:
     return pose_nodes(name, home, np.empty((0, len(home))), 0, 0.0)
 
 
-def joined_parts(parts: Sequence[NodeChain]) -> NodeChain:
+def join_chain_parts(parts: Sequence[NodeChain]) -> NodeChain:
     """Return chains one after another, at rest in between."""
     if len(parts) == 1:
         return parts[0]
@@ -251,7 +253,7 @@ def _with_hands(task: Task, hands: Mapping[str, str | None]) -> Task:
     return replace(task, handlings=tuple(h for h in task.handlings if not taken(h)))
 
 
-def merged(allowed: Sequence[AllowedContact]) -> tuple[AllowedContact, ...]:
+def merge_contacts(allowed: Sequence[AllowedContact]) -> tuple[AllowedContact, ...]:
     """Return contacts with those of the same two things joined."""
     tasks: dict[tuple[str, str, bool, float | None], frozenset[int]] = {}
     for c in allowed:
@@ -282,7 +284,7 @@ def with_attempt(
     wait, and what follows is planned from there.
 
     Args:
-        committed: of a graph, up to the node; see ``committed_part``.
+        committed: of a graph, up to the node; see ``committed_subgraph``.
         tpg: the graph.
         robot: who tried.
         node: the first node of the skill.
@@ -291,7 +293,7 @@ def with_attempt(
     """
     whole = tpg.chains[tpg.chain_index[robot]]
     index = int(whole.task[node])
-    q = readonly(whole.stands_at(node).copy())
+    q = read_only_copy(whole.stands_at(node).copy())
     times = float(whole.duration[node]), float(whole.planned_start[node])
     stood = pose_nodes(robot, q, q[None], index, *times, skill=True)
     if whole.drive is not None:
@@ -300,7 +302,7 @@ def with_attempt(
     if robot in old:
         at = old[robot]
         chains = list(committed.chains)
-        chains[at] = joined_parts([chains[at], stood])
+        chains[at] = join_chain_parts([chains[at], stood])
     else:
         at, chains = len(committed.chains), [*committed.chains, stood]
     own = tpg.chain_index[robot]
@@ -326,7 +328,7 @@ def with_attempt(
     )
     tasks = [
         *committed.tasks,
-        *map(left_out, tpg.tasks[len(committed.tasks) : index + 1]),
+        *map(as_omitted_task, tpg.tasks[len(committed.tasks) : index + 1]),
     ]
     tasks[index] = task
     handled = [
@@ -341,7 +343,9 @@ def with_attempt(
         ),
         cause=np.concatenate([committed.cause, tpg.cause[rows]]),
         handlings=(*committed.handlings, *handled),
-        allowed=merged((*committed.allowed, *allowed_during(tpg.allowed, {index}))),
+        allowed=merge_contacts(
+            (*committed.allowed, *contacts_allowed_during(tpg.allowed, {index}))
+        ),
     )
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.cell.machine import machine
+from planning.cell.machine import machine_robot
 from planning.cell.workcell import Begun, CellObject, Workcell
 from planning.tasks.task import BROUGHT, DOOR, GOES_ON, STILL, TRANSIT, Handling, Task
 from planning.transforms import Indices
@@ -23,7 +23,7 @@ from scheduling.graph.temporal_plan_graph import (
     join_chains,
     pose_nodes,
 )
-from scheduling.rolling.extension import allowed_during, committed_part
+from scheduling.rolling.extension import committed_subgraph, contacts_allowed_during
 
 _LATER = 1.0
 """How much later all others are planned to start than what is brought, or machines go on with, so that it comes first [s]."""
@@ -65,7 +65,7 @@ def with_supply(
     handled = [NodeHandling(h.object, place, node, 1, None, h.pose) for h in brings]
     return replace(
         tpg,
-        cell=coming(tpg.cell, () if item is None else (item,), who),
+        cell=with_pending_objects(tpg.cell, () if item is None else (item,), who),
         tasks=(*tpg.tasks, task),
         chains=tuple(chains),
         handlings=(*handled, *tpg.handlings),
@@ -84,16 +84,18 @@ def supply_waits(tasks: Sequence[Task], brought: Iterable[Task]) -> Indices:
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-def brought_in(tasks: Iterable[Task]) -> list[Task]:
+def deliveries(tasks: Iterable[Task]) -> list[Task]:
     """Return those of some tasks in which something is brought or seen to."""
     return [task for task in tasks if task.kind == BROUGHT]
 
 
-def coming(cell: Workcell, items: Collection[CellObject], who: str) -> Workcell:
+def with_pending_objects(
+    cell: Workcell, items: Collection[CellObject], who: str
+) -> Workcell:
     """Return a cell with objects that come up later, and the machine that brings them."""
     own = {item.name: replace(item, later=True) for item in items}
     objects = [own.pop(item.name, item) for item in cell.objects]
-    more = () if cell.is_machine(who) else (machine(who),)
+    more = () if cell.is_machine(who) else (machine_robot(who),)
     return replace(
         cell,
         objects=(*objects, *own.values()),
@@ -101,7 +103,7 @@ def coming(cell: Workcell, items: Collection[CellObject], who: str) -> Workcell:
     )
 
 
-def renamed(
+def rename_objects(
     tpg: TemporalPlanGraph, names: Mapping[str, str], first: int
 ) -> TemporalPlanGraph:
     """Return a graph in which objects have other names, in its tasks from an index on; not in its cell."""
@@ -136,14 +138,14 @@ def renamed(
     )
 
 
-def without_chains(
+def remove_idle_chains(
     tpg: TemporalPlanGraph, unused: Collection[int]
 ) -> TemporalPlanGraph:
     """Return a graph without some chains, none of whose nodes was executed."""
     if not unused:
         return tpg
     counts = [0 if k in unused else len(own) for k, own in enumerate(tpg.chains)]
-    rest = committed_part(tpg, counts)
+    rest = committed_subgraph(tpg, counts)
     # What is left out belongs to somebody who is there.
     names, first = rest.chain_index, rest.chains[0]
     tasks = tuple(
@@ -155,7 +157,7 @@ def without_chains(
     return replace(rest, tasks=tasks)
 
 
-def alone(
+def drop_history(
     new: TemporalPlanGraph, first: int, begun: Begun, room: int = 0
 ) -> TemporalPlanGraph:
     """Return a graph that begins in a world without the tasks before it.
@@ -176,7 +178,7 @@ def alone(
         chains=tuple(replace(c, task=c.task + shift) for c in new.chains),
         allowed=tuple(
             replace(c, tasks=frozenset(k + shift for k in c.tasks))
-            for c in allowed_during(new.allowed, range(first, len(new.tasks)))
+            for c in contacts_allowed_during(new.allowed, range(first, len(new.tasks)))
         ),
         dependencies=new.dependencies + shift,
         slots=np.empty(0, dtype=np.int64),
@@ -185,7 +187,7 @@ def alone(
     )
 
 
-def going_on(
+def resume_machines(
     own: TemporalPlanGraph,
     union: TemporalPlanGraph,
     counts: Mapping[str, int],

@@ -15,7 +15,7 @@ from planning.timing.stretch import RoundedStretch
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, RoundedCorners
 from scheduling.pace import Pace
-from scheduling.shortcuts.candidates import Span
+from scheduling.shortcuts.candidates import TransitSpan
 from scheduling.shortcuts.rewiring import Swap
 from scheduling.stretch_times import node_ends
 
@@ -36,7 +36,7 @@ _SHORTEST = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class TransitRun:
     """Straight ways of a robot, one after another, between whose ends corners may be rounded.
 
     Attributes:
@@ -95,9 +95,9 @@ class Run:
     def seconds(self, first: int, last: int, windows: Array) -> float:
         """Return how long some ways take without a rest, infinite where they cannot be taken so."""
         if last - first == 1:
-            way = self.points[last] - self.points[first]
+            path = self.points[last] - self.points[first]
             start = self.points[first]
-            return self.pace.stretch(self.begins[first], start, way)[0].seconds
+            return self.pace.stretch(self.begins[first], start, path)[0].seconds
         if np.min(windows) <= 0.0:
             return float(np.inf)
         _, found = self.rounded(first, last, windows)
@@ -128,10 +128,10 @@ class Run:
 
 def find_runs(
     chain: NodeChain,
-    spans: Sequence[Span],
+    spans: Sequence[TransitSpan],
     number: Indices,
     pace: Pace,
-) -> Iterator[Run]:
+) -> Iterator[TransitRun]:
     """Yield the runs of a chain.
 
     Args:
@@ -148,8 +148,8 @@ def find_runs(
 
 
 def _runs_of(
-    chain: NodeChain, span: Span, number: Indices, pace: Pace, done: int
-) -> Iterator[Run]:
+    chain: NodeChain, span: TransitSpan, number: Indices, pace: Pace, done: int
+) -> Iterator[TransitRun]:
     """Yield the runs of a span.
 
     Args:
@@ -171,20 +171,22 @@ def _runs_of(
     length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     points = ends[[b - low for b in begins]]
     ways = zip(begins, points, np.diff(points, axis=0), strict=False)
-    cruise = [pace.full_speed_seconds(*way) for way in ways]
+    cruise = [pace.full_speed_seconds(*path) for path in ways]
     still = [k for k, seconds in enumerate(cruise) if seconds < _LEAST]
     for before, b in pairwise([-1, *still, len(cruise)]):
         a = before + 1
         if b - a < 2:
             continue
-        way = [0.0]
+        path = [0.0]
         for k in range(a, b):
             own = np.cumsum(length[begins[k] - low : begins[k + 1] - low])
-            way += (way[-1] + cruise[k] * own / own[-1]).tolist()
+            path += (path[-1] + cruise[k] * own / own[-1]).tolist()
         nodes = begins[a : b + 1]
         room = range(max(nodes[0], span.first), min(nodes[-1], span.last + 1))
-        at = np.array(way)[[node - nodes[0] for node in nodes]]
-        yield Run(pace, span.chain, room, nodes, at, points[a : b + 1], np.array(way))
+        at = np.array(path)[[node - nodes[0] for node in nodes]]
+        yield TransitRun(
+            pace, span.chain, room, nodes, at, points[a : b + 1], np.array(path)
+        )
 
 
 class BentNodes(NamedTuple):
@@ -208,7 +210,7 @@ class NodesLeft:
         run: the run.
     """
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: TransitRun) -> None:
         self._run, self._start, self._way = run, run.room.start, run.way
 
     def bent(

@@ -41,7 +41,7 @@ _ON_THE_WAY = 1e-9
 
 
 @dataclass(frozen=True)
-class Span:
+class TransitSpan:
     """Pose nodes ``first`` to ``last`` of a chain, both included.
 
     The node before ``first`` exists: out-edges of skipped nodes move to it.
@@ -52,7 +52,7 @@ class Span:
     last: int
 
 
-def find_spans(graph: DerivedTpg) -> list[Span]:
+def find_spans(graph: DerivedTpg) -> list[TransitSpan]:
     """Return the runs of at least two pose nodes, chain by chain, in order."""
     tpg = graph.tpg
     robot_of = {task.index: task.robot for task in tpg.tasks}
@@ -83,7 +83,7 @@ def find_spans(graph: DerivedTpg) -> list[Span]:
         for node in range(1, count + 1):
             if node == count or not pose[node] or breaks[node]:
                 if node - first >= 2 and pose[first]:
-                    out.append(Span(index, first, node - 1))
+                    out.append(TransitSpan(index, first, node - 1))
                 first = node if node < count and pose[node] else node + 1
     return out
 
@@ -100,7 +100,7 @@ def candidate_path(old: Array, shape: str, rng: np.random.Generator) -> Array:
         return old[[0, -1]]
     if shape == CORNER:
         return _with_corner(old, rng)
-    return _straighten(corners(old), int(rng.integers(old.shape[1])))
+    return _straighten(remove_waypoints_on_lines(old), int(rng.integers(old.shape[1])))
 
 
 def _with_corner(path: Array, rng: np.random.Generator) -> Array:
@@ -152,13 +152,13 @@ def new_nodes(
     return pose_nodes(chain.robot, path[0], waypoints, task, duration, start)
 
 
-def corners(path: Array) -> Array:
+def remove_waypoints_on_lines(path: Array) -> Array:
     """Return a polyline without the waypoints that lie on the straight way past them."""
-    way = np.diff(path, axis=0)
-    far = np.abs(way).max(axis=1)
+    distance = np.diff(path, axis=0)
+    far = np.abs(distance).max(axis=1)
     kept = [0]
     along = None
-    for k, (step, size) in enumerate(zip(way, far.tolist(), strict=True)):
+    for k, (step, size) in enumerate(zip(distance, far.tolist(), strict=True)):
         if size == 0.0:
             continue
         direction = step / size
@@ -169,7 +169,7 @@ def corners(path: Array) -> Array:
 
 
 def join_nodes(
-    graph: DerivedTpg, spans: Sequence[Span], step: float
+    graph: DerivedTpg, spans: Sequence[TransitSpan], step: float
 ) -> TemporalPlanGraph:
     """Return a graph with fewer nodes that does the same.
 
@@ -196,7 +196,7 @@ def join_nodes(
 
 
 def _borders(
-    graph: DerivedTpg, spans: Sequence[Span], index: int
+    graph: DerivedTpg, spans: Sequence[TransitSpan], index: int
 ) -> npt.NDArray[np.bool_]:
     """Return for each node whether it has to stay apart from the one after it."""
     edges, chain = graph.tpg.edges, graph.tpg.chains[index]
@@ -240,8 +240,8 @@ def _straight(chain: NodeChain, begin: int, end: int) -> bool:
     share = np.cumsum(chain.duration[begin : end + 1])
     if at == 0 or len(points) != end - begin + 2 or share[-1] <= 0.0:
         return False
-    way = points[0] + (share / share[-1])[:, None] * (points[-1] - points[0])
-    return bool(np.max(np.abs(points[1:] - way)) <= _ON_THE_WAY)
+    distance = points[0] + (share / share[-1])[:, None] * (points[-1] - points[0])
+    return bool(np.max(np.abs(points[1:] - distance)) <= _ON_THE_WAY)
 
 
 def _joined(chain: NodeChain, last: Indices) -> NodeChain:

@@ -17,14 +17,18 @@ from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg, nodes_stretch
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
-from scheduling.motion_times import nominal_durations, stretch_numbers, within_limits
+from scheduling.motion_times import (
+    assign_node_times,
+    nominal_durations,
+    stretch_numbers,
+)
 from scheduling.pace import paces
-from scheduling.shortcuts.bends import BentNodes, NodesLeft, Run, find_runs
+from scheduling.shortcuts.bends import BentNodes, NodesLeft, TransitRun, find_runs
 from scheduling.shortcuts.candidates import find_spans
 from scheduling.shortcuts.graph_pieces import GraphPieces
-from scheduling.shortcuts.replacement_check import Rivals, stands_stay_clear
+from scheduling.shortcuts.replacement_check import Rivals, do_stands_stay_clear
 from scheduling.shortcuts.rewiring import Swap, rewire
-from scheduling.shortcuts.scenery import Scenery
+from scheduling.shortcuts.static_scene import StaticSceneCache
 from scheduling.stretch_times import stretch_drive
 
 _SHORTER = 0.6
@@ -52,7 +56,7 @@ def round_corners(
     """Return a graph in which robots with limits of acceleration pass corners of transits at speed.
 
     It is the same graph where no corner was rounded. Nodes are not timed yet, see
-    ``within_limits``.
+    ``assign_node_times``.
 
     Args:
         tpg: a graph that keeps its invariant, without rounded corners.
@@ -61,7 +65,7 @@ def round_corners(
     Raises:
         PlanInvariantError: the result breaks the invariant, a fault of this program.
     """
-    timed = within_limits(tpg)
+    timed = assign_node_times(tpg)
     chains = [
         replace(chain, duration=other.duration)
         for chain, other in zip(tpg.chains, timed.chains, strict=True)
@@ -91,16 +95,16 @@ class _Rounder:
 
     def __init__(self, tpg: TemporalPlanGraph) -> None:
         self.graph = DerivedTpg(tpg)
-        self._scenery = Scenery()
+        self._scenery = StaticSceneCache()
         spans = find_spans(self.graph)
         self._pieces = GraphPieces(tpg, spans)
-        self.runs: list[Run] = []
+        self.runs: list[TransitRun] = []
         for k, (chain, pace) in enumerate(zip(tpg.chains, paces(tpg), strict=True)):
             mine = [span for span in spans if span.chain == k]
             if pace is not None and mine:
                 self.runs += find_runs(chain, mine, stretch_numbers(tpg, k), pace)
 
-    def round_run(self, run: Run) -> None:
+    def round_run(self, run: TransitRun) -> None:
         """Round the corners of a run where it pays; the plan does not end later."""
         before, choice, most = self.graph, _Choice(run), run.longest.copy()
         for _ in range(_TRIES):
@@ -117,7 +121,9 @@ class _Rounder:
             self._undo(before, swaps)
             most *= _SHORTER
 
-    def _round(self, run: Run, rests: list[int], most: Array) -> list[Swap] | None:
+    def _round(
+        self, run: TransitRun, rests: list[int], most: Array
+    ) -> list[Swap] | None:
         """Round all corners of a run but some; return what was replaced.
 
         Args:
@@ -158,18 +164,18 @@ class _Rounder:
         stretch = nodes_stretch(graph, swap.chain, swap.first, swap.last + 1, nodes)
         rivals = Rivals(graph, self._pieces, swap, stretch)
         candidate = rewire(graph, swap, nodes, rivals.edges(graph))
-        if not stands_stay_clear(candidate, self._pieces, swap, stretch):
+        if not do_stands_stay_clear(candidate, self._pieces, swap, stretch):
             return float(found.way[0]), float(found.way[-1])
         self.graph = candidate
-        self._pieces.splice(swap)
+        self._pieces.replace_nodes(swap)
         return None
 
     def _undo(self, before: DerivedTpg, swaps: list[Swap]) -> None:
         self.graph = before
         for swap in swaps:
-            self._pieces.splice(swap)
+            self._pieces.replace_nodes(swap)
 
-    def _time(self, run: Run, rests: list[int]) -> bool:
+    def _time(self, run: TransitRun, rests: list[int]) -> bool:
         """Give the nodes of a run the times that limits ask for; tell whether it takes less time."""
         graph = self.graph
         chain = graph.tpg.chains[run.chain]
@@ -194,7 +200,7 @@ class _Choice:
         run: the run.
     """
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: TransitRun) -> None:
         self._run = run
         self._known: dict[tuple[int, int, bytes], float] = {}
 
@@ -232,7 +238,7 @@ class _Choice:
 
 
 def _shorten(
-    run: Run, most: Array, windows: Array, first: int, part: tuple[float, float]
+    run: TransitRun, most: Array, windows: Array, first: int, part: tuple[float, float]
 ) -> None:
     """Make the longest windows shorter at the corners that bend a part of a run.
 

@@ -15,7 +15,7 @@ from scheduling.conflicts.derived_tpg import (
     nodes_stretch,
 )
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.shortcuts.candidates import Span
+from scheduling.shortcuts.candidates import TransitSpan
 from scheduling.shortcuts.rewiring import Swap
 
 _LONGEST = 128
@@ -34,7 +34,7 @@ class GraphPieces:
     def __init__(
         self,
         tpg: TemporalPlanGraph,
-        spans: Sequence[Span],
+        spans: Sequence[TransitSpan],
         conflicts: StretchConflicts | None = None,
     ) -> None:
         self.conflicts = conflicts or StretchConflicts()
@@ -73,7 +73,7 @@ class GraphPieces:
                 self._built[chain][piece] = built
             yield at, built
 
-    def splice(self, swap: Swap) -> None:
+    def replace_nodes(self, swap: Swap) -> None:
         """Forget the pieces around nodes that were replaced."""
         starts = self._starts[swap.chain]
         lo = int(np.searchsorted(starts, swap.first, side="right")) - 1

@@ -1,7 +1,7 @@
 """Conflicts of replacement nodes with other robots' nodes, and the edges they require.
 
 New nodes are checked against every node of another robot that is not ordered with all of them
-already, against robots that stand meanwhile and objects at rest; ``scenery`` knows what never
+already, against robots that stand meanwhile and objects at rest; ``static_scene`` knows what never
 moves. Of two that conflict, the one that is earlier in the total order goes first; a new node has
 the place of the one that it replaces.
 """
@@ -17,7 +17,7 @@ from scheduling.conflicts.derived_tpg import (
     holds_stretch,
     rest_stretch,
 )
-from scheduling.conflicts.object_spans import while_at_rest
+from scheduling.conflicts.object_spans import nodes_meeting_rest
 from scheduling.shortcuts.graph_pieces import GraphPieces
 from scheduling.shortcuts.rewiring import Edge, Swap
 
@@ -104,7 +104,7 @@ class Rivals:
         return edges
 
 
-def stands_stay_clear(
+def do_stands_stay_clear(
     graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch
 ) -> bool:
     """Tell whether new nodes and robots that stand keep apart, in the graph that has them.
@@ -179,12 +179,12 @@ def _gifts_stay_clear(
     for rest in graph.history.rests:
         if rest.holder is None:
             continue
-        floor, limit = while_at_rest(graph.order, rest, swap.chain, nodes)
+        floor, limit = nodes_meeting_rest(graph.order, rest, swap.chain, nodes)
         floor, limit = max(floor - swap.first, -1), min(limit - swap.first, swap.count)
         if floor + 1 >= limit:
             continue
         window = np.full(1, floor), np.full(1, limit)
-        lying = rest_stretch(graph, rest)
-        if not pieces.conflicts.are_clear(graph, lying, new, window):
+        at_rest = rest_stretch(graph, rest)
+        if not pieces.conflicts.are_clear(graph, at_rest, new, window):
             return False
     return True

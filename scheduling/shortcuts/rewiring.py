@@ -21,7 +21,7 @@ from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     joined_corners,
 )
-from scheduling.graph.total_order import planned_ranks, reduce_again, with_edges
+from scheduling.graph.total_order import planned_ranks, update_reduction, with_edges
 
 Edge = tuple[int, int, int, int]
 """Robot and node that must be complete, robot and node that may then start."""
@@ -68,14 +68,14 @@ def rewire(
     chains = list(tpg.chains)
     chains[swap.chain] = _replaced(chains[swap.chain], swap, new)
     flat = with_edges(graph.flat, wanted)
-    order, keep = reduce_again(flat, graph.order, _changed_nodes(graph, wanted))
+    order, keep = update_reduction(flat, graph.order, _changed_nodes(graph, wanted))
     kept = wanted[keep]
     after = replace(tpg, chains=tuple(chains), edges=kept, cause=cause[keep])
     same = ("ranks", "history", "spans")
     return graph.derive(after, *same, order=order, flat=with_edges(flat, kept))
 
 
-def in_order(graph: DerivedTpg, chain: int, run: range, place: str) -> DerivedTpg:
+def reorder_nodes(graph: DerivedTpg, chain: int, run: range, place: str) -> DerivedTpg:
     """Return the graph with some nodes of a chain elsewhere in the total order.
 
     They are to be replaced, and so have no edges that matter; the first and the last of them stay.

@@ -23,9 +23,9 @@ from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg, StretchConflicts
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from scheduling.invariant import check_invariant
-from scheduling.shortcuts.board import Board
 from scheduling.shortcuts.candidates import CORNER, candidate_path, join_nodes
-from scheduling.shortcuts.scenery import KnownWays
+from scheduling.shortcuts.shortcut_search import ShortcutSearch
+from scheduling.shortcuts.static_scene import SmoothedPathCache
 
 _SAME = 1e-7
 """Times that differ by less are the same [s]."""
@@ -43,8 +43,8 @@ _QUICK = 8
 """Most candidates for each run in a quick look ahead."""
 
 
-def take_sidesteps(
-    board: Board, candidates: int, seed: int, progress: Progress = no_progress
+def apply_sidesteps(
+    board: ShortcutSearch, candidates: int, seed: int, progress: Progress = no_progress
 ) -> None:
     """Change a board's graph by sidesteps as long as they pay.
 
@@ -66,7 +66,7 @@ def take_sidesteps(
         if not beside:
             break
         if since == board.window:
-            if not board.worth(before):
+            if not board.saved_time_bound(before):
                 break
             since, before = 0, board.makespan
         since += 1
@@ -91,7 +91,7 @@ def take_sidesteps(
     progress(candidates, candidates)
 
 
-def runs_beside_waits(board: Board) -> list[tuple[int, int]]:
+def runs_beside_waits(board: ShortcutSearch) -> list[tuple[int, int]]:
     """Return the runs that waits for motions which the makespan hangs on begin or end in.
 
     Returns:
@@ -99,7 +99,7 @@ def runs_beside_waits(board: Board) -> list[tuple[int, int]]:
     """
     spans = board.spans
     found = []
-    for chain, node in waits(board.graph):
+    for chain, node in critical_conflict_nodes(board.graph):
         found += [
             (which, node)
             for which, span in enumerate(spans)
@@ -108,7 +108,7 @@ def runs_beside_waits(board: Board) -> list[tuple[int, int]]:
     return found
 
 
-def waits(graph: DerivedTpg) -> list[tuple[int, int]]:
+def critical_conflict_nodes(graph: DerivedTpg) -> list[tuple[int, int]]:
     """Return the nodes at both ends of the conflicts that a longest path of a graph goes over.
 
     It is followed from its end: from each node to the one before it on its robot where they
@@ -142,16 +142,16 @@ def waits(graph: DerivedTpg) -> list[tuple[int, int]]:
 
 
 def _around_corner(
-    board: Board, chain: int, way: Array, rng: np.random.Generator
+    board: ShortcutSearch, chain: int, path: Array, rng: np.random.Generator
 ) -> Array:
     """Return a way of the same ends over one corner, on the straight way or around it."""
     if rng.random() < 0.5:
-        return candidate_path(way, CORNER, rng)
+        return candidate_path(path, CORNER, rng)
     tpg = board.graph.tpg
     model = tpg.cell.robot(tpg.chains[chain].robot).model
-    corner = way[0] + rng.random() * (way[-1] - way[0])
+    corner = path[0] + rng.random() * (path[-1] - path[0])
     corner = corner + rng.normal(0.0, _ASIDE, len(corner))
-    return np.array([way[0], np.clip(corner, model.lower, model.upper), way[-1]])
+    return np.array([path[0], np.clip(corner, model.lower, model.upper), path[-1]])
 
 
 def shorten_tpg(
@@ -177,7 +177,7 @@ def shorten_tpg(
         candidates: most candidates drawn.
         seed: of the draws.
         progress: told candidates done and in all.
-        sidesteps: most sidesteps drawn after that, see ``take_sidesteps``.
+        sidesteps: most sidesteps drawn after that, see ``apply_sidesteps``.
         seconds: how long candidates are drawn, whether they pay or not; the one that is looked at
             then is the last. 0 for as long as they pay [s].
         clock: returns the time [s].
@@ -185,7 +185,7 @@ def shorten_tpg(
     Raises:
         PlanInvariantError: the result breaks the invariant, a fault of this program.
     """
-    board = Board(tpg, speeds, step)
+    board = ShortcutSearch(tpg, speeds, step)
     rng = np.random.default_rng(seed)
     since, before, begin = 0, board.makespan, clock()
     for done in range(candidates):
@@ -193,7 +193,7 @@ def shorten_tpg(
         if seconds and spent >= seconds:
             break
         if since == board.window:
-            if not seconds and not board.worth(before):
+            if not seconds and not board.saved_time_bound(before):
                 break
             since, before = 0, board.makespan
         searched = board.searched
@@ -204,7 +204,7 @@ def shorten_tpg(
             progress(*((spent, seconds) if seconds else (done, candidates)))
     progress(candidates, candidates)
     if sidesteps:
-        take_sidesteps(board, sidesteps, seed, progress)
+        apply_sidesteps(board, sidesteps, seed, progress)
     if board.graph.tpg is tpg:
         return tpg
     shortened = join_nodes(board.graph, board.spans, step)
@@ -218,7 +218,7 @@ def smooth_runs(
     *,
     step: float,
     seed: int = 0,
-    known: KnownWays | None = None,
+    known: SmoothedPathCache | None = None,
     conflicts: StretchConflicts | None = None,
 ) -> DerivedTpg:
     """Return a graph with the runs that matter smoothed as a whole, once: a quick look ahead.
@@ -227,7 +227,9 @@ def smooth_runs(
     ``conflicts``, what was found for other graphs of the same cell and speeds, what is found is added;
     each path is then smoothed with draws of its own.
     """
-    board = Board(tpg, speeds, step, passes=1, known=known, conflicts=conflicts)
+    board = ShortcutSearch(
+        tpg, speeds, step, passes=1, known=known, conflicts=conflicts
+    )
     rng = np.random.default_rng(seed)
     for _ in range(_QUICK * len(board.spans)):
         if board.searched:

@@ -301,14 +301,14 @@ def _cut(chain: NodeChain, weights: Array) -> Pieces:
     count, first = len(chain), chain.first
     room = int(np.max(np.diff(first))) + 1
     before = np.vstack([chain.start[None], chain.waypoints[:-1]])
-    way = chain.waypoints - before
-    reach = (np.abs(way) @ weights.T).max(axis=1)
+    displacement = chain.waypoints - before
+    reach = (np.abs(displacement) @ weights.T).max(axis=1)
     parts = np.maximum(1, np.ceil(0.5 * reach / PIECE).astype(np.int64))
     # Motions, each cut into its parts; then a hold before the first of each node.
-    motion = np.repeat(np.arange(len(way)), parts)
+    motion = np.repeat(np.arange(len(displacement)), parts)
     start = np.cumsum(parts) - parts
     part = np.arange(len(motion)) - start[motion] + 1
-    ends = before[motion] + (part / parts[motion])[:, None] * way[motion]
+    ends = before[motion] + (part / parts[motion])[:, None] * displacement[motion]
     last = part == parts[motion]
     ends[last] = chain.waypoints
     node = np.repeat(np.arange(count), np.diff(first))[motion]

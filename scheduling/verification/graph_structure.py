@@ -244,14 +244,14 @@ def _of_task(
     if task.robot != done.robot:
         yield f"is done by {done.robot!r}, and is a task of {task.robot!r}"
         return
-    way = done.waypoints[done.first[nodes[1]] : done.first[nodes[2]]]
+    path = done.waypoints[done.first[nodes[1]] : done.first[nodes[2]]]
     if task.kind != TRANSIT:
-        if len(way) != len(task.path):
-            yield f"its path has {len(way)} waypoints, and that of its task {len(task.path)}"
-        elif (away := np.abs(way - task.path).max()) > _SAME:
+        if len(path) != len(task.path):
+            yield f"its path has {len(path)} waypoints, and that of its task {len(task.path)}"
+        elif (away := np.abs(path - task.path).max()) > _SAME:
             yield f"its path is up to {away:.3g} rad or m beside that of its task"
     elif task.goal:
-        away = np.abs(way[-1:] - task.path[-1:]).max(initial=0.0)
+        away = np.abs(path[-1:] - task.path[-1:]).max(initial=0.0)
         if away > _SAME:
             yield f"it ends {away:.3g} rad or m beside the goal of its task"
     about = task.object if task.kind in HANDLED_IN else None
@@ -309,14 +309,14 @@ def _leaps(tpg: TemporalPlanGraph, index: int, speeds: Array) -> Iterator[Proble
     passed[chain.first[:-1]] = chain.fraction[chain.first[:-1]]
     time = passed * chain.duration[node]
     before = np.vstack([chain.start[None], chain.waypoints[:-1]])
-    way = np.abs(chain.waypoints - before)
+    path = np.abs(chain.waypoints - before)
     most = speeds * time[:, None] * (1.0 + _FASTER) + _SAME
-    for k in np.unique(node[np.any(way > most, axis=1)]).tolist():
+    for k in np.unique(node[np.any(path > most, axis=1)]).tolist():
         rows = np.flatnonzero(node == k)
-        over = way[rows] - most[rows]
+        over = path[rows] - most[rows]
         row, joint = np.unravel_index(int(over.argmax()), over.shape)
         text = (
-            f"joint {joint} jumps by {way[rows[row], joint]:.3g} rad or m in"
+            f"joint {joint} jumps by {path[rows[row], joint]:.3g} rad or m in"
             f" {time[rows[row]]:.3g} s, and does at most {speeds[joint]:.3g} a second"
         )
         yield node_problem(tpg, "path", (index, k), text)

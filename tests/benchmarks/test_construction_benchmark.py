@@ -16,7 +16,7 @@ from benchmarks.construction.schedule import CARRY, DRIVE, HOME, schedule
 from benchmarks.store import RowStore
 from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem
-from planning.construction.world.fixed_world import Building, FixedWorld, PlannedTask
+from planning.construction.world.fixed_world import BuildState, FixedWorld, PlannedTask
 from planning.construction.world.timeline import RobotTimeline
 from planning.tasks.task import Handling
 from planning.transforms import identity
@@ -220,7 +220,7 @@ def test_a_schedule_tells_carrying_driving_and_waiting() -> None:
     pick, place = skill("pick", 5.0, "a"), skill("place-down", 8.0, None)
     world = FixedWorld(cell).with_robot(line)
     problem = ConstructionProblem(cell, (), None)  # type: ignore[arg-type]
-    plan = ConstructionPlan(problem, Building(world, (pick, place)), {}, {})
+    plan = ConstructionPlan(problem, BuildState(world, (pick, place)), {}, {})
     assert [tuple(span)[1:4] for span in schedule(plan)] == [
         (DRIVE, 0.0, 2.0),
         ("pick", 5.0, 6.0),

@@ -21,7 +21,7 @@ from planning.construction.planner import ConstructionPlan, plan_construction
 from planning.construction.problem.models import tower
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.robots.registry import robot_model
-from planning.transforms import Array, readonly, rotation, translation
+from planning.transforms import Array, read_only_copy, rotation, translation
 from scheduling.witness.parts import measure
 from scheduling.witness.robot import WitnessRobot
 from tests.planning.construction.toy_sites import toy_problem
@@ -159,7 +159,7 @@ def turned_grip(plan: ConstructionPlan) -> ConstructionPlan:
     world = plan.building.world
     item = world.objects["beam2"]
     first = item.changes[0]
-    pose = readonly(first.pose @ rotation("x", np.pi))
+    pose = read_only_copy(first.pose @ rotation("x", np.pi))
     return with_object(
         plan, replace(item, changes=(first._replace(pose=pose), *item.changes[1:]))
     )
@@ -168,7 +168,7 @@ def turned_grip(plan: ConstructionPlan) -> ConstructionPlan:
 def misplaced(plan: ConstructionPlan) -> ConstructionPlan:
     item = plan.building.world.objects["beam2"]
     last = item.changes[-1]
-    pose = readonly(translation(0.0, 0.002, 0.0) @ last.pose)
+    pose = read_only_copy(translation(0.0, 0.002, 0.0) @ last.pose)
     return with_object(
         plan, replace(item, changes=(*item.changes[:-1], last._replace(pose=pose)))
     )

@@ -12,11 +12,11 @@ from trimesh.creation import extrude_triangulation
 
 import planning
 from planning import caches, errors, files, packed, transforms
-from planning.caches import Arrays, cache_folder, remembered
+from planning.caches import Arrays, cache_folder, load_or_compute
 from planning.cell import cover, shape
 from planning.cell.cover import capsule_cover, capsule_covers
 from planning.errors import ShapeError
-from planning.files import file_named, is_file, read_file
+from planning.files import is_file, read_file, resolve_file_name
 from planning.meshes import mesh_form
 from planning.robots import self_collision
 from planning.robots.registry import robot_model
@@ -58,20 +58,22 @@ HERE = Path(planning.__file__).parent
 
 
 def test_a_path_is_relative_to_the_folder(tmp_path: Path) -> None:
-    assert file_named("a/b.stl", tmp_path, ShapeError) == tmp_path / "a/b.stl"
-    assert file_named("/a/b.stl", tmp_path, ShapeError) == Path("/a/b.stl")
+    assert resolve_file_name("a/b.stl", tmp_path, ShapeError) == tmp_path / "a/b.stl"
+    assert resolve_file_name("/a/b.stl", tmp_path, ShapeError) == Path("/a/b.stl")
 
 
 def test_files_of_packages_of_python_are_found_without_importing_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = file_named("package://planning/robots/urdf/ur5e.urdf", tmp_path, ShapeError)
+    found = resolve_file_name(
+        "package://planning/robots/urdf/ur5e.urdf", tmp_path, ShapeError
+    )
     assert found == HERE / "robots/urdf/ur5e.urdf"
     (tmp_path / "loud").mkdir()
     (tmp_path / "loud/__init__.py").write_text("raise SystemExit")
     (tmp_path / "loud/arm.urdf").write_text("")
     monkeypatch.syspath_prepend(tmp_path)
-    assert file_named("package://loud/arm.urdf", HERE, ShapeError).is_file()
+    assert resolve_file_name("package://loud/arm.urdf", HERE, ShapeError).is_file()
 
 
 @pytest.mark.parametrize(
@@ -84,10 +86,10 @@ def test_packages_of_ros_come_first(
     file.parent.mkdir(parents=True)
     file.write_text("")
     monkeypatch.setenv(variable, str(tmp_path))
-    assert file_named("package://planning/arm.urdf", HERE, ShapeError) == file
+    assert resolve_file_name("package://planning/arm.urdf", HERE, ShapeError) == file
     # What ROS's package of that name has not may be in Python's.
     name = "package://planning/errors.py"
-    assert file_named(name, tmp_path, ShapeError) == HERE / "errors.py"
+    assert resolve_file_name(name, tmp_path, ShapeError) == HERE / "errors.py"
 
 
 @pytest.mark.parametrize(
@@ -102,7 +104,7 @@ def test_packages_of_ros_come_first(
 )
 def test_what_is_not_there_is_said(name: str, says: str) -> None:
     with pytest.raises(ShapeError, match=says):
-        file_named(name, HERE, ShapeError)
+        resolve_file_name(name, HERE, ShapeError)
 
 
 NAMES = frozenset({"a", "b"})
@@ -111,7 +113,7 @@ NAMES = frozenset({"a", "b"})
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(caches, "WORTH", 0.0)
+    monkeypatch.setattr(caches, "LEAST_SECONDS_TO_CACHE", 0.0)
     return cache_folder("tried")
 
 
@@ -128,11 +130,11 @@ def counted(answer: Arrays) -> tuple[list[int], Callable[[], Arrays]]:
 def test_an_answer_is_found_once(folder: Path) -> None:
     times, find = counted({"a": np.arange(3), "b": np.array([0.1, -np.inf])})
     for _ in range(3):
-        known = remembered("tried", b"one", NAMES, find, [])
+        known = load_or_compute("tried", b"one", NAMES, find, [])
         assert known["a"].tolist() == [0, 1, 2]
         assert known["b"].tolist() == [0.1, -np.inf]
     assert len(times) == 1
-    remembered("tried", b"two", NAMES, find, [])
+    load_or_compute("tried", b"two", NAMES, find, [])
     assert len(times) == 2
     assert len(list(folder.iterdir())) == 2
 
@@ -140,18 +142,18 @@ def test_an_answer_is_found_once(folder: Path) -> None:
 @pytest.mark.parametrize("content", [b"", b"no arrays", b"PK" * 50])
 def test_a_damaged_file_is_made_anew(folder: Path, content: bytes) -> None:
     times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
-    remembered("tried", b"one", NAMES, find, [])
+    load_or_compute("tried", b"one", NAMES, find, [])
     (file,) = folder.iterdir()
     file.write_bytes(content)
-    assert remembered("tried", b"one", NAMES, find, [])["a"].tolist() == [0, 1, 2]
-    assert remembered("tried", b"one", NAMES, find, [])["a"].tolist() == [0, 1, 2]
+    assert load_or_compute("tried", b"one", NAMES, find, [])["a"].tolist() == [0, 1, 2]
+    assert load_or_compute("tried", b"one", NAMES, find, [])["a"].tolist() == [0, 1, 2]
     assert len(times) == 2
 
 
 def test_other_arrays_are_no_answer() -> None:
-    remembered("tried", b"one", frozenset({"c"}), lambda: {"c": np.zeros(1)}, [])
+    load_or_compute("tried", b"one", frozenset({"c"}), lambda: {"c": np.zeros(1)}, [])
     times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
-    assert remembered("tried", b"one", NAMES, find, []).keys() == NAMES
+    assert load_or_compute("tried", b"one", NAMES, find, []).keys() == NAMES
     assert times == [1]
 
 
@@ -160,7 +162,7 @@ def test_where_nothing_can_be_written_answers_are_found_anew(folder: Path) -> No
     folder.write_text("a file where the folder should be")
     times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
     for _ in range(2):
-        assert remembered("tried", b"one", NAMES, find, [])["b"].tolist() == [0.0]
+        assert load_or_compute("tried", b"one", NAMES, find, [])["b"].tolist() == [0.0]
     assert len(times) == 2
 
 
@@ -173,7 +175,7 @@ def test_what_another_source_found_is_no_answer(tmp_path: Path) -> None:
     def in_another_process() -> None:
         caches._hash_of.cache_clear()
         for _ in range(2):
-            remembered("tried", b"one", NAMES, find, sources)
+            load_or_compute("tried", b"one", NAMES, find, sources)
 
     in_another_process()
     in_another_process()
@@ -194,18 +196,18 @@ def test_sources_are_read_once_a_process_and_when_they_are_first_needed(
     source = tmp_path / "one.py"
     source.write_text("a = 1")
     _, find = counted({"a": np.arange(3), "b": np.zeros(1)})
-    remembered("tried", b"one", NAMES, find, [str(source)])
+    load_or_compute("tried", b"one", NAMES, find, [str(source)])
     source.unlink()
-    remembered("tried", b"two", NAMES, find, [str(source)])
+    load_or_compute("tried", b"two", NAMES, find, [str(source)])
 
 
 def test_what_is_found_quickly_is_not_written(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(caches, "WORTH", 60.0)
+    monkeypatch.setattr(caches, "LEAST_SECONDS_TO_CACHE", 60.0)
     times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
     for _ in range(2):
-        remembered("tried", b"one", NAMES, find, [])
+        load_or_compute("tried", b"one", NAMES, find, [])
     assert len(times) == 2
     assert not folder.exists()
 

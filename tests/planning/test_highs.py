@@ -6,7 +6,7 @@ import highspy
 import pulp
 import pytest
 
-from planning.silence import QuietHighs, new_highs
+from planning.silence import QuietHighs, make_quiet_solver
 
 
 class Greeting(highspy.Highs):
@@ -24,7 +24,7 @@ def test_solvers_do_not_greet(
     solver = highspy.Highs()
     solver.setOptionValue("output_flag", False)
     assert "Running HiGHS" in capfd.readouterr().out
-    solver = new_highs()
+    solver = make_quiet_solver()
     assert isinstance(solver, Greeting)
     solver.addVar(0.0, 1.0)
     solver.changeColCost(0, -1.0)

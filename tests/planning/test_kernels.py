@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.kernels import (
     files_of_kernels,
     inner_kernel,
@@ -134,7 +134,7 @@ def test_answers_are_worked_out_once_until_there_are_too_many() -> None:
     def square(k: int) -> int:
         return kept.get(k, lambda: asked.append(k) or k * k)  # type: ignore[func-returns-value]
 
-    kept: KeptAnswers[int] = KeptAnswers(2)
+    kept: BoundedCache[int] = BoundedCache(2)
     assert [square(k) for k in (3, 3, 4, 3, 5, 3)] == [9, 9, 16, 9, 25, 9]
     assert asked == [3, 4, 5, 3]
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numba import boolean, float64
 from numba.core.errors import TypingError
 
-from planning.kernels import copy_row, kernel, order_of_few
+from planning.kernels import argsort_few, copy_row, kernel
 from planning.packed import ROW, SharedKernel, packed
 from planning.transforms import Array
 from tests.kernels import outer
@@ -48,7 +48,7 @@ def heavy(own: Weights, values: Array, limit: float) -> bool:
     return bool(_call_heavy(own, (values, limit)))
 
 
-_order_of_few, _copy_row = outer(order_of_few), outer(copy_row)
+_order_of_few, _copy_row = outer(argsort_few), outer(copy_row)
 
 NUMBERS = st.lists(st.floats(-9.0, 9.0), min_size=1, max_size=6)
 

@@ -17,9 +17,9 @@ from planning.cell.workcell import Attachment
 from planning.geometry.exact import (
     TOLERANCE,
     Solid,
-    come_close,
-    distance_at,
-    place,
+    hull_distance_at,
+    may_come_close,
+    place_at_middle,
     resting_solid,
 )
 from planning.kinematics.chain import placed_joints
@@ -68,7 +68,7 @@ class Piece:
     @cached_property
     def ball(self) -> tuple[Array, float]:
         """Centre and radius of a ball that the body is in, wherever it is on its motion."""
-        pose, strays = place(self.solid, self.q_a, self.q_b)
+        pose, strays = place_at_middle(self.solid, self.q_a, self.q_b)
         corners = self.solid.vertices
         if self.solid.carrier is not None:
             turn, shift = self.solid.local[:3, :3], self.solid.local[:3, 3]
@@ -212,7 +212,7 @@ class PlainGraph:
         if self.may_touch(a.entity, b.entity, (self.task(u), self.task(v))):
             return False
         limit = self.limit(a, b)
-        return come_close(a.solid, a.q_a, a.q_b, b.solid, b.q_a, b.q_b, limit)
+        return may_come_close(a.solid, a.q_a, a.q_b, b.solid, b.q_a, b.q_b, limit)
 
     @cached_property
     def conflicts(self) -> set[tuple[Node, Node]]:
@@ -250,4 +250,4 @@ class PlainGraph:
         if a.entity == b.entity:
             return False
         limit = self.limit(a, b) - TOLERANCE
-        return distance_at(a.solid, at_a, b.solid, at_b) < limit
+        return hull_distance_at(a.solid, at_a, b.solid, at_b) < limit

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.cell.machine import machine
+from planning.cell.machine import machine_robot
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Clearances, PlacedRobot, Workcell
 from planning.motion.motion_plan import MotionPlan
@@ -43,7 +43,7 @@ def line_plan(
             "b", planar_arm(2), translation(0.5, 0.0, 0.0) @ rotation("z", np.pi), HOME
         ),
     )
-    machines = tuple(map(machine, ("belt", "stop", "outfeed")))
+    machines = tuple(map(machine_robot, ("belt", "stop", "outfeed")))
     cell = Workcell(arms, (), (), Clearances(0.001, 0.0), machines)
     writer = PlanWriter(cell, np.random.default_rng(0))
     writer.configurations |= {item.name: np.zeros(1) for item in machines}

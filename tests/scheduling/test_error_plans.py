@@ -10,7 +10,7 @@ import pytest
 
 from planning.cell.workcell import PoseError, Workcell, WorldState, start_state
 from planning.errors import PlanInvariantError
-from planning.geometry.exact import place
+from planning.geometry.exact import place_at_middle
 from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
 from planning.motion.motion_plan import MotionPlan
@@ -181,11 +181,11 @@ def test_what_a_robot_holds_out_errs_with_it() -> None:
             tpg.cell, handed, derived.entities, tpg.cell.robot("right")
         )
         (solid,) = beam.solids
-        pose = place(solid, np.zeros(0), np.zeros(0))[0]
+        pose = place_at_middle(solid, np.zeros(0), np.zeros(0))[0]
         assert np.allclose(pose.getTranslation(), handed.pose[:3, 3])
-        assert solid.strays_with_base(pose) == pytest.approx(way)
+        assert solid.deviation_bound_with_base(pose) == pytest.approx(way)
         lies = rest_occupancy(tpg.cell, replace(handed, holder=None), derived.entities)
-        assert lies.solids[0].strays_with_base(pose) == 0.0
+        assert lies.solids[0].deviation_bound_with_base(pose) == 0.0
         try:
             check_invariant(derived)
             sound = True

@@ -13,10 +13,10 @@ from planning.cell.workcell import PlacedRobot
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.motion_times import stretch_numbers, within_limits
+from scheduling.motion_times import assign_node_times, stretch_numbers
 from scheduling.pace import paces
-from scheduling.shortcuts.bends import NodesLeft, Run, find_runs
-from scheduling.shortcuts.candidates import Span
+from scheduling.shortcuts.bends import NodesLeft, TransitRun, find_runs
+from scheduling.shortcuts.candidates import TransitSpan
 from scheduling.shortcuts.rewiring import rewire
 from tests.twin.twin_toys import random_tpg
 
@@ -60,7 +60,7 @@ def with_limits(
     robots = tuple(_limited(robot, rng, jerk) for robot in tpg.cell.robots)
     chains = tuple(laid(chain, rng) for chain in tpg.chains)
     cell = replace(tpg.cell, robots=robots)
-    return within_limits(replace(tpg, cell=cell, chains=chains))
+    return assign_node_times(replace(tpg, cell=cell, chains=chains))
 
 
 def _limited(
@@ -125,7 +125,7 @@ def bent_tpg(
         spans = list(_spans(chain, k))
         for run in find_runs(chain, spans, stretch_numbers(tpg, k), pace):
             graph = _bent(graph, run, rng)
-    return within_limits(graph.tpg)
+    return assign_node_times(graph.tpg)
 
 
 BENT_TPGS = st.builds(
@@ -138,16 +138,16 @@ BENT_TPGS = st.builds(
 )
 
 
-def _spans(chain: NodeChain, index: int) -> Iterator[Span]:
+def _spans(chain: NodeChain, index: int) -> Iterator[TransitSpan]:
     """Yield the pose nodes of each task of a chain."""
     for task in np.unique(chain.task[~chain.skill]):
         nodes = np.flatnonzero((chain.task == task) & ~chain.skill)
         first = max(int(nodes[0]), 1)
         if first < nodes[-1]:
-            yield Span(index, first, int(nodes[-1]))
+            yield TransitSpan(index, first, int(nodes[-1]))
 
 
-def _bent(graph: DerivedTpg, run: Run, rng: np.random.Generator) -> DerivedTpg:
+def _bent(graph: DerivedTpg, run: TransitRun, rng: np.random.Generator) -> DerivedTpg:
     """Return a graph with some corners of a run rounded."""
     most = 10.0 ** rng.uniform(-2.5, 0.5, len(run.at))
     rests = np.flatnonzero(rng.random(len(run.at)) < 0.2)

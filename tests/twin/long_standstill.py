@@ -19,7 +19,7 @@ import yaml
 import twin
 from tests.twin.program import invoke
 from twin.registry import EXPORTS
-from twin.trial.trial import run_plan_to_folder
+from twin.trial.run_plan import run_plan_to_folder
 
 CELL: dict[str, Any] = yaml.safe_load("""\
 version: 1

@@ -15,16 +15,16 @@ from twin.recorders.observers import MemoryRecorder
 from twin.registry import HOOKS
 from twin.run.execution_record import POLICIES
 from twin.run.folder import run_folder
-from twin.run.policies import NAMED_POLICIES, policy_named
-from twin.scenario.variations import plain_key
+from twin.run.policies import NAMED_POLICIES, parse_policy_name
+from twin.scenario.variations import short_key
 from twin.trial.auditor import load_auditor
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 from twin.trial.plan_result import PlanResult, require_plan_of, scenario_of_run
 from twin.trial.planning import plan_scenario
 from twin.trial.run_moment import RunMoment
+from twin.trial.run_plan import run_plan_to_folder
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import execute
-from twin.trial.trial import run_plan_to_folder
 
 Begun = Callable[[Checked, Path], None]
 """Told of the check and of the folder of a run, before it is planned."""
@@ -181,7 +181,7 @@ def _with_values(
 ) -> PlanResult:
     """Return a plan whose scenario is executed with other values."""
     given = {"seed": seed, "policy": policy}
-    values = {plain_key(key): value for key, value in values.items()}
+    values = {short_key(key): value for key, value in values.items()}
     values |= {key: value for key, value in given.items() if value is not None}
     other = plan.scenario.varied(released(values))
     require_plan_of(plan, other)
@@ -198,7 +198,7 @@ def released(values: Mapping[str, Any]) -> Mapping[str, Any]:
     if policy is None or policy in POLICIES:
         return values
     try:
-        name = policy_named(str(policy))
+        name = parse_policy_name(str(policy))
     except RequestError:
         message = f"policy: there is no {policy!r}"
         raise ScenarioError(message, choices=POLICIES) from None

@@ -45,12 +45,12 @@ from twin.audit.motion_limits import (
     tool_speed_violations,
 )
 from twin.audit.places import (
-    helpers_left,
     jump_violations,
-    named_places,
+    leftover_helpers,
     place_violations,
     start_violations,
     tool_violations,
+    with_object_names,
 )
 from twin.audit.processes import process_violations
 from twin.audit.resting import hanging_violations
@@ -63,7 +63,7 @@ from twin.audit.worlds.engines import (
     second_world,
 )
 from twin.audit.worlds.world import AuditWorld, overlapping_at_home
-from twin.host.atomic_files import finite
+from twin.host.atomic_files import finite_or_none
 from twin.host.progress import Report, report_nothing
 
 _EVENTS = "events.jsonl"
@@ -107,8 +107,8 @@ class AuditReport:
         return {
             "engine": self.engine,
             "configurations": self.configurations,
-            "min_distance_m": finite(self.min_distance_m),
-            "min_distance_bound_m": finite(self.min_distance_bound_m),
+            "min_distance_m": finite_or_none(self.min_distance_m),
+            "min_distance_bound_m": finite_or_none(self.min_distance_bound_m),
             "contact_tolerance_m": self.contact_tolerance_m,
             "deepest_graze_m": self.deepest_graze_m,
             "helpers": list(self.helpers),
@@ -204,7 +204,7 @@ def audit_recording(
     return replace(
         report,
         violations=_by_time(found),
-        helpers=helpers_left(replay, wanted) if finished and wanted else (),
+        helpers=leftover_helpers(replay, wanted) if finished and wanted else (),
         efforts=tuple(greatest_efforts(tpg.cell, efforts)),
     )
 
@@ -266,7 +266,7 @@ class Auditor(AbstractContextManager["Auditor"]):
             spans: when nodes were started and completed, by robot or machine, where a log says so.
         """
         case = AuditCase(self._world, self._tpg, recording, self._wanted, spans)
-        case.wanted = named_places(case, case.wanted)
+        case.wanted = with_object_names(case, case.wanted)
         contacts = Contacts(
             case, self._allowed, self._exempt, within, second=self._second
         )

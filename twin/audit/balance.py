@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from planning.statics.standing import Standing, body_at, ground_of
+from planning.statics.standing import StabilityChecker, body_at, ground_bodies
 from twin.audit.case import AuditCase, Violation
-from twin.audit.part_holding import states_and_kept
+from twin.audit.part_holding import states_and_holds
 from twin.audit.places import rests_at
 
 
@@ -26,9 +26,9 @@ def balance_violations(case: AuditCase) -> Iterator[Violation]:
         name: [k for k, item in objects.items() if item.kind == objects[name].kind]
         for name in goals
     }
-    standing = Standing(bodies, ground_of(cell, bodies), rules)
+    standing = StabilityChecker(bodies, ground_bodies(cell, bodies), rules)
     since: tuple[float, str, str] | None = None
-    for t, there, kept in states_and_kept(case):
+    for t, there, kept in states_and_holds(case):
         placed, held = [], []
         for name, pose in goals.items():
             who = next(

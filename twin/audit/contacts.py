@@ -13,7 +13,13 @@ import numpy as np
 from planning.tasks.task import AllowedContact
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.case import AuditCase, Violation, tasks_at
-from twin.audit.motion.pairs import SLACK, Asked, Gap, gaps, watched_pairs
+from twin.audit.motion.pairs import (
+    SLACK,
+    Gap,
+    MeasurementThresholds,
+    measured_gaps,
+    watched_pairs,
+)
 from twin.audit.motion.second_look import sampled_overlaps
 from twin.audit.motion.stretches import RunStretch
 from twin.audit.worlds.world import WatchedShape
@@ -109,9 +115,9 @@ class Contacts:
         def depth(a: WatchedShape, b: WatchedShape, sample: int) -> float:
             return depth_at(a.entity, b.entity, sample)
 
-        asked = Asked(lambda: self.least, depth)
+        asked = MeasurementThresholds(lambda: self.least, depth)
         watched = list(watched_pairs(stretch, self._arms, self._exempt, asked))
-        for gap in gaps(self._case.world, stretch, watched, asked):
+        for gap in measured_gaps(self._case.world, stretch, watched, asked):
             if gap.pair.between_robots:
                 self.least = min(self.least, gap.distance)
                 self.bound = min(self.bound, gap.bound)

@@ -97,7 +97,7 @@ def _wrong(
         detail = f"is {width * 1e3:.2f} mm wide between the fingers of {grip.tool},"
         detail += f" which open to {hand.opening * 1e3:.2f} mm"
         return width - hand.opening, detail
-    told = as_shaped(case, hand, robot, flange, name, pose)
+    told = grip_mismatch(case, hand, robot, flange, name, pose)
     if told is not None:
         return None if told == RIGHT else told
     gap, nearest = min(
@@ -113,7 +113,7 @@ def _wrong(
     return gap, detail
 
 
-def as_shaped(
+def grip_mismatch(
     case: AuditCase,
     hand: Hand,
     robot: str,
@@ -177,12 +177,12 @@ def _met(
     sides = grasp.sides()
     if sides is None or (hand.grip is None and name in case.wanted.by_suction):
         return None
-    ways = grasp.ways(sides)
+    directions = grasp.ways(sides)
     for other, where in _around(case, robot, t):
         if np.linalg.norm(where[:3, 3] - at[:3, 3]) > _NEAR + case.reaches[other]:
             continue
         beside = replace(grasp, held=case.put(other, where), pose=where)
-        for first, way in zip(beside.ways(sides, ways), ways, strict=True):
+        for first, way in zip(beside.ways(sides, directions), directions, strict=True):
             early = 0.0 if first is None or way is None else way - first
             if early > BESIDE:
                 words = f"is met by a finger {early * 1e3:.2f} mm before that touches {name}"
@@ -244,20 +244,20 @@ class _Grasp:
 
     def off_pads(self, sides: _Sides, tool: str) -> tuple[float, str] | None:
         """Return by how much fingers do not hold it, and in what; None where they do [m]."""
-        ways, missed = [], []
+        directions, missed = [], []
         for shapes, sign in zip(sides, (-1.0, 1.0), strict=True):
             way, nearest = self._closed(shapes, sign)
             if way is None:
                 missed.append(self._miss(*nearest, sign))
             else:
-                ways.append(way)
+                directions.append(way)
         self._back()
         if missed:
             miss = max(missed, key=lambda vector: float(np.linalg.norm(vector)))
             away = float(np.linalg.norm(miss))
             who = "both fingers" if len(missed) == 2 else "a finger"
             return away, f"is not held: {who} of {tool} would pass it {_words(miss)}"
-        off = 0.5 * abs(ways[0] - ways[1])
+        off = 0.5 * abs(directions[0] - directions[1])
         if off <= CLOSING:
             return None
         words = f"{off * 1e3:.2f} mm off the middle between the fingers of {tool}"
@@ -353,15 +353,15 @@ class _Grasp:
         """
         found = []
         for shapes, sign, end in zip(sides, (-1.0, 1.0), most, strict=True):
-            ways = [math.inf]
+            directions = [math.inf]
             for one in shapes:
                 limit = self._room(one, sign) if end is None else end
                 for own in self.held:
                     gap = self.world.distance(one, own, limit + BESIDE)
                     if -_TOUCHES <= gap <= limit:
-                        ways.append(self._advance(one, own, sign, gap, limit)[0])
+                        directions.append(self._advance(one, own, sign, gap, limit)[0])
                         self.world.place(own, own.at(self.pose))
-            found.append(min(ways) if math.isfinite(min(ways)) else None)
+            found.append(min(directions) if math.isfinite(min(directions)) else None)
         return found
 
     def _miss(
@@ -375,8 +375,10 @@ class _Grasp:
         low, high = 0.0, most
         for _ in range(_HALVINGS):
             near, far = low + (high - low) / 3.0, high - (high - low) / 3.0
-            ways = (self._moved(one, own, sign, way) for way in (near, far))
-            low, high = (low, far) if next(ways) <= next(ways) else (near, high)
+            directions = (self._moved(one, own, sign, way) for way in (near, far))
+            low, high = (
+                (low, far) if next(directions) <= next(directions) else (near, high)
+            )
         gap, slope = self._moved(one, own, sign, low), np.zeros(3)
         for k, axis in enumerate(np.eye(3)):
             more, less = (

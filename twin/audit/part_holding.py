@@ -44,7 +44,7 @@ def keeping_violations(
                 yield Violation(leaves, end, part, who, 0.0, detail, "support")
 
 
-def states_and_kept(
+def states_and_holds(
     case: AuditCase,
 ) -> Iterator[tuple[float, Mapping[str, Stay], set[str]]]:
     """Yield when something changes, where everything is then, and which parts are kept hold of in their places."""

@@ -93,7 +93,7 @@ def place_violations(case: AuditCase) -> Iterator[Violation]:
         return
     there, end = case.at(), case.end
     boxes = {box.name: box for box in case.cell.objects}
-    filled = taken(case.cell, there, wanted.places)
+    filled = assign_objects_to_places(case.cell, there, wanted.places)
 
     def at_end(name: str, where: str, away: float, detail: str) -> Violation:
         return Violation(end, end, name, where, away, detail, "place")
@@ -124,10 +124,10 @@ def place_violations(case: AuditCase) -> Iterator[Violation]:
             yield at_end(name, "start", away, detail)
 
 
-def helpers_left(replay: ReplayedRun, wanted: Expectations) -> tuple[str, ...]:
+def leftover_helpers(replay: ReplayedRun, wanted: Expectations) -> tuple[str, ...]:
     """Return the objects that were put down where they only help, such as temporary bricks."""
     there = replay.at()
-    filled = taken(replay.cell, there, wanted.places)
+    filled = assign_objects_to_places(replay.cell, there, wanted.places)
     helping = {
         name
         for place, name in zip(wanted.places, filled, strict=True)
@@ -146,9 +146,9 @@ def helpers_left(replay: ReplayedRun, wanted: Expectations) -> tuple[str, ...]:
     return tuple(box.name for box in replay.cell.objects if helps(box))
 
 
-def named_places(replay: ReplayedRun, wanted: Expectations) -> Expectations:
+def with_object_names(replay: ReplayedRun, wanted: Expectations) -> Expectations:
     """Return what is wanted with the names of whatever came to the places for which others will do, too."""
-    filled = taken(replay.cell, replay.at(), wanted.places)
+    filled = assign_objects_to_places(replay.cell, replay.at(), wanted.places)
     pairs = list(zip(wanted.places, filled, strict=True))
     names = {p.object: name for p, name in pairs if p.object and name}
     # The place of what has come to another one is that of what has come to none, so that nothing has two.
@@ -159,7 +159,7 @@ def named_places(replay: ReplayedRun, wanted: Expectations) -> Expectations:
     return replace(wanted, places=tuple(places)).renamed(names)
 
 
-def taken(
+def assign_objects_to_places(
     cell: Workcell, there: Mapping[str, Stay], places: Sequence[Place]
 ) -> list[str | None]:
     """Return the object of each place: the one of its name, or the nearest of those that will do.

@@ -8,13 +8,13 @@ from functools import partial
 
 import numpy as np
 
-from planning.expectations import WantedProcess
+from planning.expectations import ExpectedProcess
 from planning.transforms import Array, Indices, Transform
 from twin.audit.case import AuditCase, Violation, tool_frames
 from twin.audit.motion.executed import RobotRows
 from twin.audit.part_holding import keeping_violations
 from twin.audit.supports import nearest_hand
-from twin.audit.work_places import machine_work
+from twin.audit.work_places import machine_work_spans
 from twin.audit.worlds.world import FAR
 
 NEAR = 0.001
@@ -83,7 +83,7 @@ def process_violations(case: AuditCase) -> Iterator[Violation]:
         if process.hold is not None:
             yield from _held(case, process.hold, done)
     if case.logged:
-        work = machine_work(case).items()
+        work = machine_work_spans(case).items()
         ends.update({wanted.rests[k].name or "": end for k, (_, _, end) in work})
     yield from keeping_violations(case, ends)
     for name, after in wanted.order():
@@ -108,13 +108,13 @@ def _placed_at(case: AuditCase) -> Iterator[tuple[str, float]]:
 
 
 def _not_done(
-    end: float, process: WantedProcess, missed: float, words: str
+    end: float, process: ExpectedProcess, missed: float, words: str
 ) -> Violation:
     owner = process.owner or "world"
     return Violation(end, end, process.words, owner, missed, words, "process")
 
 
-def _done(case: AuditCase, process: WantedProcess, index: int) -> _DoneProcess:
+def _done(case: AuditCase, process: ExpectedProcess, index: int) -> _DoneProcess:
     robot = case.tpg.tasks[index].robot
     rows = case.robots[robot]
     chain = case.tpg.chains[case.tpg.chain_index[robot]]
@@ -152,7 +152,7 @@ def _span(rows: RobotRows, nodes: Indices) -> tuple[float, float] | None:
     return float(rows.t[max(0, int(own[0]) - 1)]), float(rows.t[own[-1]])
 
 
-def _place(case: AuditCase, process: WantedProcess, t: float) -> Transform | None:
+def _place(case: AuditCase, process: ExpectedProcess, t: float) -> Transform | None:
     """Return where a process is done, None while its part is in a hand."""
     if process.owner is None:
         return process.pose
@@ -163,7 +163,7 @@ def _place(case: AuditCase, process: WantedProcess, t: float) -> Transform | Non
 
 
 def _tip(
-    case: AuditCase, process: WantedProcess, robot: str, span: tuple[float, float]
+    case: AuditCase, process: ExpectedProcess, robot: str, span: tuple[float, float]
 ) -> Transform | str:
     """Return where the frame of a process is in the flange frame, or what is wrong with the tool."""
     placed = case.cell.robot(robot)

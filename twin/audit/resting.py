@@ -12,7 +12,7 @@ from planning.expectations import TOUCH
 from planning.transforms import Transform, translation
 from twin.audit.case import AuditCase, Violation
 from twin.audit.motion.executed import Stay
-from twin.audit.part_holding import states_and_kept
+from twin.audit.part_holding import states_and_holds
 from twin.audit.worlds.world import FAR
 
 _SINKS = 0.3
@@ -28,7 +28,7 @@ def hanging_violations(case: AuditCase) -> Iterator[Violation]:
     """
     pile = _Pile(case)
     hanging: dict[str, tuple[float, float, str]] = {}
-    for t, there, kept in states_and_kept(case):
+    for t, there, kept in states_and_holds(case):
         if not pile.update(there, frozenset(case.wanted.doors | kept)):
             continue
         now = pile.floating()

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.audit.case import AuditCase, Violation
-from twin.audit.grips import RIGHT, as_shaped
+from twin.audit.grips import RIGHT, grip_mismatch
 from twin.audit.motion.executed import Stay
-from twin.audit.places import taken
+from twin.audit.places import assign_objects_to_places
 from twin.audit.worlds.world import FAR
 
 SUPPORT = 0.003
@@ -65,7 +65,9 @@ def _held_objects(case: AuditCase) -> set[str]:
     steps = {task.step for task in tasks if task.kind in _SUPPORTS}
     planned = (t for t in tasks if t.kind in _PLACES and t.step in steps)
     out = {task.object for task in planned if task.object is not None}
-    pairs = zip(places, taken(case.cell, case.at(), places), strict=True)
+    pairs = zip(
+        places, assign_objects_to_places(case.cell, case.at(), places), strict=True
+    )
     return out | {name for place, name in pairs if place.held and name is not None}
 
 
@@ -139,7 +141,7 @@ def nearest_hand(
             closes = hand.closes_by(shape)
             if gap <= SUPPORT + closes and shape.entity not in loose:
                 about = hand, robot, flange, shape.entity, pose
-                _, loose[shape.entity] = as_shaped(case, *about) or RIGHT
+                _, loose[shape.entity] = grip_mismatch(case, *about) or RIGHT
             other = NearestHand(robot, gap, closes, loose.get(shape.entity, ""))
             if other.before < found.before:
                 found = other

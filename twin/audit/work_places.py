@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.expectations import WantedRest
+from planning.expectations import ExpectedRest
 from planning.tasks.task import GONE, Task
 from twin.audit.case import AuditCase, Violation
 from twin.audit.motion.executed import Stay
@@ -32,7 +32,7 @@ def rest_violations(case: AuditCase) -> Iterator[Violation]:
     before = () if begun is None else begun.steps
     looked: dict[str, int] = {}
     times: dict[str, tuple[float, float]] = {}
-    work = machine_work(case)
+    work = machine_work_spans(case)
     for k, rest in enumerate(wanted.rests):
         if rest.step in before:
             continue
@@ -73,7 +73,7 @@ def rest_violations(case: AuditCase) -> Iterator[Violation]:
                 yield _violation(begin, rest, f"begins before {after} is complete")
 
 
-def machine_work(case: AuditCase) -> dict[int, tuple[Task, float, float]]:
+def machine_work_spans(case: AuditCase) -> dict[int, tuple[Task, float, float]]:
     """Return who works at parts without a robot, by number of the wanted rest: task, begin, end [s].
 
     Tasks that are alike are taken in the plan's order. What is not in the plan is left out.
@@ -91,7 +91,7 @@ def machine_work(case: AuditCase) -> dict[int, tuple[Task, float, float]]:
     return work
 
 
-def _is(rest: WantedRest, task: Task) -> bool:
+def _is(rest: ExpectedRest, task: Task) -> bool:
     """Tell whether a task of a machine is one that is wanted."""
     return (
         task.kind == rest.process
@@ -111,6 +111,6 @@ def _shut(stays: Sequence[Stay], begin: float, end: float) -> bool:
     )
 
 
-def _violation(t: float, rest: WantedRest, words: str) -> Violation:
+def _violation(t: float, rest: ExpectedRest, words: str) -> Violation:
     by = rest.machine or "world"
     return Violation(t, t, rest.words, by, 0.0, words, "process")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from twin.check.check import CheckReport, check_scenario, require_checked
+from twin.check.check import CheckReport, check_scenario, require_no_errors
 from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, load
@@ -81,7 +81,7 @@ class Check:
 
     def require_ok(self) -> None:
         """Raise InvalidScenarioError with the errors, if there are any."""
-        require_checked(self.report)
+        require_no_errors(self.report)
 
     def draw(self, folder: Path) -> Path:
         """Draw the cell into a folder, and return the picture ``cell.png``."""

@@ -8,8 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twin.check.finding import Finding, Findings, FittedPart, Subject
-from twin.check.lying import check_centres, check_fixtures, check_meshes, check_starts
+from twin.check.finding import CheckContext, Finding, Findings, FittedPart
+from twin.check.placements import (
+    check_centres,
+    check_fixtures,
+    check_meshes,
+    check_starts,
+)
 from twin.check.reach import check_reach
 from twin.check.robots import (
     check_bases,
@@ -32,7 +37,7 @@ from twin.document.validation import FileProblem, InvalidScenarioError
 from twin.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.scenario import Scenario
 
-_GENERAL: tuple[Callable[[Subject], Findings], ...] = (
+_GENERAL: tuple[Callable[[CheckContext], Findings], ...] = (
     check_fixtures,
     check_meshes,
     check_bases,
@@ -76,7 +81,7 @@ class CheckReport:
         fits: how parts fit where they are put; none where something is wrong.
     """
 
-    subject: Subject
+    subject: CheckContext
     document: YamlDocument
     findings: tuple[Finding, ...]
     fits: tuple[FittedPart, ...] = ()
@@ -139,8 +144,8 @@ def check_scenario(
     Raises:
         RobotModelError: a robot description cannot be used.
     """
-    subject = Subject(scenario, folder)
-    found = quick_findings(subject)
+    subject = CheckContext(scenario, folder)
+    found = findings_without_reach(subject)
     found += reach_findings(subject, found)
     report = CheckReport(subject, document, ())
 
@@ -153,7 +158,7 @@ def check_scenario(
     return CheckReport(subject, document, ordered, fits)
 
 
-def quick_findings(subject: Subject) -> list[Finding]:
+def findings_without_reach(subject: CheckContext) -> list[Finding]:
     """Return what is found without a look at what robots reach."""
     # What a wrong unit makes of a cell would be found by all others in their own words.
     found = _few(check_units(subject))
@@ -163,10 +168,10 @@ def quick_findings(subject: Subject) -> list[Finding]:
     return found
 
 
-def reach_findings(subject: Subject, quick: list[Finding]) -> list[Finding]:
+def reach_findings(subject: CheckContext, quick: list[Finding]) -> list[Finding]:
     """Return what no robot reaches; nothing where what was found before stands in the way of a look."""
     at_fault = any(item.error for item in quick)
-    if subject.kind.at_once:
+    if subject.kind.space_time:
         # Its planner names one thing; what stands or lies in something is said already.
         return [
             item for item in check_reach(subject) if not (at_fault and item.at_start)
@@ -192,7 +197,7 @@ def _few(findings: Findings) -> list[Finding]:
     return out
 
 
-def require_checked(report: CheckReport) -> None:
+def require_no_errors(report: CheckReport) -> None:
     """Raise InvalidScenarioError with the errors of a report, if there are any."""
     if report.errors:
         raise report.excerpts(report.errors)

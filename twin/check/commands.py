@@ -101,9 +101,9 @@ def robots(
     if model is None:
         _print_list(as_json)
         return
-    from twin.check.robot_sheet import sheets_of
+    from twin.check.robot_sheet import robot_sheets
 
-    sheets = sheets_of(model, _values(hold or []), flange)
+    sheets = robot_sheets(model, _values(hold or []), flange)
     pictures = {sheet.title: _draw(sheet.picture, out) for sheet in sheets}
     if as_json:
         print_json(

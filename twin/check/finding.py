@@ -12,7 +12,7 @@ from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.contacts.interference import Overlaps
 from planning.expectations import TOUCH
-from planning.steps.tool_changes import rack_tools, with_every_tool
+from planning.steps.tool_changes import rack_tools, with_all_tools_mounted
 from planning.transforms import Array, Transform
 from twin.document.yaml_text import KeyPath
 from twin.durations.model import PackagedSkill
@@ -43,7 +43,7 @@ Findings = Iterator[Finding]
 
 
 @dataclass(frozen=True)
-class Subject:
+class CheckContext:
     """A scenario that is checked, with its cell, and where in the file things are named.
 
     Attributes:
@@ -62,7 +62,7 @@ class Subject:
     @cached_property
     def cell(self) -> Workcell:
         """The same with a robot that changes its tools as several: one with each of them on it."""
-        return with_every_tool(self.built)
+        return with_all_tools_mounted(self.built)
 
     @cached_property
     def kind(self) -> AssemblyKind:
@@ -101,7 +101,7 @@ class Subject:
 
     def thing_at(self, name: str, key: str = "name") -> KeyPath:
         """Return where an object or a fixture is in the file; where it begins may be its source."""
-        places, known = self._places, in_file(name, self._places)
+        places, known = self._places, name_in_file(name, self._places)
         path = places.get(known, ("assembly",))
         if path[-1] != "name":
             return path
@@ -129,10 +129,10 @@ class KindChecks:
         skills: skills that every assembly of the kind uses, and for which no time is packaged.
     """
 
-    quick: ClassVar[tuple[Callable[[Subject], Findings], ...]] = ()
+    quick: ClassVar[tuple[Callable[[CheckContext], Findings], ...]] = ()
     skills: ClassVar[tuple[PackagedSkill, ...]] = ()
 
-    def __init__(self, subject: Subject) -> None:
+    def __init__(self, subject: CheckContext) -> None:
         self.subject = subject
 
     @property
@@ -207,7 +207,7 @@ class FittedPart(Protocol):
         ...
 
 
-def in_file(name: str, known: Container[str]) -> str:
+def name_in_file(name: str, known: Container[str]) -> str:
     """Return what the file calls a part: of products, and of parts that are alike, without its number.
 
     Args:
@@ -219,11 +219,11 @@ def in_file(name: str, known: Container[str]) -> str:
     return name
 
 
-def millimetres(distance_m: float) -> str:
+def format_millimetres(distance_m: float) -> str:
     """Return a distance in words."""
     return f"{distance_m * 1e3:.1f} mm"
 
 
-def position(pose_xyz: tuple[float, ...] | list[float]) -> str:
+def format_position(pose_xyz: tuple[float, ...] | list[float]) -> str:
     """Return a position in words."""
     return f"({', '.join(f'{value:.2f}' for value in pose_xyz)}) m"

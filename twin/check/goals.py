@@ -6,26 +6,26 @@ from collections.abc import Iterator
 
 from planning.kinematics.kinematics import inverse_kinematics
 from twin.check.finding import (
+    CheckContext,
     Finding,
     Findings,
     KindChecks,
-    Subject,
-    position,
+    format_position,
 )
-from twin.check.reach import too_far
+from twin.check.reach import is_beyond_reach
 from twin.kinds.goals.section import GoalsSection
 from twin.scenario.sections.shapes import build_transform
 
 
-def _check_moves(subject: Subject, section: GoalsSection) -> Findings:
+def _check_moves(subject: CheckContext, section: GoalsSection) -> Findings:
     for number, move in enumerate(section.moves):
         robot = subject.cell.robot(move.robot)
         if move.to is None or move.frame not in {"flange", *robot.model.frames}:
             continue
         pose = build_transform(move.to)
         at = ("assembly", "moves", number, "to")
-        where = position(list(move.to.xyz_m))
-        if too_far(robot, move.frame, pose):
+        where = format_position(list(move.to.xyz_m))
+        if is_beyond_reach(robot, move.frame, pose):
             yield Finding(
                 at,
                 f"{robot.name} does not reach {where}: it is farther away than its arm is long",

@@ -23,7 +23,7 @@ from planning.errors import OutputError
 from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.tasks.task import DOOR
 from planning.transforms import Array, Transform
-from twin.check.finding import Subject
+from twin.check.finding import CheckContext
 from twin.check.views import (
     FROM_THE_SIDE,
     NAME_SIZE,
@@ -31,13 +31,13 @@ from twin.check.views import (
     DrawnShape,
     Names,
     Viewpoint,
-    close_ups,
     draw_axes,
     draw_shapes,
+    find_close_ups,
     panel_width,
     placed_points,
     style_view,
-    widened,
+    widen_rectangle,
 )
 from twin.host.pictures import INK, new_picture, save_png
 from twin.scenario.sections.scenario import Scenario
@@ -68,7 +68,7 @@ _ARROW = 0.1
 _FROM_ABOVE = Viewpoint("from above", 0, 1, 2, 1.0)
 
 
-def draw_cell(subject: Subject, folder: Path) -> Path:
+def draw_cell(subject: CheckContext, folder: Path) -> Path:
     """Draw the cell as it is planned to start, in two views at one scale.
 
     Args:
@@ -97,11 +97,11 @@ def scenario_figure(scenario: Scenario, folder: Path) -> Figure:
         scenario: passed the checks of its file.
         folder: where relative paths in it start.
     """
-    return cell_figure(Subject(scenario, folder))
+    return cell_figure(CheckContext(scenario, folder))
 
 
 def cell_figure(
-    subject: Subject, *, width_in: float = 15.0, detail: bool = True
+    subject: CheckContext, *, width_in: float = 15.0, detail: bool = True
 ) -> Figure:
     """Return the picture of ``draw_cell``.
 
@@ -134,7 +134,9 @@ def cell_figure(
     boxes = np.array([box[:, :2] for _, box, _ in _things(subject)]).reshape(-1, 2, 2)
     below = min(4.0, 0.45 * width_in)
     larger = (
-        close_ups(boxes, size[:2], scale, (width_in, below - 0.7)) if detail else []
+        find_close_ups(boxes, size[:2], scale, (width_in, below - 0.7))
+        if detail
+        else []
     )
     below = below if larger else 0.0
     picture = new_picture(width_in, tall + 1.3 + below, dpi=110)
@@ -161,7 +163,7 @@ def cell_figure(
     for k, item in enumerate(larger):
         area = picture.add_subplot(grid[1, 2 * k : 2 * k + 2])
         wide = panel_width(width_in, len(larger))
-        low, high = widened(item.low, item.high, wide / (below - 0.7))
+        low, high = widen_rectangle(item.low, item.high, wide / (below - 0.7))
         style_view(area, _FROM_ABOVE, f"{item.letter}, larger, without robots")
         draw_shapes(area, _FROM_ABOVE, things)
         draw_shapes(area, _FROM_ABOVE, goals)
@@ -179,7 +181,7 @@ def cell_figure(
     return picture
 
 
-def _things(subject: Subject) -> Iterator[tuple[str, Array, bool]]:
+def _things(subject: CheckContext) -> Iterator[tuple[str, Array, bool]]:
     """Yield objects that are there and places that they go to: names, corners of boxes, whether it is a place."""
     for thing in subject.cell.objects:
         if not thing.later:
@@ -190,7 +192,7 @@ def _things(subject: Subject) -> Iterator[tuple[str, Array, bool]]:
         yield name, _bounds(np.vstack([corners for _, corners in pieces])), True
 
 
-def _doors(subject: Subject) -> Iterator[tuple[str, Array]]:
+def _doors(subject: CheckContext) -> Iterator[tuple[str, Array]]:
     """Yield the doors of machines, shut: names, corners of each of their pieces, shape (v, 3) [m]."""
     doors = [thing for thing in subject.cell.objects if thing.kind == DOOR]
     # A door that is shut several times is several objects.
@@ -226,13 +228,13 @@ def reach_radius(robot: PlacedRobot, frame: str) -> float | None:
     )
 
 
-def cell_shapes(subject: Subject) -> Iterator[DrawnShape]:
+def cell_shapes(subject: CheckContext) -> Iterator[DrawnShape]:
     """Yield what stands in a cell before the first motion: fixtures of the file, objects, robots at HOME."""
     yield from _things_drawn(subject, own=True)
     yield from _robots_drawn(subject)
 
 
-def _things_drawn(subject: Subject, *, own: bool = False) -> Iterator[DrawnShape]:
+def _things_drawn(subject: CheckContext, *, own: bool = False) -> Iterator[DrawnShape]:
     for item in subject.cell.fixtures:
         if own and item.name not in subject.own_fixtures:
             continue
@@ -249,7 +251,7 @@ def _things_drawn(subject: Subject, *, own: bool = False) -> Iterator[DrawnShape
                 )
 
 
-def _robots_drawn(subject: Subject) -> Iterator[DrawnShape]:
+def _robots_drawn(subject: CheckContext) -> Iterator[DrawnShape]:
     for number, robot in enumerate(subject.cell.robots):
         colour = _ROBOTS[number % len(_ROBOTS)]
         poses = joint_poses_of(robot, robot.home)
@@ -265,7 +267,7 @@ def _unit(colour: tuple[int, int, int]) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _extent(subject: Subject) -> tuple[Array, Array]:
+def _extent(subject: CheckContext) -> tuple[Array, Array]:
     """Return the corners of what is to be seen: all but a floor that no file lists."""
     corners = [shape.corners for shape in _robots_drawn(subject)]
     corners += [box for _, box, _ in _things(subject)]
@@ -299,7 +301,7 @@ def _draw_frame(area: Axes, item: CloseUp, names: Names) -> None:
 def _draw_robots(
     area: Axes,
     view: Viewpoint,
-    subject: Subject,
+    subject: CheckContext,
     reaches: Mapping[str, float | None],
     names: Names,
 ) -> None:
@@ -328,7 +330,7 @@ def _draw_robots(
 def _draw_names(
     names: Names,
     view: Viewpoint,
-    subject: Subject,
+    subject: CheckContext,
     *,
     goals: bool = False,
     again: Sequence[CloseUp] = (),

@@ -7,10 +7,10 @@ import numpy as np
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.transforms import Transform
-from twin.check.finding import Finding, Findings, Subject
+from twin.check.finding import CheckContext, Finding, Findings
 
 
-def check_reach(subject: Subject) -> Findings:
+def check_reach(subject: CheckContext) -> Findings:
     """Return what no robot reaches: an error where the planner would find none either."""
     return subject.checks.reach()
 
@@ -24,18 +24,18 @@ def reach_bound(robot: PlacedRobot, frame: str) -> float:
     return float(lengths + tip + slide[model.chain.prismatic].sum())
 
 
-def too_far(robot: PlacedRobot, frame: str, target: Transform) -> bool:
+def is_beyond_reach(robot: PlacedRobot, frame: str, target: Transform) -> bool:
     """Tell whether a pose is beyond the arm's length, however it is bent."""
-    return away_from(robot, target) > reach_bound(robot, frame) + 1e-3
+    return distance_from_first_joint(robot, target) > reach_bound(robot, frame) + 1e-3
 
 
-def away_from(robot: PlacedRobot, target: Transform) -> float:
+def distance_from_first_joint(robot: PlacedRobot, target: Transform) -> float:
     """Return how far a pose is away from the first joint of a robot [m]."""
     first = robot.base @ robot.model.chain.placement[0]
     return float(np.linalg.norm(target[:3, 3] - first[:3, 3]))
 
 
-def idle_robot(subject: Subject, robot: PlacedRobot, steps: int) -> Finding:
+def idle_robot(subject: CheckContext, robot: PlacedRobot, steps: int) -> Finding:
     """Return that a robot can do nothing in any step."""
     at = subject.robot_at(robot.name)
     return Finding(

@@ -17,15 +17,15 @@ from planning.cell.motion_limits import limits_of
 from planning.cell.robot_model import DriveLimits, RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import FittingError, RobotModelError
-from planning.files import file_named
+from planning.files import resolve_file_name
 from planning.kinematics.kinematics import joint_poses_of
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.descriptions.urdf_file import GivenLimits
-from planning.robots.overview import LinkRow, Overview, overview
+from planning.robots.overview import LinkRow, Overview, robot_overview
 from planning.robots.registry import ROBOTS, robot_model
-from planning.timing.torque import why_unchecked
+from planning.timing.torque import explain_unchecked_efforts
 from planning.transforms import Array, Transform, identity, inverse
-from twin.check.tools import finger_gap, misplaced
+from twin.check.tools import finger_gap, frame_warnings
 from twin.check.views import (
     FROM_THE_SIDE,
     DrawnShape,
@@ -186,7 +186,7 @@ class RobotSheet:
         return {"title": self.title, "notes": list(self.words), **tables}
 
 
-def sheets_of(
+def robot_sheets(
     which: str, held: Mapping[str, float], flange: str | None
 ) -> tuple[RobotSheet, ...]:
     """Return the sheets of a registered robot, of a file, or of the robots of a scenario.
@@ -213,7 +213,7 @@ def sheets_of(
                 fitting = Fitting(held=held, flange=flange, limits=given)
                 model = robot_model(which, None, fitting)
                 return (_of_robot(model, str(model.name), error.message),)
-        path = file_named(which, Path(), RobotModelError).resolve()
+        path = resolve_file_name(which, Path(), RobotModelError).resolve()
         if not path.is_file() or flange is not None:
             raise
         return (_of_tool(path, held, error),)
@@ -242,7 +242,7 @@ def _of_scenario(path: Path) -> tuple[RobotSheet, ...]:
 
 def _of_robot(model: RobotModel, title: str, no_speeds: str = "") -> RobotSheet:
     """Return the sheet of a robot; where its description tells no speeds, with the reason."""
-    found = overview(model)
+    found = robot_overview(model)
     words = [f"{model.dof} joints; HOME {_list(model.home)} rad or m", *found.words]
     joints, rows = _joints(found)
     if no_speeds:
@@ -254,7 +254,9 @@ def _of_robot(model: RobotModel, title: str, no_speeds: str = "") -> RobotSheet:
         words.append(f"payload {model.drives.payload:g} kg, the tool included")
     if model.name in ROBOTS and (source := ROBOTS[model.name].limits_source):
         words.append(f"limits: {source}")
-    reason = why_unchecked(PlacedRobot(title, model, identity(), model.home))
+    reason = explain_unchecked_efforts(
+        PlacedRobot(title, model, identity(), model.home)
+    )
     if reason is None:
         words.append("efforts: kept to in plans within limits, by the masses told here")
     else:
@@ -263,7 +265,9 @@ def _of_robot(model: RobotModel, title: str, no_speeds: str = "") -> RobotSheet:
         words.append("(usual): nobody says it, so plans within limits take this")
     words += _grip_words(model)
     for name, pose in model.frames.items():
-        words += [f"doubtful: frame {name!r} {text}" for text in misplaced(model, pose)]
+        words += [
+            f"doubtful: frame {name!r} {text}" for text in frame_warnings(model, pose)
+        ]
     frames = [("flange", model.flange_link, *_place(identity()))]
     frames += [(name, "", *_place(pose)) for name, pose in model.frames.items()]
     return RobotSheet(
@@ -300,7 +304,7 @@ def _of_tool(
         raise RobotModelError(
             f"it is no robot: {reason}; and no tool: {error}"
         ) from None
-    found, prefix = overview(model), f"{_TOOL}."
+    found, prefix = robot_overview(model), f"{_TOOL}."
     joints = {
         name.removeprefix(prefix): f"{value:.6g}"
         for name, value in found.held.items()

@@ -17,17 +17,22 @@ from planning.cell.workcell import (
     WorldState,
     start_state,
 )
-from planning.geometry.exact import distance_at, resting_solid
+from planning.geometry.exact import hull_distance_at, resting_solid
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import inverse_kinematics, joint_poses_of
-from planning.timing.torque import ArmDynamics, Payload, too_weak, why_unchecked
+from planning.timing.torque import (
+    ArmDynamics,
+    HandPayload,
+    describe_weak_joint,
+    explain_unchecked_efforts,
+)
 from planning.transforms import Array, from_rpy
 from twin.check.finding import (
+    CheckContext,
     Finding,
     Findings,
-    Subject,
-    millimetres,
+    format_millimetres,
 )
 from twin.durations.measured import Packaged
 from twin.durations.model import DurationModel, PackagedSkill
@@ -44,7 +49,7 @@ _NOWHERE = np.zeros(0)
 _HOME_KEYS = ("home_deg", "home_rad_or_m", "parked", "base")
 
 
-def check_homes(subject: Subject) -> Findings:
+def check_homes(subject: CheckContext) -> Findings:
     """Yield robots that touch themselves, others or anything else at HOME, or are past a limit."""
     cell = subject.cell
     state = start_state(cell)
@@ -74,7 +79,7 @@ def check_homes(subject: Subject) -> Findings:
         seen.add(pair)
 
 
-def _remedy(subject: Subject, robot: PlacedRobot, state: WorldState) -> str:
+def _remedy(subject: CheckContext, robot: PlacedRobot, state: WorldState) -> str:
     """Return what helps a robot whose HOME is in contact, with a HOME that is free where none is given."""
     if not _at_zero(robot, robot.model.dof):
         return "move its base or change its HOME"
@@ -82,8 +87,8 @@ def _remedy(subject: Subject, robot: PlacedRobot, state: WorldState) -> str:
     goals = tuple(subject.checks.goals().values())
     first: list[int] | None = None
     for home, tool in _free_homes(subject.cell, robot, state):
-        ways = [float(np.linalg.norm(tool[:2] - goal[:2, 3])) for goal in goals]
-        if min(ways, default=np.inf) > _ASIDE:
+        distances = [float(np.linalg.norm(tool[:2] - goal[:2, 3])) for goal in goals]
+        if min(distances, default=np.inf) > _ASIDE:
             return f"{words}: home_deg: {home} would be free"
         first = first or home
     if first is None:
@@ -139,7 +144,7 @@ def _height(robot: PlacedRobot, q: Array) -> float:
     return float(np.mean([pose[2, 3] for pose in joint_poses_of(robot, q)]))
 
 
-def check_bases(subject: Subject) -> Findings:
+def check_bases(subject: CheckContext) -> Findings:
     """Yield bases that are deep in a fixture of the file; two bases are in contact at HOME."""
     cell = subject.cell
     fixtures = [item for item in cell.fixtures if item.name in subject.own_fixtures]
@@ -151,7 +156,7 @@ def check_bases(subject: Subject) -> Findings:
             for item in fixtures:
                 for piece in item.shape.pieces:
                     box = resting_solid(item.name, piece, item.pose)
-                    gap = distance_at(solid, robot.home, box, _NOWHERE)
+                    gap = hull_distance_at(solid, robot.home, box, _NOWHERE)
                     deepest[item.name] = min(deepest[item.name], gap)
         # Some descriptions draw a base as balls that reach below the plane it stands on.
         lowest = [p.body.vertices[:, 2].min() for p in robot.model.parts if p.joint < 0]
@@ -161,15 +166,15 @@ def check_bases(subject: Subject) -> Findings:
             if gap < -_SUNK:
                 yield Finding(
                     subject.robot_at(robot.name, "base"),
-                    f"the base of {robot.name} is {millimetres(-gap)} deep in {name}: right if it is"
+                    f"the base of {robot.name} is {format_millimetres(-gap)} deep in {name}: right if it is"
                     " bolted into a cut-out, a mistake if it stands on it",
                 )
 
 
-def check_speeds(subject: Subject) -> Findings:
+def check_speeds(subject: CheckContext) -> Findings:
     """Yield a planning speed that is beyond the limits of joints, which then set the times."""
     planning = subject.scenario.planning
-    if subject.scenario.speed_model != "l1" or subject.kind.at_once:
+    if subject.scenario.speed_model != "l1" or subject.kind.space_time:
         return
     speed = planning.l1_rad_s
     slow: dict[str, tuple[float, list[str]]] = {}
@@ -198,7 +203,7 @@ def _owner(entity: str) -> str:
     return entity.partition(":")[0].partition("/")[0]
 
 
-def check_efforts(subject: Subject) -> Findings:
+def check_efforts(subject: CheckContext) -> Findings:
     """Yield robots whose efforts are too low to be those of the arm, or for the parts they place.
 
     Only for plans within limits, in which efforts count.
@@ -208,13 +213,13 @@ def check_efforts(subject: Subject) -> Findings:
     parts = subject.checks.placed()
     for robot in subject.cell.robots:
         drives, at = robot.model.drives, subject.robot_at(robot.name, "limits", "model")
-        if weak := too_weak(robot):
+        if weak := describe_weak_joint(robot):
             yield Finding(
                 at,
                 f"efforts of {robot.name} ({robot.model.name}) are not kept to: {weak}; give"
                 " limits.effort, or a description with its masses",
             )
-        if drives is None or why_unchecked(robot) is not None:
+        if drives is None or explain_unchecked_efforts(robot) is not None:
             continue
         light = [part for part in parts if part.mass <= drives.spare]
         heaviest = max(light, key=lambda part: part.mass, default=None)
@@ -227,7 +232,7 @@ def _cannot_hold(robot: PlacedRobot, part: CellObject) -> str | None:
     model, drives = robot.model, robot.model.drives
     assert drives is not None
     tool = model.frames.get("tool", np.eye(4))
-    held = Payload(part.mass, part.shape, tool)
+    held = HandPayload(part.mass, part.shape, tool)
     weight = np.abs(ArmDynamics(robot, model, [held]).gravity(robot.home))
     over = weight > drives.effort
     if not over.any():
@@ -240,7 +245,7 @@ def _cannot_hold(robot: PlacedRobot, part: CellObject) -> str | None:
     )
 
 
-def check_standing_times(subject: Subject) -> Findings:
+def check_standing_times(subject: CheckContext) -> Findings:
     """Yield that nothing which is done takes any time."""
     execution = subject.scenario.execution
     every: tuple[str, ...] = get_args(PackagedSkill)
@@ -258,7 +263,7 @@ def check_standing_times(subject: Subject) -> Findings:
         )
 
 
-def check_skill_times(subject: Subject) -> Findings:
+def check_skill_times(subject: CheckContext) -> Findings:
     """Yield skills without packaged times of their own in which someone takes LEGO's packaged times."""
     execution = subject.scenario.execution
     models = {k: v for k, v in execution.skills.items() if isinstance(v, DurationModel)}

@@ -10,13 +10,13 @@ from scipy.spatial import ConvexHull
 from planning.cell.body import ConvexBody
 from planning.cell.cover import box_body
 from planning.cell.robot_model import RobotModel
-from planning.geometry.exact import Solid, distance_at
+from planning.geometry.exact import Solid, hull_distance_at
 from planning.grips.pads import finger_sides
 from planning.grips.tool_grips import tool_bodies, tool_heights
 from planning.robots.descriptions.xml_files import read_xml
-from planning.robots.overview import flange_doubt, overview
-from planning.transforms import Array, readonly, translation
-from twin.check.finding import Finding, Findings, Subject, millimetres
+from planning.robots.overview import flange_warning, robot_overview
+from planning.transforms import Array, read_only_copy, translation
+from twin.check.finding import CheckContext, Finding, Findings, format_millimetres
 
 _FAR = 0.02
 """A tool frame is at the tool if it is no farther from it than this [m]."""
@@ -39,7 +39,7 @@ _TOLD = 4
 """How many joints are named."""
 
 
-def check_tool_frames(subject: Subject) -> Findings:
+def check_tool_frames(subject: CheckContext) -> Findings:
     """Yield tool frames that are beside the tool, or do not point out of it."""
     seen: set[tuple[str, bytes]] = set()
     for name, frame, holds in subject.checks.tool_frames():
@@ -62,15 +62,15 @@ def check_tool_frames(subject: Subject) -> Findings:
             heights = tool_heights(model, model.flange @ pose)
             if float(heights.max()) < -_FAR:
                 continue  # what a camera looks at, or a nozzle sprays on
-        for words in misplaced(model, readonly(pose)):
+        for words in frame_warnings(model, read_only_copy(pose)):
             yield Finding(at, f"frame {frame!r} of {name} ({model.name}) {words}")
 
 
-def check_flanges(subject: Subject) -> Findings:
+def check_flanges(subject: CheckContext) -> Findings:
     """Yield flanges out of which another axis points than z, unless the tool makes up for it."""
     for robot in subject.unlike_robots:
         model = robot.model
-        doubt = flange_doubt(model)
+        doubt = flange_warning(model)
         pose = model.flange @ model.frames.get("tool", np.eye(4))
         along = abs(float(pose[:3, 2] @ model.chain.axis[-1]))
         if doubt is not None and along < _ALONG:
@@ -78,7 +78,7 @@ def check_flanges(subject: Subject) -> Findings:
             yield Finding(at, f"flange of {robot.name} ({model.name}): {doubt}")
 
 
-def check_suction(subject: Subject) -> Findings:
+def check_suction(subject: CheckContext) -> Findings:
     """Yield tools that are said to hold by suction, and whose descriptions have fingers that move."""
     everywhere = subject.checks.by_suction
     for robot in subject.unlike_robots:
@@ -98,7 +98,7 @@ def check_suction(subject: Subject) -> Findings:
 
 def _moving_fingers(model: RobotModel) -> list[str]:
     """Return the joints of a tool that its description lets move, and that are held here."""
-    seen = overview(model)
+    seen = robot_overview(model)
     links = {row.joint for row in seen.links if row.group == "tool"}
     kinds = {
         str(joint.get("name")): joint.get("held") or joint.get("type")
@@ -107,7 +107,7 @@ def _moving_fingers(model: RobotModel) -> list[str]:
     return [name for name, kind in kinds.items() if name in links and kind != "fixed"]
 
 
-def check_openings(subject: Subject) -> Findings:
+def check_openings(subject: CheckContext) -> Findings:
     """Yield fingers that are held farther apart than they open, or nearer than parts are wide."""
     for robot in subject.unlike_robots:
         model = robot.model
@@ -128,8 +128,8 @@ def check_openings(subject: Subject) -> Findings:
         elif gap > most + _play(most) or gap < least - _play(most):
             yield Finding(
                 at,
-                f"the fingers of {tool} are held {millimetres(gap)} apart, and opening_m is"
-                f" {millimetres(least)} to {millimetres(most)}: one of the two is wrong, or 'closing' is"
+                f"the fingers of {tool} are held {format_millimetres(gap)} apart, and opening_m is"
+                f" {format_millimetres(least)} to {format_millimetres(most)}: one of the two is wrong, or 'closing' is"
                 " across the fingers",
             )
 
@@ -181,7 +181,7 @@ def _span_along(body: ConvexBody, at: Array, way: Array) -> tuple[float, float] 
     return (low, high) if low <= high else None
 
 
-def misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
+def frame_warnings(model: RobotModel, frame: Array) -> Iterator[str]:
     """Yield in words what is doubtful about a frame, a pose in the flange frame."""
     bodies = tool_bodies(model)
     if not bodies:
@@ -189,9 +189,9 @@ def misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
     tip = model.flange @ frame
     # Hulls need a volume.
     grain = box_body("tip", (1e-5, 1e-5, 1e-5))
-    point = Solid("tip", grain, readonly(translation(*tip[:3, 3])))
+    point = Solid("tip", grain, read_only_copy(translation(*tip[:3, 3])))
     gaps = [
-        distance_at(point, _NOWHERE, Solid(body.name, body, np.eye(4)), _NOWHERE)
+        hull_distance_at(point, _NOWHERE, Solid(body.name, body, np.eye(4)), _NOWHERE)
         for body in bodies
     ]
     nearest = int(np.argmin(gaps))
@@ -200,7 +200,7 @@ def misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
     apart = 0.0 if opening is None else 0.5 * opening[1]
     if gaps[nearest] > max(_FAR + apart, between + _PLAY):
         yield (
-            f"is {millimetres(gaps[nearest])} away from the tool (nearest: {bodies[nearest].name}):"
+            f"is {format_millimetres(gaps[nearest])} away from the tool (nearest: {bodies[nearest].name}):"
             " parts would hang beside it; give the robot 'frames' with the point between its fingers,"
             " or a description with the tool on its flange"
         )
@@ -211,23 +211,23 @@ def misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
         return
     if behind <= _SHARE * front:
         yield (
-            f"lies behind the tool, {millimetres(front)} of which are in front of it along z: parts"
+            f"lies behind the tool, {format_millimetres(front)} of which are in front of it along z: parts"
             " would be held in the middle of it; give the robot 'frames' with the point between its"
             " fingers"
         )
     else:
         yield (
-            f"does not point out of the tool: {millimetres(front)} of it are in front of the frame"
-            f" along z and {millimetres(behind)} behind, so parts would be held at its side; z must"
+            f"does not point out of the tool: {format_millimetres(front)} of it are in front of the frame"
+            f" along z and {format_millimetres(behind)} behind, so parts would be held at its side; z must"
             " point out of the hand (fingers close along y): give the robot 'frames' with another"
             " rpy_deg"
         )
 
 
-def check_descriptions(subject: Subject) -> Findings:
+def check_descriptions(subject: CheckContext) -> Findings:
     """Yield collision shapes without a volume, and what is likely in a wrong unit in descriptions."""
     for robot in subject.unlike_robots:
-        found = overview(robot.model)
+        found = robot_overview(robot.model)
         for words in (*found.left_out, *found.doubts):
             at = subject.robot_at(robot.name, "model")
             yield Finding(at, f"{robot.name}: {words}")

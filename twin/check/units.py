@@ -8,8 +8,8 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot
 from planning.transforms import Array, Transform
-from twin.check.finding import Finding, Findings, Subject
-from twin.check.reach import away_from, reach_bound
+from twin.check.finding import CheckContext, Finding, Findings
+from twin.check.reach import distance_from_first_joint, reach_bound
 from twin.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.shapes import PoseSection
@@ -24,7 +24,7 @@ Place = tuple[str, KeyPath, Transform]
 """What is somewhere, where the file says so, and its pose."""
 
 
-def check_units(subject: Subject) -> Findings:
+def check_units(subject: CheckContext) -> Findings:
     """Yield places, sizes and tool frames that no arm of the cell has to do with, by far."""
     robots = subject.cell.robots
     if not robots:
@@ -50,7 +50,7 @@ def _length(robot: PlacedRobot) -> float:
     return reach_bound(robot, "flange")
 
 
-def _places(subject: Subject) -> Iterator[Place]:
+def _places(subject: CheckContext) -> Iterator[Place]:
     """Yield where parts lie and where they go."""
     goals = subject.checks.goals()
     for item in subject.cell.objects:
@@ -61,12 +61,15 @@ def _places(subject: Subject) -> Iterator[Place]:
             yield f"the place of {item.name} is", at, goals[item.name]
 
 
-def _far_apart(subject: Subject, places: Sequence[Place]) -> Findings:
+def _far_apart(subject: CheckContext, places: Sequence[Place]) -> Findings:
     """Yield places that are far away from every robot, and robots that are from every place."""
     robots = subject.cell.robots
     for words, at, place in places:
-        nearest = min(robots, key=lambda item: away_from(item, place) / _length(item))
-        away = away_from(nearest, place)
+        nearest = min(
+            robots,
+            key=lambda item: distance_from_first_joint(item, place) / _length(item),
+        )
+        away = distance_from_first_joint(nearest, place)
         if away > _AWAY * _length(nearest):
             yield Finding(
                 at,
@@ -75,7 +78,7 @@ def _far_apart(subject: Subject, places: Sequence[Place]) -> Findings:
                 error=True,
             )
     for robot in robots if places else ():
-        away = min(away_from(robot, place) for _, _, place in places)
+        away = min(distance_from_first_joint(robot, place) for _, _, place in places)
         if away > _AWAY * _length(robot):
             yield Finding(
                 subject.robot_at(robot.name, "base"),
@@ -85,7 +88,7 @@ def _far_apart(subject: Subject, places: Sequence[Place]) -> Findings:
             )
 
 
-def _tool_frames(subject: Subject) -> Findings:
+def _tool_frames(subject: CheckContext) -> Findings:
     """Yield frames of tools that are farther from their flange than their robot's arm is long."""
     for robot, words, at, pose in _framed_poses(subject.scenario.cell):
         length = _length(subject.cell.robot(robot))

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import BaseModel
 
-from twin.check.finding import Finding, Findings, Subject
-from twin.document.section import parts_of
+from twin.check.finding import CheckContext, Finding, Findings
+from twin.document.section import iterate_nested
 from twin.document.yaml_text import KeyPath
 from twin.durations.model import DurationModel
 from twin.durations.normal import TruncatedNormal
@@ -110,10 +110,10 @@ def usual_range(section: type[BaseModel], key: str) -> UsualRange | None:
     return next((USUAL[name] for name in (*names, key) if name in USUAL), None)
 
 
-def check_usual(subject: Subject) -> Findings:
+def check_usual(subject: CheckContext) -> Findings:
     """Yield the numbers and durations of the file that are far from what is usual."""
     seen = set[int]()  # the skills of processes are the durations that these give
-    for path, section in parts_of(subject.scenario):
+    for path, section in iterate_nested(subject.scenario):
         if not isinstance(section, BaseModel) or id(section) in seen:
             continue
         seen.add(id(section))
@@ -129,7 +129,7 @@ def check_usual(subject: Subject) -> Findings:
             place = (*path, type(section).model_fields[key].alias or key)
             numbers = {
                 at: float(value)
-                for at, value in parts_of(given, place)
+                for at, value in iterate_nested(given, place)
                 if isinstance(value, int | float) and not isinstance(value, bool)
             }
             if key.endswith("_deg") and _in_radians([*numbers.values()]):
@@ -169,10 +169,10 @@ def _name(at: KeyPath) -> str:
     return ".".join([key for key in at if isinstance(key, str)][-2:])
 
 
-def check_rates(subject: Subject) -> Findings:
+def check_rates(subject: CheckContext) -> Findings:
     """Yield what stands still for longer than it works."""
     execution = subject.scenario.execution
-    for path, own in parts_of(execution, ("execution",)):
+    for path, own in iterate_nested(execution, ("execution",)):
         mtbf, mttr = getattr(own, "mtbf_s", None), getattr(own, "mttr_s", None)
         if mtbf is not None and mttr is not None and mttr > mtbf:
             yield Finding(
@@ -190,7 +190,7 @@ def check_rates(subject: Subject) -> Findings:
         )
 
 
-def check_physics(subject: Subject) -> Findings:
+def check_physics(subject: CheckContext) -> Findings:
     """Yield robots and objects as there are none.
 
     Joints far faster than their description, masses that cannot be those of their volumes, and robots that hang

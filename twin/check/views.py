@@ -85,7 +85,7 @@ def draw_shapes(area: Axes, view: Viewpoint, shapes: Iterable[DrawnShape]) -> No
     ):
         area.add_patch(
             Polygon(
-                hull_outline(shape.corners[:, view.flat]),
+                outline_of_hull(shape.corners[:, view.flat]),
                 closed=True,
                 facecolor=shape.face,
                 edgecolor=shape.edge,
@@ -114,7 +114,7 @@ def placed_points(points: Array, pose: Transform) -> Array:
     return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 
-def hull_outline(points: Array) -> Array:
+def outline_of_hull(points: Array) -> Array:
     """Return the corners of the hull of points in a plane, in order, shape (c, 2)."""
     try:
         return np.asarray(points[ConvexHull(points).vertices])
@@ -140,7 +140,7 @@ class CloseUp:
         return bool(np.all(self.low <= box[0]) and np.all(box[1] <= self.high))
 
 
-def close_ups(
+def find_close_ups(
     boxes: Array, extent: Array, metres_per_point: float, row: tuple[float, float]
 ) -> list[CloseUp]:
     """Return what of a view is to be drawn larger.
@@ -292,7 +292,7 @@ class Names:
         )
 
 
-def widened(low: Array, high: Array, ratio: float) -> Sequence[Array]:
+def widen_rectangle(low: Array, high: Array, ratio: float) -> Sequence[Array]:
     """Return the corners of a rectangle that has another in its middle, and a ratio of width to height."""
     size = high - low
     wanted = np.array([max(size[0], ratio * size[1]), max(size[1], size[0] / ratio)])

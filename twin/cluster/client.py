@@ -9,7 +9,7 @@ from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from planning.errors import RequestError, TwinError, listed
+from planning.errors import RequestError, TwinError, format_names
 from twin.cluster.address import Cluster
 from twin.cluster.certificates import Certificates
 from twin.host.extras import extra_module
@@ -182,7 +182,7 @@ def require_same_versions(found: Mapping[str, Any], here: Mapping[str, str]) -> 
         if other:
             raise ClusterError(
                 f"the worker at {address} has other versions, so results could differ:"
-                f" {listed(other)}"
+                f" {format_names(other)}"
             )
 
 

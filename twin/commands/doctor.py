@@ -44,14 +44,14 @@ OPTIONAL = ("pybullet", "pybullet")
 @guarded
 def doctor(as_json: AsJson = False) -> int:
     """Print versions for a bug report, say what does not load, and what the audit uses."""
-    from planning.silence import silenced
+    from planning.silence import silence_output
 
     found = {"python": platform.python_version(), "system": platform.platform()}
     found["processors"] = str(os.cpu_count())
     missing = {}
     for distribution, module in (*PARTS, OPTIONAL):
         try:
-            with silenced():
+            with silence_output():
                 import_module(module)
             found[distribution] = _version(distribution)
         except Exception as error:  # a broken library may raise anything on import

@@ -66,7 +66,7 @@ def plan(
     from twin.trial.loaded_scenario import load
     from twin.trial.plan_result import scenario_of_run
     from twin.trial.run_moment import RunMoment
-    from twin.trial.trial import write_plan
+    from twin.trial.run_plan import write_plan
 
     moment = None
     if world is not None:

@@ -131,11 +131,11 @@ def resume(
     The run is computed again from the start, compared with the log event by event, and brought
     to its end: the files are those of a run that was never killed.
     """
-    from twin.run.folder import locked
+    from twin.run.folder import lock_folder
     from twin.trial.resume import resume_run
 
     view = View(as_json, quiet)
-    with view.progress() as progress, locked(logdir):
+    with view.progress() as progress, lock_folder(logdir):
         done = resume_run(logdir, base=base, progress=progress)
     if not view.silent:
         words = "the run has come to its end already"

@@ -12,7 +12,7 @@ from twin.commands.options import AsJson, Quiet
 from twin.host.guard import (
     BAD_INPUT,
     COMPLETED,
-    describe,
+    error_message,
     guarded,
     print_error,
     print_json,
@@ -105,7 +105,7 @@ def validate(
         try:
             scenario = load(file)
         except ScenarioError as error:
-            print_error(describe(error))
+            print_error(error_message(error))
             code = BAD_INPUT
             continue
         if resolved:

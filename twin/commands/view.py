@@ -46,11 +46,11 @@ class View:
         Yields:
             The display, which is called with the name of a stage, how much of it is done, and its total.
         """
-        from twin.host.progress import StageDisplay, compilation_shown
+        from twin.host.progress import StageDisplay, show_compilation
 
         with (
             StageDisplay(enabled=not self.silent, columns=columns()) as display,
-            compilation_shown(display, silent=self.silent) as count,
+            show_compilation(display, silent=self.silent) as count,
         ):
             yield display
             self.compiled = count() > 0

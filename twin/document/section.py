@@ -29,15 +29,15 @@ Several = Annotated[tuple[Item, ...], Field(min_length=1)]
 """Lists of two and of three entries, and lists that are not empty."""
 
 
-def described(schema: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
+def described_schema(schema: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
     """Return the schema of a section whose properties say what they mean.
 
     Args:
         schema: of the section itself, without references at its top.
         model: its class.
     """
-    about = summary(model)
-    meanings = attributes(model)
+    about = docstring_summary(model)
+    meanings = docstring_attributes(model)
     names = {field.alias or name: name for name, field in model.model_fields.items()}
     properties = {}
     for key, part in schema.get("properties", {}).items():
@@ -48,13 +48,13 @@ def described(schema: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
     return {**schema, "description": about, "properties": properties}
 
 
-def summary(model: type[BaseModel]) -> str:
+def docstring_summary(model: type[BaseModel]) -> str:
     """Return what the docstring of a class says before its attributes, in one paragraph."""
     text = _ATTRIBUTES.split(cleandoc(model.__doc__ or ""))[0]
     return _plain(text.split("\n\nRaises:")[0])
 
 
-def attributes(model: type[BaseModel]) -> dict[str, str]:
+def docstring_attributes(model: type[BaseModel]) -> dict[str, str]:
     """Return the meanings of the attributes of a class and of its bases, by name."""
     found: dict[str, str] = {}
     for base in reversed(model.__mro__):
@@ -116,7 +116,7 @@ class Section(BaseModel):
         cls, core: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """Return the schema with what the docstring says of every key."""
-        return described(handler.resolve_ref_schema(handler(core)), cls)
+        return described_schema(handler.resolve_ref_schema(handler(core)), cls)
 
     def changed(self, **values: object) -> Self:
         """Return the section with other values, which are not checked again."""
@@ -140,7 +140,7 @@ def with_tuples(value: Any) -> Any:
     return tuple(map(with_tuples, value)) if isinstance(value, list) else value
 
 
-def parts_of(value: object, at: KeyPath = ()) -> Iterator[tuple[KeyPath, object]]:
+def iterate_nested(value: object, at: KeyPath = ()) -> Iterator[tuple[KeyPath, object]]:
     """Yield whatever is in a section, in a list or in a mapping, and that itself last; keys are those of the file.
 
     Args:
@@ -156,5 +156,5 @@ def parts_of(value: object, at: KeyPath = ()) -> Iterator[tuple[KeyPath, object]
     elif isinstance(value, tuple | list):
         entries = enumerate(value)
     for key, part in entries:
-        yield from parts_of(part, (*at, key))
+        yield from iterate_nested(part, (*at, key))
     yield at, value

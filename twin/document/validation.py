@@ -106,7 +106,7 @@ class InvalidScenarioError(ScenarioError):
         return "\n".join(parts)
 
 
-def meant_key(key: str, valid: Sequence[str]) -> str | None:
+def closest_key(key: str, valid: Sequence[str]) -> str | None:
     """Return the valid key that was probably meant, None when none is near."""
     stem, unit = _split_unit(key)
     for name in valid:
@@ -118,7 +118,7 @@ def meant_key(key: str, valid: Sequence[str]) -> str | None:
 
 def unknown_key(key: str, valid: Sequence[str]) -> str:
     """Say that a key is unknown, which one was probably meant, and in which unit."""
-    meant = meant_key(key, valid)
+    meant = closest_key(key, valid)
     if meant is not None:
         (stem, unit), (meant_stem, meant_unit) = _split_unit(key), _split_unit(meant)
         if stem == meant_stem and unit != meant_unit:
@@ -143,7 +143,7 @@ def unknown_name(what: str, name: str, valid: Sequence[str]) -> UnknownName:
     return UnknownName(f"unknown {what} {name!r}{hint}{known}")
 
 
-def unless_known(
+def check_known_name(
     at: KeyPath, what: str, name: str | None, valid: Collection[str], none: str = ""
 ) -> Found:
     """Yield that a name is unknown, where one is given and is.
@@ -167,7 +167,7 @@ def _split_unit(key: str) -> tuple[str, str]:
     return key, ""
 
 
-def parsed(path: Path, text: str) -> YamlDocument:
+def parse_document(path: Path, text: str) -> YamlDocument:
     """Return what a file says, as far as it is YAML.
 
     Raises:
@@ -180,7 +180,7 @@ def parsed(path: Path, text: str) -> YamlDocument:
     return document
 
 
-def validated(
+def validate_document(
     document: YamlDocument, model: type[Model], schema: Callable[[], dict[str, Any]]
 ) -> Model:
     """Return the section that a document holds.
@@ -220,7 +220,7 @@ def schema_problems(
             *parent, name = error["loc"]
             valid = _free_keys(document, schema, tuple(parent))
             at = _mapping_at(document, tuple(parent))
-            if key := meant_key(str(name), valid):
+            if key := closest_key(str(name), valid):
                 meant.add((*at, key))
             text = unknown_key(str(name), valid)
             out.append(document.problem((*at, name, "[key]"), text))

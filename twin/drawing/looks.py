@@ -22,7 +22,7 @@ _WHITE = (1.0, 1.0, 1.0)
 _GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
 
 
-def paint(
+def paint_robot(
     urdf: ElementTree.Element, colour: tuple[int, int, int], *, linear: bool = False
 ) -> None:
     """Give a robot its colour: what is coloured takes it, white meshes are tinted.
@@ -115,7 +115,7 @@ def painted_description(
         if found is not None:
             mesh.set("filename", str(found.resolve()))
     _show_hidden(robot, tree.getroot())
-    paint(tree.getroot(), colour, linear=linear)
+    paint_robot(tree.getroot(), colour, linear=linear)
     return tree
 
 

@@ -18,7 +18,7 @@ _LONG = 17
 """Letters of a word that may be broken: on a phone it would push what is beside it off the page."""
 
 
-def text(words: object) -> str:
+def escape_text(words: object) -> str:
     """Return words as HTML."""
     return html.escape(str(words))
 
@@ -28,23 +28,27 @@ def breakable(words: object) -> str:
     return re.sub(
         rf"\S{{{_LONG},}}",
         lambda long: re.sub(r"([._])", r"\1<wbr>", long[0]),
-        text(words),
+        escape_text(words),
     )
 
 
 def heading(words: str, level: int = 2) -> str:
     """Return a heading."""
-    return f"<h{level}>{text(words)}</h{level}>"
+    return f"<h{level}>{escape_text(words)}</h{level}>"
 
 
 def paragraph(words: str, kind: str = "") -> str:
     """Return a paragraph of a class."""
-    return f'<p class="{kind}">{text(words)}</p>' if kind else f"<p>{text(words)}</p>"
+    return (
+        f'<p class="{kind}">{escape_text(words)}</p>'
+        if kind
+        else f"<p>{escape_text(words)}</p>"
+    )
 
 
 def bullets(title: str, texts: Sequence[str]) -> str:
     """Return a list with its heading, nothing where there are no entries."""
-    items = "".join(f"<li>{text(words)}</li>" for words in texts)
+    items = "".join(f"<li>{escape_text(words)}</li>" for words in texts)
     return f"{heading(title)}<ul>{items}</ul>" if items else ""
 
 
@@ -57,25 +61,26 @@ def table(
     )
     names = "".join(f"<th>{breakable(name)}</th>" for name in head)
     return (
-        f'<table class="{kind}"><caption>{text(caption)}</caption>'
+        f'<table class="{kind}"><caption>{escape_text(caption)}</caption>'
         f"<thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
         if body
         else ""
     )
 
 
-def told_table(
+def text_table(
     caption: str, told: tuple[Sequence[str], Iterable[Iterable[str]]], kind: str = ""
 ) -> str:
     """Return a table of words, its head and its rows given; nothing where there are no rows."""
     head, rows = told
-    return table(caption, head, [map(text, row) for row in rows], kind)
+    return table(caption, head, [map(escape_text, row) for row in rows], kind)
 
 
 def pairs(rows: Iterable[tuple[str, str]]) -> str:
     """Return what is said about some things, a row each."""
     body = "".join(
-        f"<tr><th>{text(name)}</th><td>{text(words)}</td></tr>" for name, words in rows
+        f"<tr><th>{escape_text(name)}</th><td>{escape_text(words)}</td></tr>"
+        for name, words in rows
     )
     return f'<table class="pairs"><tbody>{body}</tbody></table>'
 
@@ -94,7 +99,7 @@ def picture(figure: Figure, name: str) -> str:
     return f"<figure>{svg[svg.index('<svg') :]}</figure>"
 
 
-def drawn_in(folder: Path, figure: Figure, name: str) -> str:
+def save_and_embed_picture(folder: Path, figure: Figure, name: str) -> str:
     """Write a picture into a folder as PNG, and return it for a page; see picture.
 
     Raises:
@@ -118,7 +123,7 @@ def page(title: str, css: str, pieces: Iterable[str]) -> str:
         "<!doctype html>",
         '<html lang="en"><head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width">',
-        f"<title>{text(title)}</title><style>{css}</style></head><body>",
+        f"<title>{escape_text(title)}</title><style>{css}</style></head><body>",
         heading(title, 1),
         *pieces,
         "</body></html>",
@@ -128,17 +133,17 @@ def page(title: str, css: str, pieces: Iterable[str]) -> str:
 
 def card(title: str, rows: Iterable[tuple[str, str]]) -> str:
     """Return a titled table of what is said about some things."""
-    return f"<p><strong>{text(title)}</strong></p>{pairs(rows)}"
+    return f"<p><strong>{escape_text(title)}</strong></p>{pairs(rows)}"
 
 
-def drawn(figure: Figure) -> str:
+def inline_picture(figure: Figure) -> str:
     """Return a picture as an element of its own, which needs no file."""
     out = io.BytesIO()
     figure.savefig(out, format="png")
     return _image(out.getvalue())
 
 
-def shown(picture: Path) -> str:
+def run_picture(picture: Path) -> str:
     """Return a picture that a run wrote as an element; nothing where it is not there."""
     return _image(picture.read_bytes()) if picture.is_file() else ""
 

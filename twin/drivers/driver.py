@@ -72,7 +72,7 @@ class ClearedNode:
         return begin + share * (float(self.seconds[leg]) - begin)
 
 
-def order_of(
+def tool_order_of_node(
     tpg: TemporalPlanGraph, chain: int, node: int, acts: Mapping[int, Actuation]
 ) -> tuple[str, ToolOrder] | None:
     """Return which other robot's tool closes or opens in a node and how, None where none does."""

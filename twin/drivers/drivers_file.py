@@ -12,9 +12,9 @@ from twin.document.section import Name, Section
 from twin.document.validation import (
     FileProblem,
     InvalidScenarioError,
-    parsed,
+    parse_document,
     unknown_name,
-    validated,
+    validate_document,
 )
 from twin.document.yaml_text import Mark
 from twin.registry import DRIVERS
@@ -122,8 +122,10 @@ def read_drivers(path: Path, robots: tuple[str, ...]) -> DriversSection:
     except (OSError, UnicodeDecodeError) as error:
         problem = FileProblem(Mark(1, 1), f"cannot be read: {error}")
         raise InvalidScenarioError(path, [problem], ()) from error
-    document = parsed(path, text)
-    section = validated(document, DriversSection, DriversSection.model_json_schema)
+    document = parse_document(path, text)
+    section = validate_document(
+        document, DriversSection, DriversSection.model_json_schema
+    )
     problems = [
         *document.problems,
         *(

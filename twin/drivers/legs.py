@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planning.motion.near_path import near_path
+from planning.motion.near_path import nearest_points_on_path
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode
 
@@ -88,10 +88,10 @@ class ClearedPath:
 
     def _is_straight(self, begin: int, end: int) -> bool:
         points = self.points(begin, end) - self.stops[begin].q
-        way = points[-1]
-        square = float(way @ way)
-        share = points @ way / max(square, 1e-18)
-        off = np.abs(points - share[:, None] * way).max()
+        displacement = points[-1]
+        square = float(displacement @ displacement)
+        share = points @ displacement / max(square, 1e-18)
+        off = np.abs(points - share[:, None] * displacement).max()
         return bool((np.diff(share) >= 0.0).all() and off <= STRAIGHT)
 
     def points(self, begin: int, end: int) -> Array:
@@ -100,9 +100,9 @@ class ClearedPath:
 
     def top(self, begin: int, end: int) -> float:
         """Return the greatest planned speed of the fastest joint on the way [rad/s or m/s]."""
-        ways = np.abs(np.diff(self.points(begin, end), axis=0)).max(axis=1)
+        displacements = np.abs(np.diff(self.points(begin, end), axis=0)).max(axis=1)
         took = [stop.seconds for stop in self.stops[begin + 1 : end + 1]]
-        speeds = [w / t for w, t in zip(ways, took, strict=True) if t > 0.0]
+        speeds = [w / t for w, t in zip(displacements, took, strict=True) if t > 0.0]
         return max(speeds, default=np.inf)
 
     def turn(self, begin: int, corner: int) -> float:
@@ -122,7 +122,7 @@ class ClearedPath:
             begin, end: points of the path.
             q: joint positions, shape (n,).
         """
-        return float(near_path(self.points(begin, end), q[None]).off[0])
+        return float(nearest_points_on_path(self.points(begin, end), q[None]).off[0])
 
     def nearest(self, q: Array) -> tuple[int, float]:
         """Return the first point behind which the path is nearest to where a robot is, and how near.

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.motion.near_path import near_path
+from planning.motion.near_path import nearest_points_on_path
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrder
 
@@ -71,7 +71,7 @@ class SimulatedArm:
         found = []
         for k, node in enumerate(self._nodes):
             corners = np.vstack([self._before(k), node.waypoints])
-            near = near_path(corners, self._stands[None])
+            near = nearest_points_on_path(corners, self._stands[None])
             gone = node.passed_s(int(near.leg[0]), float(near.share[0]))
             found.append((float(near.off[0]), k, gone))
         off, k, gone = min(found, default=(0.0, 0, 0.0))

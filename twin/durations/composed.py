@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
-from planning.transforms import Array, readonly
+from planning.transforms import Array, read_only_copy
 from twin.document.section import Name, Section
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
@@ -124,7 +124,9 @@ def _table(model: Retries) -> tuple[Array, Array]:
     weights = np.repeat(model.weights / len(points), len(points))
     order = np.argsort(sums, axis=None, kind="stable")
     cumulative = np.cumsum(weights[order])
-    return readonly(sums.ravel()[order]), readonly(cumulative / cumulative[-1])
+    return read_only_copy(sums.ravel()[order]), read_only_copy(
+        cumulative / cumulative[-1]
+    )
 
 
 Distribution = (

@@ -55,7 +55,7 @@ class FittableModel(DurationModel):
     @classmethod
     def section(cls, theta: Array) -> Mapping[str, Any]:
         """Return the scenario section of the distribution with parameters of shape (p,)."""
-        values = (rounded(value) for value in theta)
+        values = (round_parameter(value) for value in theta)
         kind = cls.model_fields["kind"].default
         return {"kind": kind, **dict(zip(cls.parameters, values, strict=True))}
 
@@ -126,7 +126,7 @@ class ShiftedFamily:
         """Return its scenario section."""
         return {
             "kind": "shifted",
-            "offset_s": rounded(theta[0]),
+            "offset_s": round_parameter(theta[0]),
             "model": dict(self.base.section(theta[1:])),
         }
 
@@ -168,11 +168,11 @@ def golden_section(
     return np.asarray(0.5 * (low + high))
 
 
-def rounded(value: float) -> float:
+def round_parameter(value: float) -> float:
     """Return a parameter as a scenario gives it: seven digits that count."""
     return float(f"{value:.7g}")
 
 
-def log_of_positive(x: Array) -> Array:
+def safe_log(x: Array) -> Array:
     """Return logarithms; whatever for what is not positive."""
     return np.asarray(np.log(np.maximum(x, 1e-300)))

@@ -9,7 +9,7 @@ from pydantic import model_validator
 from scipy.special import digamma, gamma, gammainc, gammaincinv, gammaln, polygamma
 
 from planning.transforms import Array
-from twin.durations.fittable import FittableModel, log_of_positive
+from twin.durations.fittable import FittableModel, safe_log
 from twin.durations.model import Factor, PositiveSeconds, Seconds, Shape, require_pair
 
 
@@ -99,7 +99,7 @@ class Gamma(FittableModel):
 
     @classmethod
     def _log_density(cls, x: Array, shape: Array, scale: Array) -> Array:
-        rise = (shape - 1) * log_of_positive(x)
+        rise = (shape - 1) * safe_log(x)
         out = rise - x / scale - gammaln(shape) - shape * np.log(scale)
         return np.where(x > 0, out, -np.inf)
 
@@ -152,7 +152,7 @@ class Weibull(FittableModel):
 
     @classmethod
     def _log_density(cls, x: Array, shape: Array, scale: Array) -> Array:
-        log = log_of_positive(x) - np.log(scale)
+        log = safe_log(x) - np.log(scale)
         out = np.log(shape / scale) + (shape - 1) * log - np.exp(shape * log)
         return np.where(x > 0, out, -np.inf)
 

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from planning.errors import ScenarioError
 from planning.files import is_file
-from planning.transforms import Array, readonly
+from planning.transforms import Array, read_only_copy
 from twin.durations.model import DurationModel, PackagedSkill
 from twin.durations.timing_files import Unit, read_durations
 
@@ -52,7 +52,7 @@ class MeasuredTimes(_Sample):
     @cached_property
     def values_s(self) -> Array:
         """The durations in rising order, shape (n,), read-only [s]."""
-        return readonly(np.sort(self.values))
+        return read_only_copy(np.sort(self.values))
 
     # The sorted array is no part of what is compared: arrays have no one truth value.
     def __eq__(self, other: object) -> bool:
@@ -116,4 +116,6 @@ def packaged_timings() -> dict[str, DurationModel]:
 @cache
 def _packaged_values(skill: str) -> Array:
     path = Path(__file__).parent / "packaged" / f"{skill}.csv"
-    return readonly(np.sort([value for _, value in read_durations(path, "duration_s")]))
+    return read_only_copy(
+        np.sort([value for _, value in read_durations(path, "duration_s")])
+    )

@@ -16,8 +16,8 @@ from planning.transforms import Array
 from twin.durations.fittable import (
     LOG_ROOT_2PI,
     FittableModel,
-    log_of_positive,
-    rounded,
+    round_parameter,
+    safe_log,
 )
 from twin.durations.model import Factor, PositiveSeconds, Seconds, require_pair
 
@@ -202,13 +202,13 @@ class Lognormal(FittableModel):
 
     @classmethod
     def _log_density(cls, x: Array, mu: Array, sigma: Array) -> Array:
-        log = log_of_positive(x)
+        log = safe_log(x)
         out = -0.5 * ((log - mu) / sigma) ** 2 - LOG_ROOT_2PI - np.log(sigma) - log
         return np.where(x > 0, out, -np.inf)
 
     @classmethod
     def _cdf(cls, x: Array, mu: Array, sigma: Array) -> Array:
-        return np.where(x > 0, ndtr((log_of_positive(x) - mu) / sigma), 0.0)
+        return np.where(x > 0, ndtr((safe_log(x) - mu) / sigma), 0.0)
 
     @classmethod
     def section(cls, theta: Array) -> Mapping[str, Any]:
@@ -216,8 +216,8 @@ class Lognormal(FittableModel):
         mu, sigma = theta
         return {
             "kind": "lognormal",
-            "median_s": rounded(np.exp(mu)),
-            "p95_s": rounded(np.exp(mu + _Z95 * sigma)),
+            "median_s": round_parameter(np.exp(mu)),
+            "p95_s": round_parameter(np.exp(mu + _Z95 * sigma)),
         }
 
 

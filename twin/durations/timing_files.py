@@ -50,7 +50,7 @@ _SHOWN = 20  # names of columns in a message
 _LONGEST = 40  # characters of such a name, and of a cell
 
 
-def named_unit(column: str) -> tuple[str, str | None]:
+def split_unit(column: str) -> tuple[str, str | None]:
     """Return a column's name without its unit, in small letters, and the unit.
 
     ``cycle_time_ms``, ``cycle time [ms]`` and ``cycleTimeMs`` are in milliseconds; the unit is
@@ -80,7 +80,7 @@ def column_unit(
     folded = {name.lower() for name in names}
     found = {} if unit is None else {unit: "the given unit"}
     for name in (columns,) if isinstance(columns, str) else columns:
-        own = named_unit(name)[1]
+        own = split_unit(name)[1]
         minimum = own == "min" and name.lower().replace("min", "max") in folded
         if own is not None and not minimum:
             found.setdefault(own, f"the name of column {name[:_LONGEST]!r}")
@@ -187,7 +187,7 @@ def _span(
     stamps = []
     for column, text in zip(columns, cells, strict=True):
         value = number(text)
-        stamp = _iso(text) if value is None else value
+        stamp = _parse_time_of_day(text) if value is None else value
         if stamp is None:
             raise ScenarioError(
                 f"{place}: {column} is {text[:_LONGEST]!r}, neither a number nor a time such"
@@ -226,7 +226,7 @@ def _number(text: str, *, comma: bool, factor: Decimal) -> Decimal | None:
     return value * factor if bounded else None
 
 
-def _iso(text: str) -> datetime | None:
+def _parse_time_of_day(text: str) -> datetime | None:
     """Return a time of day on a date, None where the text is none."""
     try:
         return datetime.fromisoformat(text) if ":" in text else None

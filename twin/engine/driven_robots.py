@@ -33,7 +33,7 @@ class DrivenRobots(RobotPort):
     commanded, so a node counts as left, and is reported complete, that much later.
 
     Args:
-        execution: the run; see ``at_full_speed`` for the durations of its graph.
+        execution: the run; see ``with_full_speed_times`` for the durations of its graph.
     """
 
     driven = True

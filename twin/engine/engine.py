@@ -19,12 +19,12 @@ from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import with_turns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import at_full_speed, is_driven
+from scheduling.motion_times import is_driven, with_full_speed_times
 from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.driven_robots import DrivenRobots
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.engine.narrator import failure_text
+from twin.engine.narrator import describe_failure
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.recorders.observers import Observers, Recorder
 from twin.run.execution_record import POLICIES, DeadlockError, ExecutionRecord
@@ -70,7 +70,7 @@ class Simulator:
         self.tpg = tpg
         self._model = model
         self._sampler = NodeTimeSampler(
-            at_full_speed(tpg), model.durations, model.disturbances, names
+            with_full_speed_times(tpg), model.durations, model.disturbances, names
         )
         self._dispatcher = Dispatcher(tpg)
         self.contraction: Contraction | None = None
@@ -140,7 +140,7 @@ class Simulator:
             stops_ns=times.stopped_until(makespan),
             failed_nodes=failed,
             failure="; ".join(
-                failure_text(self.tpg, times, k)
+                describe_failure(self.tpg, times, k)
                 for k, node in enumerate(failed)
                 if node >= 0
             ),

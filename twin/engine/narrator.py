@@ -14,7 +14,7 @@ from twin.run.events import Event, EventKind
 from twin.run.execution_record import waypoint_offsets_ns
 from twin.run.windows import broken_words
 from twin.uncertainty.node_times import NodeTimes, Standstill
-from twin.uncertainty.stops import Stops
+from twin.uncertainty.stop_times import Stops
 
 _Change = tuple[int, str, str | None]
 
@@ -157,7 +157,7 @@ class Narrator:
                     self.emit("resumed", chain, node, t_ns=t_ns)
 
 
-def failure_text(tpg: TemporalPlanGraph, times: NodeTimes, chain: int) -> str:
+def describe_failure(tpg: TemporalPlanGraph, times: NodeTimes, chain: int) -> str:
     """Return which task of a robot failed for good, in words."""
     node = times.failed[chain]
     task = tpg.task_at(chain, node)

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.timing.stretch import braked, exit_bound, pass_through
+from planning.timing.stretch import brake_within_piece, exit_bound, passage_seconds
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.uncertainty.node_times import Standstill
-from twin.uncertainty.stops import Stops
+from twin.uncertainty.stop_times import Stops
 
 _ROUNDING_NS = 1.0
 """Drawn durations are whole nanoseconds; this near to full speed is full speed."""
@@ -124,11 +124,11 @@ class Passage:
         while True:
             held = stops is not None and stops.after(self.now_ns) > self.now_ns
             if self.pending or held:
-                took, leave, way = braked(length - gone, self.speed, ramp)
+                took, leave, way = brake_within_piece(length - gone, self.speed, ramp)
                 if took > 0.0:
                     begin = self.base_ns + self.passed
-                    told = (begin, node, gone, self.speed, -1.0 / ramp)
-                    self.commands.append(told)
+                    known = (begin, node, gone, self.speed, -1.0 / ramp)
+                    self.commands.append(known)
                 self.passed += took
                 self.speed = leave
                 gone += way
@@ -137,7 +137,7 @@ class Passage:
                 stood += self._stand(node, gone, stops)
             # Where it came to rest at the border, rounding may say that it went beyond.
             left = max(length - gone, 0.0)
-            took, leave, peak = pass_through(left, top, self.speed, bound, ramp)
+            took, leave, peak = passage_seconds(left, top, self.speed, bound, ramp)
             if stops is not None:
                 stop = stops.next_edge(self.now_ns)
                 if self.base_ns + self.passed + took > stop:

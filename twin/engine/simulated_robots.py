@@ -10,7 +10,7 @@ from simpy.events import EventPriority
 
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution import Execution
-from twin.engine.narrator import Narrator, failure_text
+from twin.engine.narrator import Narrator, describe_failure
 from twin.engine.ports import RobotPort, Steps
 from twin.uncertainty.node_times import NodeTimes
 
@@ -137,7 +137,7 @@ class SimulatedRobots(RobotPort):
             yield cell.env.timeout(over - cell.now_ns)
             attempt += entry.cause == "retry"
             if failed and k == len(stands) - 1:
-                detail = failure_text(cell.tpg, cell.times, chain)
+                detail = describe_failure(cell.tpg, cell.times, chain)
                 narrator.emit("failed", chain, node, detail=detail)
                 return
             narrator.goes_on(chain, node, entry, attempt)

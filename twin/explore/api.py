@@ -12,11 +12,15 @@ from typing import TYPE_CHECKING, Any
 from planning.errors import RequestError, ScenarioError
 from planning.parallel import usable_cores
 from twin.cluster.client import ClusterLostError
-from twin.document.validation import InvalidScenarioError, parsed, validated
+from twin.document.validation import (
+    InvalidScenarioError,
+    parse_document,
+    validate_document,
+)
 from twin.explore.crew import ClusterCrew, Crew, Evaluators
 from twin.explore.dimensions import dimensions_of, vary_section
 from twin.explore.exploration import Exploration
-from twin.explore.finals import Finalist, Finals, Worth
+from twin.explore.finals import ChangeValue, Finalist, Finals
 from twin.explore.folder import (
     SUMMARY,
     ExploreRequest,
@@ -26,7 +30,7 @@ from twin.explore.folder import (
 )
 from twin.explore.report import write_report
 from twin.explore.section import ExploreSection, explore_section
-from twin.explore.singles import (
+from twin.explore.single_changes import (
     SingleChange,
     candidates,
     change_dimensions,
@@ -37,7 +41,7 @@ from twin.explore.summary import ExploreSummary, summary_of
 from twin.host.arguments import checks_arguments
 from twin.host.atomic_files import write_json
 from twin.host.progress import Report, report_nothing
-from twin.run.folder import locked, run_folder
+from twin.run.folder import lock_folder, run_folder
 from twin.study.replications.executors import check_cluster, open_executor, parallelism
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 
@@ -131,7 +135,7 @@ def explore(
                 f"{place} holds an exploration of scenario {request.scenario.name!r} as it was"
                 " then, not of this one"
             )
-        with locked(place), _evaluators(place, request, count, cluster) as crew:
+        with lock_folder(place), _evaluators(place, request, count, cluster) as crew:
             return _run(place, request, crew, designs, seconds, progress)
     if scenario is None:
         raise RequestError("give a scenario file, or --resume DIR")
@@ -143,7 +147,7 @@ def explore(
         "replications": replications,
     }
     given = {key: value for key, value in given.items() if value is not None}
-    section = asked(case, vary, given, single=single_changes is not None)
+    section = resolve_request(case, vary, given, single=single_changes is not None)
     folder = None if out is None else Path(out)
     require_free(folder)
     # Before anything is written.
@@ -158,7 +162,7 @@ def explore(
             return _run(place, request, crew, None, None, progress)
 
 
-def asked(
+def resolve_request(
     case: LoadedScenario,
     vary: Iterable[str],
     given: Mapping[str, Any],
@@ -199,9 +203,11 @@ def asked(
 
 
 def _validated(content: Mapping[str, Any]) -> ExploreSection:
-    document = parsed(Path("explore"), json.dumps(content))
+    document = parse_document(Path("explore"), json.dumps(content))
     try:
-        return validated(document, ExploreSection, ExploreSection.model_json_schema)
+        return validate_document(
+            document, ExploreSection, ExploreSection.model_json_schema
+        )
     except InvalidScenarioError as error:
         raise ScenarioError(f"explore: {error.problems[0].message}") from None
 
@@ -245,7 +251,7 @@ def _run(
     exploration = Exploration(folder, section, dimensions, scenario.seed, progress)
     finals = Finals(exploration, request, progress)
     finalists: tuple[Finalist, ...] = ()
-    worths: tuple[Worth, ...] = ()
+    worths: tuple[ChangeValue, ...] = ()
     singles: tuple[SingleChange, ...] = ()
     most = designs or section.designs
     if request.singles:

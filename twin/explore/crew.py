@@ -25,7 +25,13 @@ import numpy as np
 
 from planning.errors import TwinError
 from twin.cluster.client import ClusterError
-from twin.explore.rungs import CHECK, Climb, Evaluation, Setting, refused
+from twin.explore.rungs import (
+    CHECK,
+    Evaluation,
+    ExplorationSetting,
+    RungClimb,
+    refused_evaluation,
+)
 from twin.reading.checks import find_problems
 from twin.scenario.variations import Variant
 
@@ -84,7 +90,9 @@ class Crew:
         limit_s: a design that takes longer is given up, and its worker ended [s].
     """
 
-    def __init__(self, setting: Setting, workers: int, limit_s: float) -> None:
+    def __init__(
+        self, setting: ExplorationSetting, workers: int, limit_s: float
+    ) -> None:
         self._setting, self._limit_s = setting, limit_s
         # Spawned, not forked: threads of compiled libraries do not survive a fork.
         self._context = multiprocessing.get_context("spawn")
@@ -156,7 +164,7 @@ class Crew:
         if worker.left_s(self._limit_s) <= 0.0:
             rung = worker.rung or CHECK
             self._drop(worker)
-            return refused(rung, f"not done within {self._limit_s:g} s", 0.9)
+            return refused_evaluation(rung, f"not done within {self._limit_s:g} s", 0.9)
         return None
 
     def _dead(self, worker: _DesignWorker) -> Evaluation:
@@ -174,7 +182,7 @@ class Crew:
         if code is not None and code < 0:
             with suppress(ValueError):
                 how = signal.Signals(-code).name
-        return refused(rung or CHECK, f"its process died ({how})", 0.9)
+        return refused_evaluation(rung or CHECK, f"its process died ({how})", 0.9)
 
     def _drop(self, worker: _DesignWorker) -> None:
         worker.end()
@@ -184,7 +192,7 @@ class Crew:
 class _DesignWorker:
     """A process, and what it is at."""
 
-    def __init__(self, context: Any, setting: Setting) -> None:
+    def __init__(self, context: Any, setting: ExplorationSetting) -> None:
         self.pipe, own = context.Pipe()
         self.process: SpawnProcess = context.Process(
             target=_work, args=(own, setting), daemon=True
@@ -214,14 +222,14 @@ class _DesignWorker:
         self.pipe.close()
 
 
-def _work(pipe: Connection, setting: Setting) -> None:
+def _work(pipe: Connection, setting: ExplorationSetting) -> None:
     """Evaluate designs until nobody is there who wants them."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(EOFError, OSError):
         while True:
             task: DesignTask = pipe.recv()
             limits = task.longest_turns_s, task.planner_seed
-            climb = Climb(setting, task.variant, *limits, began=pipe.send)
+            climb = RungClimb(setting, task.variant, *limits, began=pipe.send)
             pipe.send(climb.evaluate())
 
 
@@ -237,7 +245,11 @@ class ClusterCrew:
     """
 
     def __init__(
-        self, setting: Setting, executor: Executor, workers: int, limit_s: float
+        self,
+        setting: ExplorationSetting,
+        executor: Executor,
+        workers: int,
+        limit_s: float,
     ) -> None:
         self._parcel = zlib.compress(pickle.dumps(setting))
         self._executor, self._workers, self._limit_s = executor, workers, limit_s
@@ -255,7 +267,9 @@ class ClusterCrew:
 
     def submit(self, task: DesignTask) -> None:
         """Send a design to the cluster."""
-        call = self._executor.submit(evaluate_there, self._parcel, self._limit_s, task)
+        call = self._executor.submit(
+            evaluate_on_worker, self._parcel, self._limit_s, task
+        )
         self._calls[call] = task
 
     def finished(self) -> Iterator[tuple[DesignTask, Evaluation]]:
@@ -269,7 +283,7 @@ class ClusterCrew:
         yield from sorted(found, key=lambda item: item[0].number)
 
 
-def evaluate_there(parcel: bytes, limit_s: float, task: DesignTask) -> Evaluation:
+def evaluate_on_worker(parcel: bytes, limit_s: float, task: DesignTask) -> Evaluation:
     """Evaluate a design; the function that workers of a cluster call.
 
     Args:
@@ -291,7 +305,7 @@ def evaluate_there(parcel: bytes, limit_s: float, task: DesignTask) -> Evaluatio
     return found
 
 
-def _crew(setting: Setting, limit_s: float) -> Crew:
+def _crew(setting: ExplorationSetting, limit_s: float) -> Crew:
     if multiprocessing.current_process().daemon:
         raise ClusterError(
             "workers of this cluster may start no processes, which designs need: start them with twin"
@@ -305,7 +319,7 @@ def _crew(setting: Setting, limit_s: float) -> Crew:
     return Crew(setting, 1, limit_s)
 
 
-def parallel(
+def evaluate_in_parallel(
     tasks: Sequence[DesignTask], crew: Evaluators
 ) -> Iterator[tuple[DesignTask, Evaluation]]:
     """Yield what becomes of some designs, as they are finished."""

@@ -14,7 +14,7 @@ from twin.explore.dimensions import dimensions_of, variant_of
 from twin.explore.folder import SUMMARY, read_request
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.shipped import write_beginning
-from twin.scenario.variations import varied
+from twin.scenario.variations import apply_variation
 from twin.trial.loaded_scenario import LoadedScenario
 
 _DESIGN = re.compile(r"^([^#]*)(?:#(\d+))?$")
@@ -57,7 +57,7 @@ def begin_design(target: Path, source: str) -> Path:
     document = LoadedScenario(request.scenario, request.folder).document
     dimensions = dimensions_of(request.scenario, request.section, document)
     try:
-        scenario = varied(
+        scenario = apply_variation(
             request.scenario, variant_of(dimensions, row["values"])
         ).changed(explore=None)
     except (KeyError, ScenarioError) as error:

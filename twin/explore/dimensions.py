@@ -18,21 +18,21 @@ from twin.document.validation import (
     FileProblem,
     InvalidScenarioError,
     UnknownName,
-    parsed,
+    parse_document,
     unknown_name,
-    validated,
+    validate_document,
 )
 from twin.document.yaml_text import YamlDocument
 from twin.explore.section import ExploreSection, VarySection, explore_section
 from twin.reading.checks import find_problems
 from twin.scenario.schema import scenario_schema
-from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.sections.scenario import Scenario, resolve_scenario
 from twin.scenario.variations import (
     Variant,
-    assign_variant,
+    key_path,
     parse_variation,
-    path_of,
-    value_of,
+    resolved_value,
+    write_variant,
 )
 
 Values = Mapping[str, Any]
@@ -218,7 +218,7 @@ def dimensions_of(
         InvalidScenarioError: a key is not there, or does not fit; with all places in the file.
         ScenarioError: the same, where the file does not have the key.
     """
-    content = resolved(scenario)
+    content = resolve_scenario(scenario)
     found: list[Dimension] = []
     problems: list[tuple[tuple[str | int, ...], str]] = []
     for number, vary in enumerate(section.vary):
@@ -234,7 +234,9 @@ def dimensions_of(
     for number, expression in enumerate(section.expressions):
         for key in expression.keys:
             try:
-                _require_number(key, value_of(content, key), "give one of a number")
+                _require_number(
+                    key, resolved_value(content, key), "give one of a number"
+                )
             except ScenarioError as error:
                 goals = len(section.goals)
                 place = ("goals", number) if number < goals else ("constraints",)
@@ -288,12 +290,12 @@ def _require_possible(
     tried = [one.low, one.high] if one.choices == () else one.choices[:_MOST_TRIED]
     for value in () if one.ordered else tried:
         other = copy.deepcopy(dict(content))
-        assign_variant(other, {one.key: value})
-        path = path_of(other, one.key)
-        document = parsed(Path(scenario.name), json.dumps(other))
+        write_variant(other, {one.key: value})
+        path = key_path(other, one.key)
+        document = parse_document(Path(scenario.name), json.dumps(other))
         words = f"cannot vary {one.key}: "
         try:
-            own = validated(document, Scenario, scenario_schema)
+            own = validate_document(document, Scenario, scenario_schema)
         except InvalidScenarioError as error:
             at = document.mark_of(path)
             for problem in error.problems:
@@ -312,7 +314,7 @@ def _holds(key: str, other: str) -> bool:
 
 def _dimension(content: Mapping[str, Any], vary: VarySection) -> Dimension:
     key = vary.key
-    base = value_of(content, key)
+    base = resolved_value(content, key)
     if key in _NO_DESIGN:
         raise ScenarioError(f"cannot vary {key}: it is no design{_NO_DESIGN[key]}")
     if vary.order:
@@ -330,7 +332,7 @@ def _dimension(content: Mapping[str, Any], vary: VarySection) -> Dimension:
     )
     linked = [
         tuple(
-            (name, float(_require_number(name, value_of(content, name))))
+            (name, float(_require_number(name, resolved_value(content, name))))
             for name in names
         )
         for names in (vary.moves, vary.mirrors)

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from planning.errors import OutputError
-from twin.explore.crew import DesignTask, Evaluators, parallel
+from twin.explore.crew import DesignTask, Evaluators, evaluate_in_parallel
 from twin.explore.dimensions import Dimension, Values, base_values, key_of, variant_of
 from twin.explore.folder import SAMPLES
-from twin.explore.influence import front
-from twin.explore.journal import JOURNAL, REPLANNED, SEARCH, Journal, Tried
+from twin.explore.influence import pareto_front
+from twin.explore.journal import JOURNAL, REPLANNED, SEARCH, Journal, TriedDesign
 from twin.explore.rungs import Evaluation
 from twin.explore.search import Search
 from twin.explore.section import ExploreSection
@@ -74,7 +74,7 @@ class Exploration:
             section.designs,
         )
         self._lost = self._search.replay(self.journal.searched)
-        self._known: dict[str, Tried] = {}
+        self._known: dict[str, TriedDesign] = {}
         self._parcels: dict[tuple[str, int], bytes] = {}
         for row in self.journal.rows:
             self._remember(row)
@@ -139,17 +139,17 @@ class Exploration:
         values: Values,
         asked_after: int,
         found: Evaluation,
-        known: Tried | None = None,
+        known: TriedDesign | None = None,
     ) -> None:
         """Write down what became of a design, then learn from it."""
         if found.outcome == "behind" and known is None:
             found = replace(found, goals=(self._estimated(found.turns_s),))
         same_as = None if known is None else known.design
-        row = Tried(number, SEARCH, values, asked_after, found, same_as)
+        row = TriedDesign(number, SEARCH, values, asked_after, found, same_as)
         self.keep(row)
         self._search.tell(row)
 
-    def keep(self, row: Tried) -> None:
+    def keep(self, row: TriedDesign) -> None:
         """Write down what became of a design; its workload stays in memory while it is one of the best.
 
         A workload is pickled, so it goes to no file: an exploration that is resumed plans again what it needs.
@@ -165,7 +165,7 @@ class Exploration:
                 if purpose == SEARCH and design not in wanted:
                     del self._parcels[purpose, design]
 
-    def _remember(self, row: Tried) -> None:
+    def _remember(self, row: TriedDesign) -> None:
         """Know a design by its values; one that was taken further takes the place of one left behind."""
         if row.purpose == REPLANNED:
             return
@@ -173,11 +173,11 @@ class Exploration:
         if there.evaluation.outcome == "behind" and row.evaluation.outcome != "behind":
             self._known[key_of(row.values)] = row
 
-    def known(self, values: Values) -> Tried | None:
+    def known(self, values: Values) -> TriedDesign | None:
         """Return the design that has some values and was evaluated."""
         return self._known.get(key_of(values))
 
-    def replanned(self, values: Values, planner_seed: int) -> Tried | None:
+    def replanned(self, values: Values, planner_seed: int) -> TriedDesign | None:
         """Return what a design is if it is planned with another seed, where that was tried."""
         wanted = key_of(values), str(planner_seed)
         for row in self.journal.rows:
@@ -209,37 +209,37 @@ class Exploration:
             if purpose == REPLANNED:
                 task = replace(task, planner_seed=int(about))
             tasks.append(task)
-        for done, (task, found) in enumerate(parallel(tasks, crew)):
+        for done, (task, found) in enumerate(evaluate_in_parallel(tasks, crew)):
             self._progress(stage, done, len(tasks))
             values, about = wanted[task.number - first]
-            self.keep(Tried(task.number, purpose, values, 0, found, about=about))
+            self.keep(TriedDesign(task.number, purpose, values, 0, found, about=about))
         self._progress(stage, 1, 1)
 
-    def parcel_of(self, row: Tried) -> bytes:
+    def parcel_of(self, row: TriedDesign) -> bytes:
         """Return the packed workload of a design; empty where this process has not evaluated it."""
         design = row.design if row.same_as is None else row.same_as
         return self._parcels.get((row.purpose, design), b"")
 
-    def keep_parcel(self, row: Tried, parcel: bytes) -> None:
+    def keep_parcel(self, row: TriedDesign, parcel: bytes) -> None:
         """Keep the packed workload of a design in memory."""
         self._parcels[row.purpose, row.design] = parcel
 
-    def samples_of(self, row: Tried) -> Path:
+    def samples_of(self, row: TriedDesign) -> Path:
         """Return the file with the makespans of a design in further replications."""
         return self.folder / SAMPLES / f"{row.purpose}-{row.design}.npz"
 
-    def best(self, most: int) -> list[Tried]:
+    def best(self, most: int) -> list[TriedDesign]:
         """Return the best designs by the first goal, each once, the best first."""
         done = [r for r in self.journal.searched if r.done and r.same_as is None]
         return sorted(done, key=lambda r: (r.evaluation.goals[0], r.design))[:most]
 
-    def finalists(self) -> Sequence[Tried]:
+    def finalists(self) -> Sequence[TriedDesign]:
         """Return the designs that are to be told apart: the best ones; with several goals, the compromises."""
         if len(self.section.goals) > 1:
-            return front(self.journal.searched)
+            return pareto_front(self.journal.searched)
         return self.best(self.section.finalists)
 
-    def _by_time(self) -> Iterable[Tried]:
+    def _by_time(self) -> Iterable[TriedDesign]:
         """Return designs of which plans with and without shortcuts are known, where time is the only goal."""
         goals = self.section.goals
         if len(goals) > 1 or goals[0].minimise not in _TIMES:

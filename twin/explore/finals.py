@@ -19,12 +19,18 @@ from twin.explore.crew import Evaluators
 from twin.explore.dimensions import variant_of
 from twin.explore.exploration import Exploration
 from twin.explore.folder import read_sample, write_sample
-from twin.explore.influence import spread
-from twin.explore.journal import JOURNAL, REPLANNED, UNDONE, Tried
-from twin.explore.rungs import Climb, Setting, judged, keys_of, replicated_results
+from twin.explore.influence import evenly_spread
+from twin.explore.journal import JOURNAL, REPLANNED, UNDONE, TriedDesign
+from twin.explore.rungs import (
+    ExplorationSetting,
+    RungClimb,
+    complete_evaluation,
+    keys_of,
+    replicated_results,
+)
 from twin.explore.section import REPLICATED
 from twin.host.progress import Report
-from twin.scenario.variations import Variant, varied
+from twin.scenario.variations import Variant, apply_variation
 from twin.study.gains.paired_quantiles import PairedQuantiles
 from twin.study.replications.experiment import Block
 from twin.study.replications.statistics import Interval, mean_interval, paired_interval
@@ -66,7 +72,7 @@ class Finalist:
         unsure: with several goals, whether it is open which of it and another one is a compromise.
     """
 
-    row: Tried
+    row: TriedDesign
     makespans_s: Array
     goals: tuple[float, ...]
     behind: Interval | None
@@ -75,7 +81,7 @@ class Finalist:
 
 
 @dataclass(frozen=True)
-class Worth:
+class ChangeValue:
     """What a change of the best design is worth.
 
     Attributes:
@@ -95,10 +101,10 @@ class Worth:
 
     def content(self) -> dict[str, Any]:
         """Return it for JSON."""
-        told = {**vars(self)}
+        entries = {**vars(self)}
         for name in ("gain", "by_plans"):
-            told[name] = told[name] and told[name].content()
-        return told
+            entries[name] = entries[name] and entries[name].content()
+        return entries
 
 
 class Finals:
@@ -111,7 +117,7 @@ class Finals:
     """
 
     def __init__(
-        self, exploration: Exploration, setting: Setting, progress: Report
+        self, exploration: Exploration, setting: ExplorationSetting, progress: Report
     ) -> None:
         self._exploration, self._setting = exploration, setting
         self._section, self._progress = setting.section, progress
@@ -127,7 +133,7 @@ class Finals:
         if not rows:
             return ()
         if len(section.goals) > 1:
-            return self._race_compromises(spread(rows, _COMPROMISES))
+            return self._race_compromises(evenly_spread(rows, _COMPROMISES))
         targets = self._targets(len(rows))
         risk = (1.0 - section.confidence) / (max(len(rows) - 1, 1) * len(targets))
         racing, out = rows, dict[int, Finalist]()
@@ -160,7 +166,7 @@ class Finals:
             targets.append(min(2 * targets[-1], most))
         return targets
 
-    def _race_compromises(self, rows: Sequence[Tried]) -> tuple[Finalist, ...]:
+    def _race_compromises(self, rows: Sequence[TriedDesign]) -> tuple[Finalist, ...]:
         """Replicate compromises until it is known which of them another one is better than in every goal."""
         unknown, beaten = list(combinations(rows, 2)), set[int]()
         targets = self._targets(len(rows))
@@ -187,12 +193,12 @@ class Finals:
         for row in rows:
             place, count = row.design, last[row.design]
             sample, goals = self._sample(row, count), self._values(row, count)
-            told = place in beaten, place in unsure
-            out.append(Finalist(row, sample, goals, None, *told))
+            entries = place in beaten, place in unsure
+            out.append(Finalist(row, sample, goals, None, *entries))
         return tuple(sorted(out, key=lambda f: (f.apart, f.goals)))
 
     def _better(
-        self, one: Tried, other: Tried, count: int, confidence: float
+        self, one: TriedDesign, other: TriedDesign, count: int, confidence: float
     ) -> int | None:
         """Return 1 if a design is better than another in every goal, or as good; -1 if worse; 0 if neither; or None.
 
@@ -210,7 +216,7 @@ class Finals:
             return 0
         return None if None in signs else (1 if 1 in signs else -1)
 
-    def worths(self, best: Finalist, crew: Evaluators) -> tuple[Worth, ...]:
+    def worths(self, best: Finalist, crew: Evaluators) -> tuple[ChangeValue, ...]:
         """Return what all changes of a design are worth, then each, the greatest first.
 
         Each change is undone alone, planned, and replicated with the same draws.
@@ -219,7 +225,7 @@ class Finals:
             best: the design.
             crew: evaluates designs.
         """
-        exploration, found = self._exploration, list[Worth]()
+        exploration, found = self._exploration, list[ChangeValue]()
         values, dimensions = best.row.values, exploration.dimensions
         changed = [one for one in dimensions if one.change(values[one.key])]
         if not changed:
@@ -250,15 +256,15 @@ class Finals:
                 continue
             if not other.done:
                 reason = f"{other.evaluation.rung}: {other.evaluation.reason}"
-                found.append(Worth(key, words, None, reason))
+                found.append(ChangeValue(key, words, None, reason))
                 continue
             gain = self.difference(other, best.row, count, self._section.confidence)
             anew = None if key else self.gain_by_plans(other, best.row, count, crew)
-            found.append(Worth(key, words, gain, by_plans=anew))
+            found.append(ChangeValue(key, words, gain, by_plans=anew))
         return tuple(sorted(found, key=_greatest_first))
 
     def gain_by_plans(
-        self, base: Tried, best: Tried, count: int, crew: Evaluators
+        self, base: TriedDesign, best: TriedDesign, count: int, crew: Evaluators
     ) -> Interval | None:
         """Return the mean gain of a design over plans of both, each pair with another seed of the planner.
 
@@ -301,8 +307,8 @@ class Finals:
 
     def difference(
         self,
-        one: Tried,
-        other: Tried,
+        one: TriedDesign,
+        other: TriedDesign,
         count: int,
         confidence: float,
         goal: int = 0,
@@ -337,7 +343,7 @@ class Finals:
         low, high = np.quantile(known, [tail, 1.0 - tail])
         return Interval(estimate, float(low), float(high), count)
 
-    def _resampled(self, row: Tried, goal: int, count: int) -> Array:
+    def _resampled(self, row: TriedDesign, goal: int, count: int) -> Array:
         """Return a goal of a design over resamples of replications, the same for all designs."""
         key = row.purpose, row.design, goal, count
         if key not in self._resamples:
@@ -348,13 +354,13 @@ class Finals:
                 self._resamples[key] = np.array([value(sample[i]) for i in drawn])
         return self._resamples[key]
 
-    def _values(self, row: Tried, count: int) -> tuple[float, ...]:
+    def _values(self, row: TriedDesign, count: int) -> tuple[float, ...]:
         sample, goals = self._sample(row, count), range(len(self._goals))
         return tuple(self._judge(row, goal)(sample) for goal in goals)
 
-    def _judge(self, row: Tried, goal: int) -> Callable[[Array], float]:
+    def _judge(self, row: TriedDesign, goal: int) -> Callable[[Array], float]:
         """Return what gives a goal of a design over some replications; infinite where it has none."""
-        scenario = varied(self._setting.scenario, self._variant(row))
+        scenario = apply_variation(self._setting.scenario, self._variant(row))
         free, key = self._section.changed(constraints=()), keys_of(scenario)
 
         def value(makespans_s: Array) -> float:
@@ -363,15 +369,15 @@ class Finals:
                 if not np.isfinite(makespans_s).any():
                     return float(np.inf)
                 results |= replicated_results(scenario, free, makespans_s)
-            found = judged(key, free, results=results)
+            found = complete_evaluation(key, free, results=results)
             return found.goals[goal] if found.goals else float(np.inf)
 
         return value
 
-    def _variant(self, row: Tried) -> Variant:
+    def _variant(self, row: TriedDesign) -> Variant:
         return variant_of(self._exploration.dimensions, row.values)
 
-    def _sample(self, row: Tried, count: int) -> Array:
+    def _sample(self, row: TriedDesign, count: int) -> Array:
         """Return the first new replications of a design that is done; what was done before is in a file."""
         if not any(self._drawn):
             return np.empty(0)
@@ -390,12 +396,12 @@ class Finals:
             write_sample(place, have)
         return have[:count]
 
-    def _parcel(self, row: Tried) -> bytes:
+    def _parcel(self, row: TriedDesign) -> bytes:
         """Return the packed workload of a design; it is planned again where it is not in memory."""
         parcel = self._exploration.parcel_of(row)
         if not parcel:
             seed = int(row.about) if row.purpose == REPLANNED else None
-            climb = Climb(self._setting, self._variant(row), planner_seed=seed)
+            climb = RungClimb(self._setting, self._variant(row), planner_seed=seed)
             found = climb.evaluate()
             if not found.parcel:
                 raise OutputError(
@@ -411,6 +417,6 @@ def _turned(found: Interval) -> Interval:
     return replace(found, estimate=-found.estimate, low=-found.high, high=-found.low)
 
 
-def _greatest_first(item: Worth) -> tuple[bool, bool, float]:
+def _greatest_first(item: ChangeValue) -> tuple[bool, bool, float]:
     gain = float("inf") if item.gain is None else item.gain.estimate
     return bool(item.key), item.gain is None, -gain

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from planning.errors import OutputError, RequestError
-from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replacing
+from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replace_atomically
 from planning.transforms import Array
 from twin.explore.journal import JOURNAL
-from twin.explore.rungs import Setting
+from twin.explore.rungs import ExplorationSetting
 from twin.explore.section import ExploreSection
 from twin.host.versions import versions_of
 from twin.planning.build_workcell import build_workcell
@@ -35,7 +35,7 @@ _CHOOSING = ("optuna", "cmaes")
 
 
 @dataclass(frozen=True)
-class ExploreRequest(Setting):
+class ExploreRequest(ExplorationSetting):
     """What is explored: the setting of all designs.
 
     Attributes:
@@ -134,5 +134,5 @@ def write_sample(path: Path, makespans_s: Array) -> None:
         path.parent.mkdir(exist_ok=True)
     except OSError as error:
         raise OutputError(f"{path.parent}: cannot be made: {error}") from error
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         np.savez_compressed(temporary, makespans_s=makespans_s)

@@ -12,7 +12,7 @@ from scipy.stats import rankdata
 
 from planning.transforms import Array
 from twin.explore.dimensions import Dimension, key_of
-from twin.explore.journal import Tried
+from twin.explore.journal import TriedDesign
 from twin.study.replications.statistics import Interval
 
 _BINS = 4
@@ -42,7 +42,7 @@ class Importance:
 
 
 def importances(
-    rows: Sequence[Tried],
+    rows: Sequence[TriedDesign],
     dimensions: Sequence[Dimension],
     *,
     confidence: float = 0.95,
@@ -80,7 +80,7 @@ def importances(
     return tuple(sorted(found, key=lambda item: -item.share.estimate))
 
 
-def _groups(one: Dimension, rows: Sequence[Tried]) -> npt.NDArray[np.int64]:
+def _groups(one: Dimension, rows: Sequence[TriedDesign]) -> npt.NDArray[np.int64]:
     """Return the group of each design: by value, by quarter of a number, by the first entry of an order."""
     values = [row.values[one.key] for row in rows]
     if one.low is None:
@@ -107,7 +107,7 @@ def _share(values: Array, groups: npt.NDArray[np.int64]) -> float:
     return float(np.clip((between - (len(kinds) - 1) * within) / whole, 0.0, 1.0))
 
 
-def front(rows: Sequence[Tried]) -> tuple[Tried, ...]:
+def pareto_front(rows: Sequence[TriedDesign]) -> tuple[TriedDesign, ...]:
     """Return the designs that no other is better than or as good as in every goal, by the first goal.
 
     Args:
@@ -116,7 +116,7 @@ def front(rows: Sequence[Tried]) -> tuple[Tried, ...]:
     done = sorted(
         (row for row in rows if row.done), key=lambda r: (r.evaluation.goals, r.design)
     )
-    found: list[Tried] = []
+    found: list[TriedDesign] = []
     for row in done:
         own = np.array(row.evaluation.goals)
         if not any(np.all(np.array(o.evaluation.goals) <= own) for o in found):
@@ -124,7 +124,7 @@ def front(rows: Sequence[Tried]) -> tuple[Tried, ...]:
     return tuple(found)
 
 
-def spread(rows: Sequence[Tried], most: int) -> tuple[Tried, ...]:
+def evenly_spread(rows: Sequence[TriedDesign], most: int) -> tuple[TriedDesign, ...]:
     """Return some of many designs, from the first to the last."""
     places = np.linspace(0, len(rows) - 1, min(most, len(rows)))
     return tuple(rows[int(place)] for place in np.round(places))

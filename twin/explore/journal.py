@@ -30,7 +30,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Tried:
+class TriedDesign:
     """A design that was tried.
 
     Attributes:
@@ -99,14 +99,14 @@ def _one_of(value: Any, choices: Sequence[str]) -> Any:
     return value
 
 
-def tried_of(row: Mapping[str, Any]) -> Tried:
+def parse_tried_design(row: Mapping[str, Any]) -> TriedDesign:
     """Return what a line says; KeyError, TypeError or ValueError where it is no such line."""
     turns_s, same_as = row["turns_s"], row["same_as"]
     # A file of samples is named after the purpose, and a seed is what REPLANNED is about.
     purpose = _one_of(row["purpose"], (SEARCH, UNDONE, SINGLE, REPLANNED))
     if purpose == REPLANNED:
         int(row["about"])
-    return Tried(
+    return TriedDesign(
         _count(row["design"]),
         purpose,
         dict(row["values"]),
@@ -139,15 +139,15 @@ class Journal:
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / JOURNAL
-        self.rows: list[Tried] = []
+        self.rows: list[TriedDesign] = []
         self._read()
 
     @property
-    def searched(self) -> Sequence[Tried]:
+    def searched(self) -> Sequence[TriedDesign]:
         """The designs of the search, in the order in which they were told."""
         return [row for row in self.rows if row.purpose == SEARCH]
 
-    def append(self, row: Tried) -> None:
+    def append(self, row: TriedDesign) -> None:
         """Write a design, whole and onto the disk.
 
         Raises:
@@ -185,7 +185,7 @@ class Journal:
                 raise OutputError(f"{self._path}: cannot be mended: {error}") from error
         for number, line in enumerate(data[:whole].splitlines(), start=1):
             try:
-                self.rows.append(tried_of(parse_json(line)))
+                self.rows.append(parse_tried_design(parse_json(line)))
             except (
                 *(ValueError, KeyError, TypeError, AttributeError, OverflowError),
             ) as error:

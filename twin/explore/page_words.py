@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from twin.explore.finals import Worth
+from twin.explore.finals import ChangeValue
 from twin.explore.folder import REPORT
 from twin.explore.section import REPLICATED
 from twin.explore.summary import ExploreSummary, RankedDesign
@@ -54,14 +54,14 @@ def best_rows(found: ExploreSummary) -> tuple[list[str], list[list[str]]]:
     ]
     rows = []
     for item in shown_designs(found):
-        mean = "-" if item.mean_s is None else span(item.mean_s)
+        mean = "-" if item.mean_s is None else format_interval(item.mean_s)
         values = (f"{value:.5g}" for value in item.goals)
-        told = zip(goals, values, strict=True)
-        row = [str(item.rank), *(mean if goal == _MEAN else v for goal, v in told)]
+        words = zip(goals, values, strict=True)
+        row = [str(item.rank), *(mean if goal == _MEAN else v for goal, v in words)]
         if apart:
             row.append(mean)
         if finals:
-            row.append("" if item.behind is None else signed(item.behind))
+            row.append("" if item.behind is None else format_signed(item.behind))
         rows.append([*row, item.label])
     return head, rows
 
@@ -117,7 +117,7 @@ def single_rows(found: ExploreSummary) -> tuple[list[str], list[list[str]]]:
         [
             str(rank),
             item.kind,
-            signed(item.gain) + ("" if item.sure else ", may be nothing"),
+            format_signed(item.gain) + ("" if item.sure else ", may be nothing"),
             f"{item.effort:g}",
             f"{item.rate:.3g}",
             item.words,
@@ -127,7 +127,7 @@ def single_rows(found: ExploreSummary) -> tuple[list[str], list[list[str]]]:
     return head, rows
 
 
-def worth_words(found: ExploreSummary) -> Iterator[str]:
+def describe_changes(found: ExploreSummary) -> Iterator[str]:
     """Yield what changes of the best design are worth."""
     goal = found.section.goals[0]
     text = goal.expression.text
@@ -141,11 +141,11 @@ def worth_words(found: ExploreSummary) -> Iterator[str]:
             # The luck of one plan is not taken for what the design is worth.
             yield (
                 f"over {gain.count} plans of either, each with another seed of the planner, it is worth"
-                f" {span(gain)}{unit} of {text}{_doubt(gain)}"
+                f" {format_interval(gain)}{unit} of {text}{_doubt(gain)}"
             )
 
 
-def _gain(item: Worth, text: str, unit: str) -> str:
+def _gain(item: ChangeValue, text: str, unit: str) -> str:
     if item.gain is None:
         return f"is needed: without it refused at {item.reason}"
     gain = item.gain
@@ -163,18 +163,18 @@ def _doubt(gain: Interval) -> str:
     return " (it may be nothing)" if gain.low <= 0.0 <= gain.high else ""
 
 
-def importance_words(found: ExploreSummary) -> Iterator[str]:
+def describe_importances(found: ExploreSummary) -> Iterator[str]:
     """Yield what matters for the first goal, in a line."""
-    told = [
+    words = [
         f"{item.key} {100 * item.share.estimate:.0f} %"
         f" ({100 * item.share.low:.0f} to {100 * item.share.high:.0f})"
         for item in found.importances[:_MATTER]
     ]
-    if told:
-        yield f"what differences go with: {', '.join(told)}"
+    if words:
+        yield f"what differences go with: {', '.join(words)}"
 
 
-def span(found: Interval) -> str:
+def format_interval(found: Interval) -> str:
     """Return an estimate with its interval."""
     bounds = found.bounds(_fixed)
     return f"{_fixed(found.estimate)} ({bounds})" if bounds else _fixed(found.estimate)
@@ -185,7 +185,7 @@ def _fixed(value: float) -> str:
     return f"{round(value, 2) + 0.0:.2f}"
 
 
-def signed(found: Interval) -> str:
+def format_signed(found: Interval) -> str:
     """Return a difference with its interval."""
     bounds = found.bounds("{:+.3g}".format)
     if found.low == found.high or not bounds:
@@ -206,7 +206,11 @@ def print_explored(found: ExploreSummary, folder: Path) -> None:
         console.print(_table(title, [*BEST_HEAD, *head], rows))
     else:
         console.print(Text(f"{title}: none is possible"), soft_wrap=True)
-    for line in (*verdict(found), *worth_words(found), *importance_words(found)):
+    for line in (
+        *verdict(found),
+        *describe_changes(found),
+        *describe_importances(found),
+    ):
         console.print(Text(line), soft_wrap=True)
     head, rows = rung_rows(found)
     console.print(_table("how far designs got", head, rows))

@@ -8,37 +8,37 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from twin.check.finding import Subject
+from twin.check.finding import CheckContext
 from twin.check.picture import cell_figure
 from twin.drawing.markup import (
-    drawn_in,
+    escape_text,
     heading,
     page,
     pairs,
     paragraph,
+    save_and_embed_picture,
     table,
-    text,
-    told_table,
+    text_table,
 )
 from twin.explore.dimensions import Dimension, variant_of
 from twin.explore.folder import REPORT
-from twin.explore.journal import Tried
+from twin.explore.journal import TriedDesign
 from twin.explore.page_words import (
     BEST_HEAD,
     best_rows,
-    importance_words,
+    describe_changes,
+    describe_importances,
     rung_rows,
     single_rows,
     verdict,
-    worth_words,
 )
-from twin.explore.rungs import Setting
+from twin.explore.rungs import ExplorationSetting
 from twin.explore.summary import ExploreSummary, RankedDesign
 from twin.host.atomic_files import write_text
 from twin.host.pictures import INK, bar_chart, legend_below, one_chart
 from twin.host.progress import Report
-from twin.scenario.variations import varied
-from twin.study.report.report import style
+from twin.scenario.variations import apply_variation
+from twin.study.report.report import report_style
 
 DRAWING = "report"
 """Name of the stage for progress displays."""
@@ -63,7 +63,7 @@ Pieces = Iterator[str]
 
 def write_report(
     found: ExploreSummary,
-    setting: Setting,
+    setting: ExplorationSetting,
     dimensions: Sequence[Dimension],
     folder: Path,
     progress: Report,
@@ -89,7 +89,7 @@ def write_report(
         *_made(found, dimensions),
     ]
     title = f"{found.scenario}: which cell should it be"
-    write_text(folder / REPORT, page(title, style() + _CSS, pieces))
+    write_text(folder / REPORT, page(title, report_style() + _CSS, pieces))
     progress(DRAWING, 1, 1)
 
 
@@ -105,7 +105,7 @@ def _answers(found: ExploreSummary) -> Pieces:
         return
     if found.singles:
         caption = "single changes that gain most for their effort; intervals hold for all of them together"
-        yield told_table(caption, single_rows(found), "best")
+        yield text_table(caption, single_rows(found), "best")
         return
     head, rows = best_rows(found)
     kind = (
@@ -115,15 +115,18 @@ def _answers(found: ExploreSummary) -> Pieces:
     yield table(
         f"{kind}, {share} intervals, same draws for all of them",
         [*BEST_HEAD, *head],
-        [[text(cell).replace(" mm", "&nbsp;mm") for cell in row] for row in rows],
+        [
+            [escape_text(cell).replace(" mm", "&nbsp;mm") for cell in row]
+            for row in rows
+        ],
         "best",
     )
     for line in verdict(found):
         yield paragraph(f"{line}.")
-    worths = list(worth_words(found))
+    worths = list(describe_changes(found))
     if worths:
         yield heading("What it is worth")
-        items = "".join(f"<li>{text(line)}</li>" for line in worths)
+        items = "".join(f"<li>{escape_text(line)}</li>" for line in worths)
         yield f"<ul>{items}</ul>"
         yield paragraph(
             "Each change of the best design was undone alone, planned and replicated: gains of several"
@@ -134,7 +137,7 @@ def _answers(found: ExploreSummary) -> Pieces:
 
 def _cells(
     found: ExploreSummary,
-    setting: Setting,
+    setting: ExplorationSetting,
     dimensions: Sequence[Dimension],
     folder: Path,
 ) -> Pieces:
@@ -145,12 +148,14 @@ def _cells(
     yield heading("The best cells")
     parts = []
     for item in shown:
-        scenario = varied(setting.scenario, variant_of(dimensions, item.values))
-        subject = Subject(scenario, setting.folder)
+        scenario = apply_variation(
+            setting.scenario, variant_of(dimensions, item.values)
+        )
+        subject = CheckContext(scenario, setting.folder)
         figure = cell_figure(subject, width_in=7.0, detail=False)
         figure.suptitle(f"#{item.rank}", color=INK, fontsize=12)
         words = paragraph(f"#{item.rank}: {item.label}", "note")
-        drawn = drawn_in(folder, figure, f"cell-{item.rank}")
+        drawn = save_and_embed_picture(folder, figure, f"cell-{item.rank}")
         parts.append(f"<div>{words}{drawn}</div>")
     yield f'<div class="cells">{"".join(parts)}</div>'
     yield paragraph(f"twin init PATH --from {folder}#1 writes the first as a scenario.")
@@ -161,9 +166,9 @@ def _pictures(
 ) -> Pieces:
     if len(found.section.goals) > 1 and found.compromises:
         yield heading("Compromises")
-        yield drawn_in(folder, _front(found), "front")
+        yield save_and_embed_picture(folder, _front(found), "front")
     yield heading("How the search went")
-    yield drawn_in(folder, _course(found), "search")
+    yield save_and_embed_picture(folder, _course(found), "search")
     if found.importances:
         yield heading("What matters")
         yield paragraph(
@@ -172,22 +177,27 @@ def _pictures(
             " often where it is good: the shares are those of the designs that it tried.",
             "note",
         )
-        yield drawn_in(folder, _importance(found), "importance")
-        for line in importance_words(found):
+        yield save_and_embed_picture(folder, _importance(found), "importance")
+        for line in describe_importances(found):
             yield paragraph(f"{line}.")
     numbers = [one for one in dimensions if one.low is not None]
     order = {item.key: place for place, item in enumerate(found.importances)}
     numbers.sort(key=lambda one: order.get(one.key, len(order)))
     if len(numbers) > 1 and not found.singles:
         yield heading("Where designs are possible")
-        yield drawn_in(folder, _map(found, numbers[0], numbers[1]), "map")
+        yield save_and_embed_picture(folder, _map(found, numbers[0], numbers[1]), "map")
 
 
 def _refused(found: ExploreSummary) -> Pieces:
     yield heading("How far designs got")
-    yield told_table("by rung", rung_rows(found))
+    yield text_table("by rung", rung_rows(found))
     reasons = [
-        [text(item.rung), str(item.count), text(item.reason), str(item.design)]
+        [
+            escape_text(item.rung),
+            str(item.count),
+            escape_text(item.reason),
+            str(item.design),
+        ]
         for item in found.refusals
     ]
     yield table(
@@ -310,7 +320,7 @@ def _map(found: ExploreSummary, across: Dimension, up: Dimension) -> Figure:
     figure, axes = one_chart(4.6)
     done = [row for row in found.rows if row.done]
 
-    def points(rows: Sequence[Tried]) -> tuple[list[float], list[float]]:
+    def points(rows: Sequence[TriedDesign]) -> tuple[list[float], list[float]]:
         keys = across.key, up.key
         xs, ys = ([float(row.values[key]) for row in rows] for key in keys)
         return xs, ys

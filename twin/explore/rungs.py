@@ -12,23 +12,23 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from planning.errors import TwinError, in_a_line
+from planning.errors import TwinError, join_lines
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
-from twin.check.check import quick_findings, reach_findings
-from twin.check.finding import Finding, Subject
+from twin.check.check import findings_without_reach, reach_findings
+from twin.check.finding import CheckContext, Finding
 from twin.check.picture import cell_shapes
 from twin.document.expressions import ExpressionError, KeyValue
 from twin.explore.section import ExploreSection
 from twin.host.progress import StageWatch
-from twin.planning.pipeline import order_motions, plan_motions
+from twin.planning.pipeline import build_plan_graph, plan_motions
 from twin.reading.checks import find_problems
-from twin.scenario.sections.scenario import Scenario, resolved
-from twin.scenario.variations import Variant, layout_of, value_of, varied
+from twin.scenario.sections.scenario import Scenario, resolve_scenario
+from twin.scenario.variations import Variant, apply_variation, layout_of, resolved_value
 from twin.study.plans import workload
 from twin.study.replications.experiment import Block
-from twin.study.replications.workload import Engines, Workload, pack
+from twin.study.replications.workload import Engines, Workload, pack_workload
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import scenario_execution
@@ -49,7 +49,7 @@ Outcome = Literal["done", "refused", "behind"]
 
 
 @dataclass(frozen=True)
-class Setting:
+class ExplorationSetting:
     """What all designs of an exploration have in common.
 
     Attributes:
@@ -93,7 +93,9 @@ class Evaluation:
     parcel: bytes = b""
 
 
-def refused(rung: str, reason: str, share: float = 0.5, **known: Any) -> Evaluation:
+def refused_evaluation(
+    rung: str, reason: str, share: float = 0.5, **known: Any
+) -> Evaluation:
     """Return a design that did not pass a rung.
 
     Args:
@@ -103,7 +105,7 @@ def refused(rung: str, reason: str, share: float = 0.5, **known: Any) -> Evaluat
         known: what is known of it nevertheless.
     """
     left = len(RUNGS) - RUNGS.index(rung) if rung in RUNGS else 0
-    return Evaluation("refused", rung, in_a_line(reason), left + share, **known)
+    return Evaluation("refused", rung, join_lines(reason), left + share, **known)
 
 
 class RefusedError(Exception):
@@ -114,7 +116,7 @@ class RefusedError(Exception):
         self.share = share
 
 
-class Climb:
+class RungClimb:
     """One design on its way up the rungs.
 
     Args:
@@ -127,7 +129,7 @@ class Climb:
 
     def __init__(
         self,
-        setting: Setting,
+        setting: ExplorationSetting,
         variant: Variant,
         longest_turns_s: float = np.inf,
         planner_seed: int | None = None,
@@ -146,12 +148,14 @@ class Climb:
         try:
             return self._climb()
         except RefusedError as error:
-            return refused(self._rung, str(error), error.share, **self._known)
+            return refused_evaluation(
+                self._rung, str(error), error.share, **self._known
+            )
         except TwinError as error:
-            return refused(self._rung, str(error), **self._known)
+            return refused_evaluation(self._rung, str(error), **self._known)
         except Exception as error:  # one of many designs: the others go on
             words = f"a fault of the program: {type(error).__name__}: {error}"
-            return refused(self._rung, words, **self._known)
+            return refused_evaluation(self._rung, words, **self._known)
         finally:
             self._end()
 
@@ -167,20 +171,20 @@ class Climb:
     def _climb(self) -> Evaluation:
         setting, section = self._setting, self._setting.section
         self._begin(CHECK)
-        own = varied(setting.scenario, self._variant)
-        subject = Subject(own, setting.folder)
+        own = apply_variation(setting.scenario, self._variant)
+        subject = CheckContext(own, setting.folder)
         for _, message in find_problems(own, setting.folder):
             raise RefusedError(message, 1.0)
         results = layout_results(subject, section)
         self._known["results"] = results
-        quick = quick_findings(subject)
+        quick = findings_without_reach(subject)
         _require_none(quick)
         self._begin(REACH)
         _require_none(reach_findings(subject, quick))
         self._begin(PLAN)
         layout, part = own, layout_of(self._variant)
         if part != self._variant:
-            layout = varied(setting.scenario, part)
+            layout = apply_variation(setting.scenario, part)
         if self._planner_seed is not None:
             layout = layout.changed(seed=self._planner_seed)
         _, turns = _motions(Planned(layout, setting.folder))
@@ -197,7 +201,7 @@ class Climb:
         plan = _full_plan(Planned(layout, setting.folder))
         results["makespan_s"] = plan.makespan_s
         load = _work(own, setting.folder, plan)
-        self._known["parcel"] = pack(load)
+        self._known["parcel"] = pack_workload(load)
         self._begin(REPLICATIONS)
         if section.replicates:
             # All designs see the same draws in a replication of the same number.
@@ -207,16 +211,18 @@ class Climb:
             if not np.isfinite(found).any():
                 raise RefusedError("no replication completes")
             results |= replicated_results(own, section, found)
-        return judged(keys_of(own), section, **self._known)
+        return complete_evaluation(keys_of(own), section, **self._known)
 
 
 def keys_of(scenario: Scenario) -> KeyValue:
     """Return what gives the values of keys of a scenario, which is resolved once, and only if one is asked for."""
-    content = cache(lambda: resolved(scenario))
-    return lambda name: value_of(content(), name)
+    content = cache(lambda: resolve_scenario(scenario))
+    return lambda name: resolved_value(content(), name)
 
 
-def judged(key: KeyValue, section: ExploreSection, **known: Any) -> Evaluation:
+def complete_evaluation(
+    key: KeyValue, section: ExploreSection, **known: Any
+) -> Evaluation:
     """Return a design of which all is known, with its goals, or the constraints that it misses.
 
     Args:
@@ -235,13 +241,13 @@ def judged(key: KeyValue, section: ExploreSection, **known: Any) -> Evaluation:
                 missed.append(one)
                 over += excess
     except ExpressionError as error:
-        return refused(CONSTRAINT, str(error), 0.99, **known)
+        return refused_evaluation(CONSTRAINT, str(error), 0.99, **known)
     if missed:
         words = ", ".join(f"not {one.text}" for one in missed)
         named = [k for k in results if any(k in one.used for one in missed)]
         at = ", ".join(f"{k} = {results[k]:.6g}" for k in named)
         told = f"{words} ({at})" if at else words
-        return refused(CONSTRAINT, told, over / (1.0 + over), **known)
+        return refused_evaluation(CONSTRAINT, told, over / (1.0 + over), **known)
     return Evaluation("done", REPLICATIONS, goals=goals, **known)
 
 
@@ -271,7 +277,7 @@ def _motions(wanted: Planned) -> tuple[PlannedMotions, TemporalPlanGraph | None]
     motions = plan_motions(scenario, wanted.folder, watch)
     if scenario.planning.coordination == "synchronous":
         return motions, None
-    return motions, order_motions(motions.motion_plan, watch)
+    return motions, build_plan_graph(motions.motion_plan, watch)
 
 
 @lru_cache(maxsize=2)
@@ -286,7 +292,7 @@ def _work(scenario: Scenario, folder: Path, plan: PlanResult) -> Workload:
     return replace(workload(plan.tpg, model, scenario.seed), reasons=reasons)
 
 
-def layout_results(subject: Subject, section: ExploreSection) -> dict[str, float]:
+def layout_results(subject: CheckContext, section: ExploreSection) -> dict[str, float]:
     """Return what is known of a design before anything is planned."""
     robots = subject.scenario.cell.robots
     price = sum(
@@ -302,7 +308,7 @@ def layout_results(subject: Subject, section: ExploreSection) -> dict[str, float
     }
 
 
-def floor_area_m2(subject: Subject) -> float:
+def floor_area_m2(subject: CheckContext) -> float:
     """Return the area of the convex hull of all that stands in a cell, seen from above [m2].
 
     That is robots at HOME, the fixtures of the file, and objects where they begin.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from twin.explore.dimensions import Dimension, Values, all_designs, base_values, key_of
-from twin.explore.journal import Tried
+from twin.explore.journal import TriedDesign
 from twin.explore.section import SamplerName
 from twin.host.extras import extra_module
 
@@ -81,7 +81,7 @@ class Search:
         self._left.pop(key_of(values), None)
         return values
 
-    def tell(self, row: Tried) -> None:
+    def tell(self, row: TriedDesign) -> None:
         """Learn what became of a design; of one that was not asked for, if it can be one of them."""
         trial = self._asked.pop(row.design, None)
         found = row.evaluation
@@ -103,7 +103,7 @@ class Search:
                 self._study.add_trial(made)
         self.told += 1
 
-    def replay(self, rows: Sequence[Tried]) -> Mapping[int, Values]:
+    def replay(self, rows: Sequence[TriedDesign]) -> Mapping[int, Values]:
         """Ask and tell as it was done before.
 
         Args:

@@ -11,12 +11,12 @@ import numpy as np
 
 from twin.explore.dimensions import Dimension, Values
 from twin.explore.exploration import Exploration
-from twin.explore.finals import Finalist, Worth
-from twin.explore.influence import Importance, front, importances
-from twin.explore.journal import SINGLE, Tried
+from twin.explore.finals import ChangeValue, Finalist
+from twin.explore.influence import Importance, importances, pareto_front
+from twin.explore.journal import SINGLE, TriedDesign
 from twin.explore.rungs import CONSTRAINT, RUNGS
 from twin.explore.section import ExploreSection
-from twin.explore.singles import SingleChange
+from twin.explore.single_changes import SingleChange
 from twin.study.replications.statistics import Interval, mean_interval
 
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
@@ -124,10 +124,10 @@ class ExploreSummary:
 
     scenario: str
     section: ExploreSection
-    rows: tuple[Tried, ...]
+    rows: tuple[TriedDesign, ...]
     tried: int
     ranked: tuple[RankedDesign, ...]
-    worths: tuple[Worth, ...]
+    worths: tuple[ChangeValue, ...]
     importances: tuple[Importance, ...]
     rungs: tuple[RungFigures, ...]
     refusals: tuple[RefusedGroup, ...]
@@ -175,7 +175,7 @@ def summary_of(
     scenario: str,
     exploration: Exploration,
     finalists: Sequence[Finalist],
-    worths: Sequence[Worth],
+    worths: Sequence[ChangeValue],
     seed: int,
     singles: Sequence[SingleChange] = (),
 ) -> ExploreSummary:
@@ -229,20 +229,24 @@ def summary_of(
     )
 
 
-def _compromises(rows: Sequence[Tried], finalists: Sequence[Finalist]) -> set[int]:
+def _compromises(
+    rows: Sequence[TriedDesign], finalists: Sequence[Finalist]
+) -> set[int]:
     """Return the numbers of the compromises: of finalists by their new replications, of others by the search."""
     new = [
         replace(f.row, evaluation=replace(f.row.evaluation, goals=f.goals))
         for f in finalists
         if not f.apart
     ]
-    others = {row.design for row in front(rows)} - {f.row.design for f in finalists}
-    return {row.design for row in front(new)} | others
+    others = {row.design for row in pareto_front(rows)} - {
+        f.row.design for f in finalists
+    }
+    return {row.design for row in pareto_front(new)} | others
 
 
 def ranked_design(
     rank: int,
-    row: Tried,
+    row: TriedDesign,
     section: ExploreSection,
     dimensions: Sequence[Dimension],
     final: Finalist | None,
@@ -278,7 +282,7 @@ def changes_of(values: Values, dimensions: Sequence[Dimension]) -> tuple[str, ..
     )
 
 
-def _rungs(rows: Sequence[Tried]) -> list[RungFigures]:
+def _rungs(rows: Sequence[TriedDesign]) -> list[RungFigures]:
     found = []
     for rung in (*RUNGS, CONSTRAINT):
         there = [row.evaluation for row in rows if row.evaluation.rung == rung]
@@ -295,9 +299,9 @@ def _rungs(rows: Sequence[Tried]) -> list[RungFigures]:
     return [item for item in found if item.came or item.rung != CONSTRAINT]
 
 
-def _refusals(rows: Sequence[Tried]) -> list[RefusedGroup]:
+def _refusals(rows: Sequence[TriedDesign]) -> list[RefusedGroup]:
     """Return reasons, those that differ in numbers alone as one, the most frequent first."""
-    groups: dict[tuple[str, str], list[Tried]] = {}
+    groups: dict[tuple[str, str], list[TriedDesign]] = {}
     for row in rows:
         found = row.evaluation
         if found.outcome == "refused":

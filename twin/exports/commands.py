@@ -87,7 +87,7 @@ def export(
 
 def _export_scenario(file: Path, out: Path | None) -> Path:
     """Write what a scenario builds as a model of LDraw; return the file."""
-    from planning.files import replacing
+    from planning.files import replace_atomically
     from twin.kinds.lego.ldraw import ldraw_of_scenario
     from twin.reading.scenario_file import load_scenario
 
@@ -96,6 +96,6 @@ def _export_scenario(file: Path, out: Path | None) -> Path:
     path = out or Path(f"{scenario.name}.ldr")
     if path.is_dir():
         path /= f"{scenario.name}.ldr"
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         temporary.write_bytes(content)
     return path

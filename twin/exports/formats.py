@@ -7,7 +7,7 @@ from inspect import signature
 from pathlib import Path
 
 from planning.errors import OutputError
-from planning.files import replacing
+from planning.files import replace_atomically
 from twin.registry import EXPORTS
 from twin.trial.run_result import RunResult
 
@@ -75,7 +75,7 @@ def export_run(
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error}") from error
-        with replacing(path) as temporary:
+        with replace_atomically(path) as temporary:
             temporary.write_bytes(data)
         written.append(path)
     return written

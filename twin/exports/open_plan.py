@@ -64,13 +64,13 @@ def open_plan_of(plan: PlanResult, release: Policy) -> dict[str, Any]:
         tpg = with_barriers(tpg)
     while True:
         document, borders = _document(_as_planned(replace(plan, tpg=tpg)), release)
-        rests = [borders[name] for name in waits_in_circles(document)]
+        rests = [borders[name] for name in circular_waits(document)]
         if not rests or release == "open-loop":
             return document
         tpg = _resting(tpg, rests)
 
 
-def waits_in_circles(document: Mapping[str, Any]) -> list[str]:
+def circular_waits(document: Mapping[str, Any]) -> list[str]:
     """Return the motions that wait within passages at speed that wait for each other in a circle.
 
     A *passage* is what a robot does from rest to rest, such as several motions between which it does not stop.
@@ -187,7 +187,7 @@ def _motion(
         own = [np.interp(at, smooth.t_ns, column) for column in smooth.a.T]
         t_ns, rows = at - begin, (q, v, np.stack(own, axis=1))
     times = [(begin + t) / NANOSECONDS for t in t_ns.tolist()]
-    told = [None if part is None else part.tolist() for part in rows]
+    entry = [None if part is None else part.tolist() for part in rows]
     changes = [
         (k, item)
         for k, item in enumerate(tpg.handlings)
@@ -210,7 +210,7 @@ def _motion(
     return {
         "id": segment.id,
         "t_s": times,
-        **dict(zip("qva", told, strict=True)),
+        **dict(zip("qva", entry, strict=True)),
         "task": f"{task.index} {task.label}",
         "skill": None if task.kind == TRANSIT else task.kind,
         "object": task.object,

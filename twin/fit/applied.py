@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from planning.errors import OutputError, RequestError
-from planning.files import replacing
+from planning.files import replace_atomically
 from twin.document.validation import InvalidScenarioError
 from twin.document.yaml_text import read_yaml, scenario_text
 from twin.fit.fitting import Fit, fitted_execution, write_sample
@@ -80,7 +80,7 @@ def apply_fits(
     try:
         for path, fit in files.items():
             write_sample(path, fit)
-        with replacing(target) as temporary:
+        with replace_atomically(target) as temporary:
             temporary.write_text(written, encoding="utf-8")
             load_scenario(temporary)
     except BaseException as error:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from planning.errors import RequestError, listed
+from planning.errors import RequestError, format_names
 from twin.commands.options import AsJson, Quiet
 from twin.host.guard import guarded, print_json
 
@@ -110,7 +110,7 @@ def fit(
     from twin.fit.fitting import Fit, write_snippet
     from twin.fit.samples import read_samples, unit_notes
     from twin.host.atomic_files import write_json
-    from twin.host.progress import StageDisplay, of_stage
+    from twin.host.progress import StageDisplay, stage_progress
     from twin.reading.scenario_file import load_scenario
     from twin.run.folder import EVENTS, prepare_run_folder
 
@@ -134,7 +134,7 @@ def fit(
     with StageDisplay(enabled=not silent) as display:
         fits = []
         for sample in samples:
-            progress = of_stage(display, sample.name)
+            progress = stage_progress(display, sample.name)
             found = fit_candidates(
                 sample.values_s, resamples=resamples, seed=seed, progress=progress
             )
@@ -144,7 +144,7 @@ def fit(
             draw_fit(folder / f"{one.sample.name}.png", one)
     content = [_content(one) for one in fits]
     count = sum(len(sample.values_s) for sample in samples)
-    note = f"{count} durations of {listed(names)}, fitted by: twin fit"
+    note = f"{count} durations of {format_names(names)}, fitted by: twin fit"
     lines = write_snippet(folder, fits, note)
     write_json(folder / "fit.json", content)
     for group, few in left_out.items():

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from twin.document.yaml_text import scenario_text
-from twin.durations.fittable import rounded
+from twin.durations.fittable import round_parameter
 from twin.fit.candidates import Candidate
 from twin.fit.samples import FitSample
 from twin.host.atomic_files import write_text
@@ -48,7 +48,7 @@ class Fit:
     def section(self, prefix: str = "") -> dict[str, Any]:
         """Return the section for a scenario: the best fit, or the measured times in a file with a prefix."""
         if not self.candidates:
-            median = rounded(np.median(self.sample.values_s))
+            median = round_parameter(np.median(self.sample.values_s))
             return {"kind": "fixed", "value_s": median}
         if self.best is None:
             return {"kind": "empirical", "csv": prefix + self.csv}

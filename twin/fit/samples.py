@@ -13,7 +13,7 @@ import numpy as np
 
 from planning.errors import RequestError, ScenarioError
 from planning.tasks.task import SKILLS, STRAIGHT, TRANSIT
-from planning.transforms import Array, readonly
+from planning.transforms import Array, read_only_copy
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.document.section import NAME
 from twin.durations.nanoseconds import NANOSECONDS
@@ -22,13 +22,13 @@ from twin.durations.timing_files import (
     Columns,
     column_unit,
     csv_rows,
-    named_unit,
     read_durations,
+    split_unit,
 )
 from twin.durations.usual_range import usual_duration
 from twin.run.activities import RobotProgress
 from twin.run.events import Event, EventLogError, parse_event, read_log
-from twin.run.folder import EVENTS, require_as_written
+from twin.run.folder import EVENTS, require_recorded_hashes
 from twin.trial.plan_result import plan_of_run
 
 LABELS = ("skill", "robot", "object")
@@ -77,7 +77,7 @@ def logged_skills(path: Path) -> list[LoggedSkill]:
     """
     log = path / EVENTS if path.is_dir() else path
     if log.name == EVENTS:
-        require_as_written(log.parent, (EVENTS,))
+        require_recorded_hashes(log.parent, (EVENTS,))
     return skills_in_log(log, plan_of_run(log.parent))
 
 
@@ -245,7 +245,7 @@ def _skill_of_names(paths: Sequence[Path]) -> str | None:
 def _columns_of(path: Path) -> Columns:
     """Return the columns that are read where none are named."""
     names = csv_rows(path).fieldnames or ()
-    durations = [name for name in names if named_unit(name)[0] == "duration"]
+    durations = [name for name in names if split_unit(name)[0] == "duration"]
     stamps = [pair for pair in _STAMPS if set(pair) <= set(names)]
     if DURATION in names or not (durations or stamps):
         return DURATION
@@ -308,7 +308,7 @@ def _sample(
             " distributions apart"
         )
     ordered = {name: labels[name] for name in LABELS if name in labels}
-    return FitSample(ordered, readonly(values))
+    return FitSample(ordered, read_only_copy(values))
 
 
 def unused_labels(

@@ -75,7 +75,7 @@ def follow(
     not done again and again. Ends with 1 when something forbidden happened or the run failed.
     """
     from twin.follow.follow import follow as follow_run
-    from twin.follow.follow import growing_file, piped, served
+    from twin.follow.follow import lines_of_growing_file, lines_of_pipe, lines_of_server
     from twin.follow.forecast import Forecaster
     from twin.follow.state import FollowedRun
     from twin.trial.plan_result import plan_history
@@ -94,11 +94,11 @@ def follow(
         viewer = _viewer(web=web) if view or web else None
         listeners.append(LiveRecording(run, recording, name=name, viewer=viewer))
     if events == "-":
-        lines = piped(sys.stdin.buffer)
+        lines = lines_of_pipe(sys.stdin.buffer)
     elif events.startswith("http://"):
-        lines = served(events)
+        lines = lines_of_server(events)
     else:
-        lines = growing_file(Path(events), wait=not once)
+        lines = lines_of_growing_file(Path(events), wait=not once)
     follow_run(lines, run, forecaster, listeners, every_s=every)
     bad = bool(run.violations) or run.outcome == "failed"
     return FAILED if bad else COMPLETED
@@ -117,9 +117,9 @@ def _viewer(*, web: bool) -> str:
 
 def _shown(run: FollowedRun, title: str, *, json: bool) -> Callable[[News], None]:
     """Return what tells of news: JSON for programs, sentences, or a picture on a terminal."""
-    from twin.follow.display import TerminalDisplay, as_json, as_sentence
+    from twin.follow.display import TerminalDisplay, news_to_json, news_to_sentence
 
-    words = as_json if json else as_sentence
+    words = news_to_json if json else news_to_sentence
 
     def write(news: News) -> None:
         if line := words(news):

@@ -19,7 +19,7 @@ from twin.follow.drift import Drift
 from twin.follow.follow import News, Silence, UnreadableLine
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, ForbiddenEvent
-from twin.host.atomic_files import finite
+from twin.host.atomic_files import finite_or_none
 from twin.run.activities import RobotProgress
 from twin.run.events import Event
 
@@ -33,7 +33,7 @@ _PAUSE_S = 0.1
 """Least time between two drawings [s]."""
 
 
-def as_json(news: News) -> str:
+def news_to_json(news: News) -> str:
     """Return news as an object of JSON; empty where nothing is to be said."""
     content: dict[str, Any]
     match news:
@@ -58,10 +58,10 @@ def as_json(news: News) -> str:
             content = {
                 "kind": "forecast",
                 "t_s": news.t_s,
-                "p50_s": finite(p50),
-                "p90_s": finite(p90),
-                "remaining_p50_s": finite(p50 - news.t_s),
-                "remaining_p90_s": finite(p90 - news.t_s),
+                "p50_s": finite_or_none(p50),
+                "p90_s": finite_or_none(p90),
+                "remaining_p50_s": finite_or_none(p50 - news.t_s),
+                "remaining_p90_s": finite_or_none(p90 - news.t_s),
                 "failing": news.failing,
                 "nodes_done": news.nodes_done,
                 "nodes": news.nodes,
@@ -92,7 +92,7 @@ def as_json(news: News) -> str:
     return json.dumps(content)
 
 
-def as_sentence(news: News) -> str:
+def news_to_sentence(news: News) -> str:
     """Return news in words, for people; empty where nothing is to be said."""
     match news:
         case ForbiddenEvent():
@@ -150,7 +150,7 @@ class TerminalDisplay:
         """Show what has changed; at the end leave the last picture and a sentence on the terminal."""
         match news:
             case UnreadableLine():
-                self._unreadable.append(as_sentence(news))
+                self._unreadable.append(news_to_sentence(news))
             case Forecast():
                 self._forecast = news
             case Drift():
@@ -165,7 +165,7 @@ class TerminalDisplay:
             self._live.update(self._picture(), refresh=True)
         if news is self._run:
             self._live.stop()
-            self._console.print(as_sentence(news), highlight=False)
+            self._console.print(news_to_sentence(news), highlight=False)
 
     def _picture(self) -> Group:
         """Return the picture of the run as it is now."""

@@ -32,7 +32,7 @@ _PIECE = 1 << 20
 """Bytes read at once."""
 
 
-def growing_file(
+def lines_of_growing_file(
     path: Path, *, wait: bool = True, poll_s: float = POLL_S
 ) -> Iterator[str | None]:
     """Yield the lines of a file as they are written; None whenever there is no more yet.
@@ -83,7 +83,7 @@ def _read_from(path: Path, position: int, inode: int) -> tuple[bytes, int]:
         return file.read(_PIECE), about.st_ino
 
 
-def piped(stream: Iterable[bytes]) -> Iterator[str | None]:
+def lines_of_pipe(stream: Iterable[bytes]) -> Iterator[str | None]:
     """Yield the lines that come through a pipe; None whenever there is no more yet.
 
     What is left without a newline at the end was torn, and is dropped.
@@ -112,7 +112,7 @@ def piped(stream: Iterable[bytes]) -> Iterator[str | None]:
             yield line[:-1].decode("utf-8", errors="replace")
 
 
-def served(address: str) -> Iterator[str | None]:
+def lines_of_server(address: str) -> Iterator[str | None]:
     """Yield the lines that a server passes on; None whenever there is no more yet.
 
     Args:
@@ -137,7 +137,7 @@ def served(address: str) -> Iterator[str | None]:
             )
         assert server.sock is not None
         server.sock.settimeout(None)  # hours may pass between two events
-        yield from piped(answer)
+        yield from lines_of_pipe(answer)
 
 
 class UnreadableLine(NamedTuple):

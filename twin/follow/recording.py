@@ -23,12 +23,12 @@ from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.bodies import (
     RobotNames,
     draw_fixtures,
-    draw_later,
     draw_object,
     draw_robot,
+    draw_temporary_object,
+    hidden_until_later,
     move_robot,
     place_object,
-    unseen,
 )
 from twin.recorders.rerun.entities import entity_path
 from twin.recorders.rerun.event_rows import EventBacklog
@@ -113,8 +113,8 @@ class LiveRecording:
         self._draw_lanes()
         for item in self._tpg.cell.objects:
             if item.name not in known:
-                draw_later(self._rec, item, (0,), (False,))
-                place_object(self._rec, item.name, [unseen(item)])
+                draw_temporary_object(self._rec, item, (0,), (False,))
+                place_object(self._rec, item.name, [hidden_until_later(item)])
 
     def _draw_lanes(self) -> None:
         self._lanes = {
@@ -219,10 +219,10 @@ class LiveRecording:
         leaving = {h.object for h in tpg.handlings if h.holder == GONE}
         for item in tpg.cell.objects:
             if item.later or item.name in leaving:
-                draw_later(rec, item, (0,), (not item.later,))
+                draw_temporary_object(rec, item, (0,), (not item.later,))
             else:
                 draw_object(rec, item)
-            place_object(rec, item.name, [unseen(item)])
+            place_object(rec, item.name, [hidden_until_later(item)])
         for name, (_, colour) in _QUANTILES.items():
             rec.log(
                 entity_path(entities.FORECAST, name),
@@ -272,10 +272,10 @@ class LiveRecording:
             return
         thing = self._objects[event.object]
         if item.holder == GONE:
-            draw_later(self._rec, thing, (event.t_ns,), (False,))
+            draw_temporary_object(self._rec, thing, (event.t_ns,), (False,))
             return
         if thing.later and item.holder is None and event.object not in self._drawn:
-            draw_later(self._rec, thing, (event.t_ns,), (True,))
+            draw_temporary_object(self._rec, thing, (event.t_ns,), (True,))
         self._drawn.add(event.object)
         placement = Placement(event.t_ns, item.object, item.holder, item.pose)
         place_object(self._rec, item.object, [placement])

@@ -20,7 +20,7 @@ from typing import (
     get_type_hints,
 )
 
-from planning.errors import ArgumentError, in_a_line
+from planning.errors import ArgumentError, join_lines
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -46,7 +46,7 @@ def checks_arguments(function: Callable[P, T]) -> Callable[P, T]:
         for name, value in given.items():
             hint = hints().get(name, Any)
             if not _fits(hint, value):
-                shown = in_a_line(repr(value))[:_MOST_SHOWN]
+                shown = join_lines(repr(value))[:_MOST_SHOWN]
                 raise ArgumentError(
                     f"{function.__name__}(): {name} must be {_words(hint)}, not {type(value).__name__} {shown}"
                 )

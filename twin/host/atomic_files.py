@@ -7,12 +7,12 @@ import math
 from pathlib import Path
 from typing import Any
 
-from planning.files import replacing
+from planning.files import replace_atomically
 
 
 def write_text(path: Path, text: str) -> None:
     """Write a UTF-8 text file; OutputError when the file system refuses."""
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
@@ -22,6 +22,6 @@ def write_json(path: Path, value: Any) -> None:
     write_text(path, text)
 
 
-def finite(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     """Return a number as JSON can hold it: None for NaN and infinity."""
     return value if math.isfinite(value) else None

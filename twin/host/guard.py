@@ -24,7 +24,7 @@ from planning.errors import (
     RobotModelError,
     ScenarioError,
     TwinError,
-    printable,
+    escape_control_characters,
 )
 from twin.host.versions import versions
 
@@ -64,20 +64,22 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
             print_error("interrupted")
             code = INTERRUPTED
         except TwinError as error:
-            print_error(describe(error))
+            print_error(error_message(error))
             at_fault = isinstance(error, _INPUTS) and not _ran_out_of_space(error)
             code = BAD_INPUT if at_fault else FAILED
         except ModuleNotFoundError as error:
             missing = error.name or ""
             ours = missing.startswith(("twin.", "scheduling.", "planning."))
             text = f"this needs {missing}, which is not installed"
-            print_error(text if ours else unforeseen(error))
+            print_error(text if ours else report_unforeseen_error(error))
             code = FAILED if ours else UNFORESEEN
         except BrokenPipeError:  # whoever read the output went away: main knows
             raise
         except Exception as error:
             full = _ran_out_of_space(error)
-            print_error(f"no more room: {error}" if full else unforeseen(error))
+            print_error(
+                f"no more room: {error}" if full else report_unforeseen_error(error)
+            )
             code = FAILED if full else UNFORESEEN
         raise typer.Exit(code or COMPLETED)
 
@@ -93,7 +95,7 @@ def _ran_out_of_space(error: BaseException) -> bool:
     return False
 
 
-def describe(error: TwinError) -> str:
+def error_message(error: TwinError) -> str:
     """Return the message of an error, with excerpts where it has any."""
     report = getattr(error, "report", None)
     return str(report()) if callable(report) else str(error)
@@ -110,7 +112,7 @@ def print_error(message: str) -> None:
     from rich.text import Text
 
     console = Console(stderr=True, soft_wrap=True, highlight=False)
-    first, _, rest = printable(message).partition("\n")
+    first, _, rest = escape_control_characters(message).partition("\n")
     label = Text("error: ", style="bold red") if not _has_place(first) else Text("")
     console.print(label + Text(first))
     if rest:
@@ -146,7 +148,7 @@ def write_error_report(error: BaseException) -> Path | None:
     return path
 
 
-def unforeseen(error: BaseException) -> str:
+def report_unforeseen_error(error: BaseException) -> str:
     """Return what is told of an error that nobody foresaw, with the path of its report."""
     what = f"{type(error).__name__}: {error}".rstrip(": ").splitlines()[0][:200]
     path = write_error_report(error)

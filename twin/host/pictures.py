@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
-from planning.files import replacing
+from planning.files import replace_atomically
 
 _LETTER = 0.6
 """Width of a letter over its size."""
@@ -63,7 +63,7 @@ def style_axes(axes: Axes, *, grid: Literal["x", "y", "both"] = "both") -> None:
         spine.set_color(FRAME)
 
 
-def fitted(text: str, width: float, size: float, *, lines: int) -> str:
+def wrap_name(text: str, width: float, size: float, *, lines: int) -> str:
     """Return a name in as few lines as it takes to fit a width; empty where it does not fit.
 
     Lines end behind what parts words in names, between a word and a number, and within words that are too
@@ -90,7 +90,7 @@ def fitted(text: str, width: float, size: float, *, lines: int) -> str:
 
 def save_png(picture: Figure, path: Path) -> None:
     """Write a picture, replacing what is there; OutputError when that cannot be done."""
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         picture.savefig(temporary, format="png")
 
 

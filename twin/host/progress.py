@@ -32,7 +32,7 @@ def report_nothing(stage: str, done: float, total: float) -> None:
     """Ignore progress."""
 
 
-def of_stage(report: Report, stage: str) -> Progress:
+def stage_progress(report: Report, stage: str) -> Progress:
     """Return a callback for the progress of one stage: done, and total."""
     return lambda done, total: report(stage, done, total)
 
@@ -67,7 +67,7 @@ class StageWatch:
 
     def reporter(self, label: str) -> Progress:
         """Return a callback that shows the progress of a stage: done, and total."""
-        return of_stage(self.report, label)
+        return stage_progress(self.report, label)
 
 
 class StageDisplay:
@@ -133,7 +133,7 @@ class StageDisplay:
 
 
 @contextmanager
-def compilation_shown(
+def show_compilation(
     display: StageDisplay, *, silent: bool
 ) -> Iterator[Callable[[], int]]:
     """Show how many kernels are compiled meanwhile, as a first run has to wait for them.

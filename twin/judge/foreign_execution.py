@@ -14,7 +14,7 @@ from planning.transforms import Array, Transform, inverse
 from twin.audit.case import Violation
 from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
 from twin.audit.worlds.world import AuditWorld
-from twin.judge.foreign_graph import configurations, joint_columns
+from twin.judge.foreign_graph import joint_columns, motion_configurations
 from twin.judge.open_plan import OpenEvent, OpenMotion, OpenPlan
 from twin.scenario.sections.shapes import build_transform
 
@@ -101,7 +101,7 @@ class ForeignExecution:
     violations: tuple[Violation, ...]
 
 
-def execution(
+def build_foreign_execution(
     plan: OpenPlan,
     world: AuditWorld,
     tools: tuple[ChangedTool, ...],
@@ -150,12 +150,12 @@ def _rows(
     if not own:
         return RobotRows(np.zeros(1), robot.home[None, :], np.full(1, -1))
     columns = joint_columns(plan, robot)
-    stands = configurations(own[0], columns)[0]
+    stands = motion_configurations(own[0], columns)[0]
     if np.max(np.abs(stands - robot.home)) > _SAME:
         found.append(_jump(robot, 0.0, robot.home, stands, "its HOME", own[0].id))
     table = _Table(stands)
     for k, motion in enumerate(own):
-        span, rows = spans[motion.id], configurations(motion, columns)
+        span, rows = spans[motion.id], motion_configurations(motion, columns)
         times = span.begin + (np.array(motion.t_s) - motion.t_s[0]) * span.factor
         table.stand_until(float(times[0]))
         if np.max(np.abs(rows[0] - table.q[-1])) > _SAME:

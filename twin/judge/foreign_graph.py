@@ -14,11 +14,11 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.tasks.task import TRANSIT, Handling, Task
-from planning.transforms import Array, identity, readonly
+from planning.transforms import Array, identity, read_only_copy
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.document.validation import Found, unless_known
+from twin.document.validation import Found, check_known_name
 from twin.document.yaml_text import KeyPath
-from twin.judge.open_plan import OpenMotion, OpenPlan, require_none
+from twin.judge.open_plan import OpenMotion, OpenPlan, require_no_faults
 from twin.scenario.sections.kind import AssemblySection, assembly_kind
 
 
@@ -48,7 +48,7 @@ def cell_for(
             if (item := kind.object_named(name, known)) is not None:
                 known[item.name] = item
     whole = replace(cell, objects=tuple(known.values()))
-    require_none(path, _misfits(plan, whole))
+    require_no_faults(path, _misfits(plan, whole))
     return whole
 
 
@@ -60,7 +60,7 @@ def _misfits(plan: OpenPlan, cell: Workcell) -> Found:
     things = sorted(set(named))
     for name, own in plan.robots.items():
         at: KeyPath = ("robots", name)
-        yield from unless_known((*at, "[key]"), "robot", name, robots)
+        yield from check_known_name((*at, "[key]"), "robot", name, robots)
         if name in robots and sorted(own.joints) != sorted(
             robots[name].model.joint_names
         ):
@@ -68,21 +68,21 @@ def _misfits(plan: OpenPlan, cell: Workcell) -> Found:
             yield (*at, "joints"), f"are not those of {name}, each once: {joints}"
     for name in plan.machines:
         words = "the scenario has no machines"
-        yield from unless_known(
+        yield from check_known_name(
             ("machines", name, "[key]"), "machine", name, machines, words
         )
     objects = sorted(item.name for item in cell.objects)
     for at, name, motion in plan.placed():
-        yield from unless_known((*at, "object"), "object", motion.object, things)
+        yield from check_known_name((*at, "object"), "object", motion.object, things)
         for k, touched in enumerate(motion.touches):
-            yield from unless_known((*at, "touches", k), "thing", touched, things)
+            yield from check_known_name((*at, "touches", k), "thing", touched, things)
         for k, event in enumerate(motion.events):
             place = (*at, "events", k)
-            yield from unless_known(
+            yield from check_known_name(
                 (*place, event.verb), "object", event.object, objects
             )
             if event.to is not None:
-                yield from unless_known((*place, "to"), "robot", event.to, robots)
+                yield from check_known_name((*place, "to"), "robot", event.to, robots)
             if name in machines and event.verb not in ("appear", "leave"):
                 yield (
                     (*place, event.verb),
@@ -96,7 +96,7 @@ def joint_columns(plan: OpenPlan, robot: PlacedRobot) -> list[int]:
     return [own.index(name) for name in robot.model.joint_names]
 
 
-def graph_of(plan: OpenPlan, cell: Workcell) -> TemporalPlanGraph:
+def build_foreign_graph(plan: OpenPlan, cell: Workcell) -> TemporalPlanGraph:
     """Return the graph of a plan that fits a cell; contacts and edges are left out."""
     tasks: list[Task] = []
     chains = []
@@ -117,7 +117,7 @@ def graph_of(plan: OpenPlan, cell: Workcell) -> TemporalPlanGraph:
     return TemporalPlanGraph(cell, tuple(tasks), tuple(chains), none, cause, (), ())
 
 
-def configurations(motion: OpenMotion, columns: list[int]) -> Array:
+def motion_configurations(motion: OpenMotion, columns: list[int]) -> Array:
     """Return the joint values of a motion, shape (rows, n); of a machine zeros."""
     if not motion.q:
         return np.zeros((len(motion.t_s), 1))
@@ -125,13 +125,16 @@ def configurations(motion: OpenMotion, columns: list[int]) -> Array:
 
 
 def _task(index: int, robot: str, some: list[OpenMotion], columns: list[int]) -> Task:
-    first, q = some[0], np.concatenate([configurations(m, columns) for m in some])
+    first, q = (
+        some[0],
+        np.concatenate([motion_configurations(m, columns) for m in some]),
+    )
     handlings = tuple(
         Handling(
             event.object,
             0,
             {"take": robot, "give": event.to}.get(event.verb),
-            readonly(identity()),
+            read_only_copy(identity()),
         )
         for motion in some
         for event in motion.events
@@ -144,7 +147,7 @@ def _task(index: int, robot: str, some: list[OpenMotion], columns: list[int]) ->
 def _chain(
     robot: str, own: tuple[OpenMotion, ...], columns: list[int], of_node: list[int]
 ) -> NodeChain:
-    rows = [configurations(motion, columns) for motion in own]
+    rows = [motion_configurations(motion, columns) for motion in own]
     spans = np.array([motion.t_s[-1] - motion.t_s[0] for motion in own])
     passed = [
         (np.array(motion.t_s) - motion.t_s[0]) / span if span > 0.0 else np.ones(len(q))

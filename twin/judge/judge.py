@@ -22,18 +22,18 @@ from twin.audit.worlds.engines import (
 )
 from twin.audit.worlds.world import AuditWorld
 from twin.durations.model import DurationModel
-from twin.host.atomic_files import finite
+from twin.host.atomic_files import finite_or_none
 from twin.host.progress import Report, report_nothing
 from twin.judge.delays import CircularWaitsError, delayed_spans
 from twin.judge.foreign_execution import (
     ForeignExecution,
     MotionSpan,
-    execution,
+    build_foreign_execution,
     makespan_s,
     planned_spans,
 )
-from twin.judge.foreign_graph import cell_for, graph_of
-from twin.judge.meant_contacts import meant_contacts
+from twin.judge.foreign_graph import build_foreign_graph, cell_for
+from twin.judge.intended_contacts import intended_contacts
 from twin.judge.open_plan import OpenMotion, OpenPlan, read_open_plan
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.sections.kind import assembly_kind
@@ -135,7 +135,7 @@ class Judgement:
             "p95_s": self.p95_s,
             "contacts": self.contacts,
             "planning_cpu_s": self.planning_cpu_s,
-            "min_distance_m": finite(self.min_distance_m),
+            "min_distance_m": finite_or_none(self.min_distance_m),
             "engine": self.engine,
             "findings": [asdict(found) for found in self.findings],
             "delayed": [asdict(run) for run in self.delayed],
@@ -164,7 +164,7 @@ def judge(
         RequestError: nothing says which scenario; the engine is not installed.
     """
     content = read_open_plan(plan)
-    task = load(scenario_of(content, plan) if scenario is None else scenario)
+    task = load(named_scenario(content, plan) if scenario is None else scenario)
     case = JudgedPlan(content, plan, task, engine)
     own = planned_spans(content)
     findings, least = case.look(own, progress)
@@ -190,7 +190,7 @@ def judge(
     )
 
 
-def scenario_of(content: OpenPlan, path: Path) -> Path:
+def named_scenario(content: OpenPlan, path: Path) -> Path:
     """Return the scenario that a plan names: one that comes with the program, or a file seen from its own.
 
     Raises:
@@ -246,16 +246,16 @@ class JudgedPlan:
         cell = replace(cell, objects=(*cell.objects, *more))
         cell = cell_for(plan, path, cell, sections.assembly)
         self.rules = WorkRules(sections, scenario.folder, cell)
-        bare = graph_of(plan, cell)
+        bare = build_foreign_graph(plan, cell)
         self.world = AuditWorld(cell)
         tools = self._wanted.tools
-        planned = execution(plan, self.world, tools, planned_spans(plan))
-        allowed = meant_contacts(plan, bare, self.world, planned, self._wanted)
+        planned = build_foreign_execution(plan, self.world, tools, planned_spans(plan))
+        allowed = intended_contacts(plan, bare, self.world, planned, self._wanted)
         self._graph = replace(bare, allowed=allowed)
 
     def executed(self, spans: Mapping[str, MotionSpan]) -> ForeignExecution:
         """Return what is executed where motions happen at some times."""
-        return execution(self.plan, self.world, self._wanted.tools, spans)
+        return build_foreign_execution(self.plan, self.world, self._wanted.tools, spans)
 
     def look(
         self, spans: Mapping[str, MotionSpan], progress: Report = report_nothing
@@ -368,15 +368,15 @@ class WorkRules:
         if motion.v is not None or len(motion.t_s) < 2:
             return
         seconds = np.diff(motion.t_s) * span.factor
-        way = np.abs(np.diff(np.array(motion.q), axis=0)).sum(axis=1)
-        over = way - limit * (seconds * (1.0 + _ROUNDING) + 1e-8)
+        displacement = np.abs(np.diff(np.array(motion.q), axis=0)).sum(axis=1)
+        over = displacement - limit * (seconds * (1.0 + _ROUNDING) + 1e-8)
         worst = int(np.argmax(over))
         if over[worst] > 0.0:
             t = (
                 span.at(motion, motion.t_s[worst]),
                 span.at(motion, motion.t_s[worst + 1]),
             )
-            speed = way[worst] / max(seconds[worst], 1e-9)
+            speed = displacement[worst] / max(seconds[worst], 1e-9)
             words = f"{speed:.6g} rad/s for all joint speeds added up, their limit is {limit:g} rad/s, in {motion.id}"
             yield Violation(*t, name, "all joints", 0.0, words, "joint-speed")
 

@@ -220,11 +220,11 @@ def read_open_plan(path: Path) -> OpenPlan:
         schema = OpenPlan.model_json_schema()
         found = schema_problems(document, schema, errors)
         raise InvalidScenarioError(path, found, document.lines) from None
-    require_none(path, _problems(plan))
+    require_no_faults(path, _problems(plan))
     return plan
 
 
-def require_none(path: Path, problems: Found) -> None:
+def require_no_faults(path: Path, problems: Found) -> None:
     """Refuse a file of which something is wrong.
 
     Raises:

@@ -51,10 +51,10 @@ def drive(
     """
     from twin.cluster.certificates import certificates_in
     from twin.drivers.simulated_arm import SimulatedArm
-    from twin.live.driver_end import DriverEnd, started_now
+    from twin.live.driver_end import DriverEnd, new_instance_number
     from twin.live.service import drive_remotely
 
-    end = DriverEnd(SimulatedArm(pace=pace), robot, started_now())
+    end = DriverEnd(SimulatedArm(pace=pace), robot, new_instance_number())
     held = None if certificates is None else certificates_in(certificates)
     drive_remotely(
         end, address, held, every_s=min(0.02, 0.1 / pace), patience_s=patience

@@ -27,7 +27,7 @@ Deliver = Callable[[Report], None]
 """Is given every report; it may be called from any thread."""
 
 
-class Unheard:
+class UnacknowledgedSamples:
     """Samples, numbered from 0 on, that are told until they have been heard of."""
 
     def __init__(self) -> None:
@@ -60,9 +60,9 @@ class Unheard:
             self._told, self._again_s = self.kept, now_s
         first = max(self._told, self.kept)
         skip = first - self.kept
-        told = tuple(islice(self._samples, skip, skip + MOST_SAMPLES))
-        self._told = first + len(told)
-        return first, told
+        message = tuple(islice(self._samples, skip, skip + MOST_SAMPLES))
+        self._told = first + len(message)
+        return first, message
 
     def _drop(self) -> None:
         self._samples.popleft()
@@ -91,7 +91,7 @@ class DriverEnd:
         self._session = ""
         self._number = self._seen = self._version = self._have = 0
         self._held, self._ordered = False, ""
-        self._samples = Unheard()
+        self._samples = UnacknowledgedSamples()
         self._turn = threading.RLock()
         self._left = False
 
@@ -226,6 +226,6 @@ class LocalWire:
             self._thread.join()
 
 
-def started_now() -> int:
+def new_instance_number() -> int:
     """Return an instance of a driver that is greater than those of others that were started before."""
     return time.time_ns()

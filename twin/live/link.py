@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from planning.motion.near_path import near_path
+from planning.motion.near_path import nearest_points_on_path
 from planning.tasks.task import FAILED
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Sample, ToolOrder
@@ -43,7 +43,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class AwaitedAct:
+class AwaitedActuation:
     """A node that a robot passes once another one's tool has closed or opened.
 
     Attributes:
@@ -97,7 +97,7 @@ class Link:
     version: int = 1
     ahead_s: float | None = math.inf
     near: bool = False
-    awaited: list[AwaitedAct] = field(default_factory=list)
+    awaited: list[AwaitedActuation] = field(default_factory=list)
     tool: ToolOrder | None = None
     held: bool = False
     leave: bool = False
@@ -234,11 +234,11 @@ class Link:
         silent = self.state.mode != "fault" and self.problem is None
         return count > 0 and count == (self.state.begun if silent else self.state.done)
 
-    def is_due(self, awaited: AwaitedAct) -> bool:
+    def is_due(self, awaited: AwaitedActuation) -> bool:
         """Tell whether its robot stands where another one's tool is to act next."""
         return self.done >= awaited.node
 
-    def go_on_after(self, awaited: AwaitedAct) -> None:
+    def go_on_after(self, awaited: AwaitedActuation) -> None:
         """Tell of the nodes from one on in which another tool was awaited."""
         self.awaited.remove(awaited)
         self._news = True
@@ -380,7 +380,7 @@ class Link:
             nodes = self.cleared[low : most if lost else min(done + 2, most)]
             path = np.vstack([self._before(low), *(node.waypoints for node in nodes)])
             for k in range(0, len(own), _BLOCK):
-                near = near_path(path, np.array(own[k : k + _BLOCK]))
+                near = nearest_points_on_path(path, np.array(own[k : k + _BLOCK]))
                 off = max(off, float(near.off.max()))
         return off
 
@@ -428,7 +428,7 @@ class Link:
         )
 
 
-def see_to_tools(links: Mapping[str, Link]) -> list[tuple[str, int]]:
+def sync_tool_commands(links: Mapping[str, Link]) -> list[tuple[str, int]]:
     """Order what robots that stand ready for it await of others' tools, and let them go on after it.
 
     Args:

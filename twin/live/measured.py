@@ -21,7 +21,7 @@ import numpy as np
 from planning.bounds import LATEST_S
 from planning.errors import OutputError, TwinError
 from planning.files import open_regular
-from planning.motion.near_path import near_path
+from planning.motion.near_path import nearest_points_on_path
 from planning.transforms import Array
 from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -285,7 +285,9 @@ def _passed(nodes: Sequence[ClearedNode], sample: Sample, start: Array) -> float
     if sample.begun == k:
         return 0.0
     before = nodes[k - 1].waypoints[-1] if k else start
-    near = near_path(np.vstack([before, nodes[k].waypoints]), sample.q[None])
+    near = nearest_points_on_path(
+        np.vstack([before, nodes[k].waypoints]), sample.q[None]
+    )
     return nodes[k].passed_s(int(near.leg[0]), float(near.share[0]))
 
 

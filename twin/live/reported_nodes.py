@@ -10,12 +10,12 @@ import numpy as np
 import simpy
 
 from scheduling.graph.actuations import actuation_nodes
-from twin.drivers.driver import DriverState, Sample, cleared_node, order_of
+from twin.drivers.driver import DriverState, Sample, cleared_node, tool_order_of_node
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution import Execution
 from twin.engine.ports import Steps
 from twin.engine.simulated_robots import SimulatedRobots
-from twin.live.link import AwaitedAct, Link, see_to_tools
+from twin.live.link import AwaitedActuation, Link, sync_tool_commands
 from twin.live.measured import History, MeasuredLog, MeasuredRows, samples_between
 from twin.live.messages import Report
 from twin.run.execution_record import Measured
@@ -197,15 +197,15 @@ class ReportedNodes:
     ) -> None:
         """Let a robot pass a node, once the tool of another one has done what it does there."""
         about = self._cell.tpg, chain, node, self._acts[chain]
-        if (other := order_of(*about)) is not None and not passed:
-            link.awaited.append(AwaitedAct(node, *other))
+        if (other := tool_order_of_node(*about)) is not None and not passed:
+            link.awaited.append(AwaitedActuation(node, *other))
         if other is not None and self.history is not None:
             self.links[other[0]].orders.add(other[1].name)
         link.clear([cleared_node(*about)])
 
     def see_to_tools(self) -> None:
         """Let skills go on whose other robot's tool has acted."""
-        for name, node in see_to_tools(self.links):
+        for name, node in sync_tool_commands(self.links):
             # The skill goes on while another robot's tool acts, as planned.
             self._rows[name].note(self.passed_ns(), node + 1, 0)
 

@@ -242,11 +242,11 @@ class Service:
         threading.Thread(
             target=self._listen_to, args=(asked, wire, stream), daemon=True
         ).start()
-        while (told := stream.outbox.get()) is not None:
-            if isinstance(told, str):
-                context.abort(codes.INVALID_ARGUMENT, told)
+        while (message := stream.outbox.get()) is not None:
+            if isinstance(message, str):
+                context.abort(codes.INVALID_ARGUMENT, message)
                 return
-            yield command_bytes(told)
+            yield command_bytes(message)
 
     def _listen_to(
         self, asked: Iterator[bytes], wire: ServiceWire, stream: _DriverStream
@@ -375,12 +375,12 @@ def drive_remotely(
                     heard = time.monotonic()
                     _take(end, content)
             except grpc.RpcError as error:
-                told: Any = error
-                if told.code() in refused:
-                    raise RequestError(f"{address}: {told.details()}") from None
+                message: Any = error
+                if message.code() in refused:
+                    raise RequestError(f"{address}: {message.details()}") from None
                 if time.monotonic() - heard > patience_s:
                     raise RequestError(
-                        f"{address}: no cell for {patience_s:g} s: {told.details()}"
+                        f"{address}: no cell for {patience_s:g} s: {message.details()}"
                     ) from None
             time.sleep(_AGAIN_S)
 

@@ -19,7 +19,7 @@ from twin.drivers.drivers_file import (
 )
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.engine.execution import Ports
-from twin.live.driver_end import DriverEnd, LocalWire, Wire, started_now
+from twin.live.driver_end import DriverEnd, LocalWire, Wire, new_instance_number
 from twin.live.link import Link
 from twin.live.measured import History
 from twin.live.remote_robots import RemoteRobots
@@ -85,7 +85,7 @@ class Session:
             else:
                 link.ahead_s = None
                 wires[robot.name] = LocalWire(
-                    DriverEnd(self.driver(robot), robot.name, started_now()),
+                    DriverEnd(self.driver(robot), robot.name, new_instance_number()),
                     max(_EVERY_S / self.drivers.pace, _LEAST_S),
                 )
         robots = partial(

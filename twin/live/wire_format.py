@@ -87,21 +87,21 @@ def read_command(content: bytes) -> Command:
     Raises:
         MessageError: they are none.
     """
-    told = _parsed("Command", content)
-    start = _numbers("start", told.start)
+    message = _parsed("Command", content)
+    start = _numbers("start", message.start)
     return Command(
-        told.session,
-        told.robot,
-        told.instance,
-        told.number,
+        message.session,
+        message.robot,
+        message.instance,
+        message.number,
         start,
-        told.done,
-        told.version,
-        tuple(_node(item, len(start)) for item in told.nodes),
-        told.heard,
-        told.held,
-        told.leave,
-        _order(told.tool) if told.HasField("tool") else None,
+        message.done,
+        message.version,
+        tuple(_node(item, len(start)) for item in message.nodes),
+        message.heard,
+        message.held,
+        message.leave,
+        _order(message.tool) if message.HasField("tool") else None,
     )
 
 
@@ -162,35 +162,35 @@ def read_report(content: bytes, joints: int = 0) -> Report:
     """
     if len(content) > MOST_BYTES:
         raise MessageError(f"no report: {len(content)} bytes, {MOST_BYTES} at most")
-    told = _parsed("Report", content)
+    message = _parsed("Report", content)
     samples = tuple(
         Sample(own.at_s, _first(own.q, joints), own.begun, own.done)
-        for own in told.samples[: MOST_SAMPLES + 1]
+        for own in message.samples[: MOST_SAMPLES + 1]
     )
     state = DriverState(
-        told.begun,
-        told.done,
-        told.mode[:_MOST_TEXT],
-        _first(told.q, joints),
-        _first(told.dq, joints),
-        told.off,
-        told.failed if told.HasField("failed") else -1,
-        told.words[:_MOST_TEXT],
+        message.begun,
+        message.done,
+        message.mode[:_MOST_TEXT],
+        _first(message.q, joints),
+        _first(message.dq, joints),
+        message.off,
+        message.failed if message.HasField("failed") else -1,
+        message.words[:_MOST_TEXT],
         samples,
-        told.acted[:_MOST_TEXT],
+        message.acted[:_MOST_TEXT],
     )
     return Report(
-        told.session[:_MOST_TEXT],
-        told.robot[:_MOST_TEXT],
-        told.instance,
-        told.number,
-        told.at_s,
-        told.seen,
-        told.version,
-        told.have,
+        message.session[:_MOST_TEXT],
+        message.robot[:_MOST_TEXT],
+        message.instance,
+        message.number,
+        message.at_s,
+        message.seen,
+        message.version,
+        message.have,
         state,
-        told.first,
-        told.kept,
+        message.first,
+        message.kept,
     )
 
 

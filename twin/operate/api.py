@@ -18,14 +18,14 @@ from twin.operate.person import Says
 from twin.registry import HOOKS
 from twin.run.folder import run_folder
 from twin.run.policies import NAMED_POLICIES
-from twin.scenario.variations import Variant, layout_of, varied
+from twin.scenario.variations import Variant, apply_variation, layout_of
 from twin.trial.auditor import load_auditor
 from twin.trial.executor import Executor
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario, with_failures
+from twin.trial.run_plan import run_plan_to_folder
 from twin.trial.run_result import RunResult
-from twin.trial.trial import run_plan_to_folder
 
 
 @checks_arguments
@@ -141,7 +141,7 @@ def require_operable(
             raise RequestError(
                 f"{keys}: what is operated has one plan; study each layout by itself"
             )
-        own = varied(case.sections, variant)
+        own = apply_variation(case.sections, variant)
         require_rolling(own)
         if own.execution.window is not None:
             raise RequestError(
@@ -177,6 +177,6 @@ def operated_plan(
         case = with_failures(plan.scenario, plan.tpg, failures)
         plan = replace(plan, scenario=case)
     for variant in variants:
-        late = varied(plan.scenario.sections, variant).execution.late
+        late = apply_variation(plan.scenario.sections, variant).execution.late
         require_picked(plan.motions, [item.part for item in late])
     return plan

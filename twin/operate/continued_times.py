@@ -9,9 +9,9 @@ import numpy as np
 
 from planning.transforms import Array
 from twin.durations.nanoseconds import Nanoseconds
-from twin.operate.committed import PlanRevision
+from twin.operate.commitment import PlanRevision
 from twin.uncertainty.node_times import NodeTimes, Standstill
-from twin.uncertainty.stops import Stops
+from twin.uncertainty.stop_times import Stops
 
 
 def continued_times(

@@ -29,22 +29,22 @@ from planning.tasks.task import (
 )
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Transform
-from planning.worlds.measured import Poses, beside
-from planning.worlds.onward import Situation, narrowed
-from planning.worlds.world import World, pose_of
+from planning.worlds.measured import Poses, offset_on_surface
+from planning.worlds.onward import ReplanningState, fix_choices
+from planning.worlds.world import World, object_pose
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
-from scheduling.rolling.cut import complete_tasks, state_at
-from scheduling.rolling.extension import committed_part, with_attempt
-from twin.operate.committed import (
+from scheduling.rolling.cut import complete_tasks, world_state_after
+from scheduling.rolling.extension import committed_subgraph, with_attempt
+from twin.operate.commitment import (
     Failure,
     ReplanTrigger,
     TriageResult,
     cut_at,
-    tried_task,
+    failed_task,
 )
-from twin.operate.person import AGAIN, Ledger, Person, Question
+from twin.operate.person import AGAIN, OperationLedger, Person, Question
 from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.draws import uniforms
 
@@ -75,7 +75,7 @@ class FailureTriage:
     """
 
     section: ExecutionSection
-    ledger: Ledger
+    ledger: OperationLedger
     person: Person
     allows: Callable[[Poses], bool] = lambda _: False
 
@@ -83,7 +83,7 @@ class FailureTriage:
         """Decide what is done about each failure, and what becomes of the object."""
         words, changes, reopened = [], [], dict[int, frozenset[str]]()
         for failure in trigger.failures:
-            task = tried_task(tpg, failure)
+            task = failed_task(tpg, failure)
             change, fate = self._changes(tpg, trigger, failure, task)
             changes.append(change)
             self.ledger.tries[task.step, task.kind] += not failure.missing
@@ -185,10 +185,10 @@ class FailureTriage:
         far, around, turned = (self._draw(task, "offset", k) for k in range(3))
         angle = 2.0 * np.pi * around
         way = offset.m * np.sqrt(far) * np.array([np.cos(angle), np.sin(angle)])
-        pose = beside(lay, way, offset.rad * (2.0 * turned - 1.0))
+        pose = offset_on_surface(lay, way, offset.rad * (2.0 * turned - 1.0))
         found = Handling(name, 1, None, pose)
         who = tpg.chains[failure.chain].robot
-        committed = committed_part(tpg, cut_at(tpg, trigger))
+        committed = committed_subgraph(tpg, cut_at(tpg, trigger))
         there = with_attempt(committed, tpg, who, failure.node, (found,))
         try:
             # Others go on by a plan in which it lies where it was said.
@@ -213,7 +213,7 @@ class FailureTriage:
             self.ledger.shunned.add(self.ledger.lost(name))
             return (), ""
         # What it holds does not change any more before its robot goes on.
-        state = state_at(tpg, cut_at(tpg, trigger, steps=False))
+        state = world_state_after(tpg, cut_at(tpg, trigger, steps=False))
         at = state.attachments.get(name)
         if not failure.lost or at is None:
             if task.kind == "pick":
@@ -233,7 +233,7 @@ class FailureTriage:
             return (), words  # it is still where it was
         if at.holder is None:
             return (Handling(name, 1, GONE, at.pose), *coming), words
-        pose = pose_of(tpg.cell, state, name)
+        pose = object_pose(tpg.cell, state, name)
         return (Handling(name, 1, None, pose), Handling(name, 1, GONE, pose)), words
 
 
@@ -252,8 +252,13 @@ def _beside_words(said: Transform, found: Transform) -> str:
     return f"{Fate.BESIDE}, {mm:.1f} mm and {deg:.1f} degrees off, and is picked there"
 
 
-def asks_for_another(
-    ledger: Ledger, person: Person, cell: Workcell, step: int, name: str, why: str
+def request_replacement(
+    ledger: OperationLedger,
+    person: Person,
+    cell: Workcell,
+    step: int,
+    name: str,
+    why: str,
 ) -> bool:
     """Ask a person for another object in place of one that is lost; return whether anybody was asked.
 
@@ -275,8 +280,8 @@ def asks_for_another(
     return ask is not None
 
 
-def interrupted(
-    ledger: Ledger, out: frozenset[str], world: World
+def interrupted_steps(
+    ledger: OperationLedger, out: frozenset[str], world: World
 ) -> dict[int, frozenset[str]]:
     """Return the steps in the middle of which a robot is out; what it holds is lost."""
     ledger.gone |= {name for name, at in world.held() if at.holder in out}
@@ -293,7 +298,7 @@ def interrupted(
     return found
 
 
-def resting_steps(
+def dependent_steps(
     tasks: Iterable[Task],
     allowed: Iterable[AllowedContact],
     chosen: TaskPlan,
@@ -330,7 +335,7 @@ def resting_steps(
 
 
 def find_infeasible_steps(
-    work: AssemblyWork, now: Situation, cell: Workcell
+    work: AssemblyWork, now: ReplanningState, cell: Workcell
 ) -> tuple[AssemblyWork, dict[int, str]]:
     """Return the work with spare objects where others are lost, and the steps that nobody can do any more.
 
@@ -343,7 +348,7 @@ def find_infeasible_steps(
         The work, and the reason by the number of the step.
     """
     while True:
-        left = narrowed(work.problem, now.kept, now.world.out, {})
+        left = fix_choices(work.problem, now.kept, now.world.out, {})
         steps = [step for step in left.impossible if step not in now.kept]
         before = work
         for step in steps:
@@ -357,7 +362,7 @@ def find_infeasible_steps(
             }
 
 
-def _untouched(now: Situation, cell: Workcell) -> set[str]:
+def _untouched(now: ReplanningState, cell: Workcell) -> set[str]:
     """Return the objects that lie where they were at the start and that nobody has chosen."""
     lie = {
         name: at.pose
@@ -369,7 +374,7 @@ def _untouched(now: Situation, cell: Workcell) -> set[str]:
     return there - {choice.object for choice in now.kept.values()}
 
 
-def _lost_or_out(problem: AssignmentProblem, step: int, now: Situation) -> str:
+def _lost_or_out(problem: AssignmentProblem, step: int, now: ReplanningState) -> str:
     """Return in words what a step lacks where that is the only thing that could do it, else nothing."""
     own = [problem.primaries[k] for k in problem.primaries_of.get(step, ())]
     for names, words in (

@@ -16,19 +16,19 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import at_full_speed, is_driven
+from scheduling.motion_times import is_driven, with_full_speed_times
 from scheduling.planned_motions import PlannedMotions
-from scheduling.rolling.cut import state_at
-from scheduling.rolling.supply import supply_waits, with_supply, without_chains
+from scheduling.rolling.cut import world_state_after
+from scheduling.rolling.supply import remove_idle_chains, supply_waits, with_supply
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import held_back
+from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.driven_robots import DrivenRobots
 from twin.engine.ending import Ending
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.engine.supply import LateSupply
-from twin.operate.committed import CutPolicy, PlanRevision
+from twin.operate.commitment import CutPolicy, PlanRevision
 from twin.operate.person import Ask, Person, Says
 from twin.operate.planner import Planner
 from twin.operate.recovery import Recovery
@@ -151,7 +151,7 @@ def operate(
         graph: TemporalPlanGraph, names: Mapping[int, TaskName] = MappingProxyType({})
     ) -> NodeTimes:
         sampler = NodeTimeSampler(
-            at_full_speed(graph), model.durations, model.disturbances, names
+            with_full_speed_times(graph), model.durations, model.disturbances, names
         )
         return sampler.sample(seed=seed, replication=replication)
 
@@ -173,7 +173,7 @@ def operate(
             planner.cuts = ((CutPolicy(aside=True),),)
 
     def hold(graph: TemporalPlanGraph) -> TemporalPlanGraph:
-        return held if held and graph is plan else held_back(graph, model)
+        return held if held and graph is plan else with_window_holds(graph, model)
 
     replanning = partial(
         RollingReplanner,
@@ -205,14 +205,14 @@ def operate(
     def used(rows: Iterable[T]) -> tuple[T, ...]:
         return tuple(row for k, row in enumerate(rows) if k not in unused)
 
-    executed, times = without_chains(cell.tpg, unused), robots.node_times()
+    executed, times = remove_idle_chains(cell.tpg, unused), robots.node_times()
     ledger = replanner.state.ledger
     given_up = {**planner.never_begun(replanner.state), **ledger.given_up}
     undone = given_up.keys() | ledger.dropped.keys()
     kind = assembly_kind(scenario.assembly).written_out()
     scrapped = _products_of(ledger.given_up, kind)
     executed = _with_products(executed, kind, undone)
-    last = state_at(executed, [len(chain) for chain in executed.chains])
+    last = world_state_after(executed, [len(chain) for chain in executed.chains])
     in_hand = any(at.holder in replanner.out for at in last.attachments.values())
     ends = [max(own, default=0) for own in cell.end]
     makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])

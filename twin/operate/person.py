@@ -16,7 +16,7 @@ from planning.cell.workcell import Attachment, Workcell
 from planning.tasks.task import Task
 from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.supply import brought_in, coming, with_supply
+from scheduling.rolling.supply import deliveries, with_pending_objects, with_supply
 from twin.scenario.sections.execution import AskSection
 from twin.uncertainty.draws import uniforms
 
@@ -153,7 +153,7 @@ class Person:
         return np.asarray(u[0])
 
 
-def with_help(
+def with_human_help(
     tpg: TemporalPlanGraph, cell: Workcell, asks: Iterable[Ask]
 ) -> tuple[TemporalPlanGraph, Workcell]:
     """Return a new graph with what a person does, and a cell with what that brings under its own name.
@@ -167,7 +167,7 @@ def with_help(
         item = None
         if ask.object is not None:
             item = replace(cell.object(ask.object), name=str(ask.fresh))
-        cell = coming(cell, () if item is None else (item,), PERSON)
+        cell = with_pending_objects(cell, () if item is None else (item,), PERSON)
         tpg = with_supply(
             tpg, PERSON, item, label=ask.label, step=ask.step, seconds=ask.seconds
         )
@@ -175,7 +175,7 @@ def with_help(
 
 
 @dataclass
-class Ledger:
+class OperationLedger:
     """What is known of the steps and objects of an operation at one time.
 
     Attributes:
@@ -202,7 +202,7 @@ class Ledger:
     asks: tuple[Ask, ...] = ()
     measured: dict[str, Transform] = field(default_factory=dict)
 
-    def copy(self) -> Ledger:
+    def copy(self) -> OperationLedger:
         """Return one that goes on independently."""
         return replace(
             self,
@@ -231,7 +231,7 @@ class Ledger:
 
     def pending(self, tasks: Iterable[Task]) -> list[Ask]:
         """Return what a person is to do that is not among some tasks."""
-        done = Counter((task.step, task.object) for task in brought_in(tasks))
+        done = Counter((task.step, task.object) for task in deliveries(tasks))
         fresh, found = {None, *self.fresh.values()}, []
         for ask in self.asks:
             if not ask.helps or ask.fresh not in fresh:

@@ -9,11 +9,11 @@ import numpy as np
 from planning.errors import RequestError
 from planning.tasks.task import BROUGHT
 from scheduling.graph.temporal_plan_graph import NodeChain
-from scheduling.graph.windows import opened_at
+from scheduling.graph.windows import window_opening_times
 from scheduling.rolling.cut import Counts, cut_after
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import Report, StageWatch
-from twin.operate.committed import Failure
+from twin.operate.commitment import Failure
 from twin.operate.operation import require_rolling
 from twin.operate.remainder import remaining_graph
 from twin.planning.pipeline import plan_motions, planned_shortcuts, wanted_steps
@@ -157,7 +157,7 @@ def _first_rests(
     machines = {name: t for name, t in rest if tpg.cell.is_machine(name)}
     still = max((t for name, t in rest if name not in machines), default=moment.t_ns)
     left = {name: (t - still) / NANOSECONDS for name, t in machines.items()}
-    opened = opened_at(tpg, np.concatenate([end for _, end in times]))
+    opened = window_opening_times(tpg, np.concatenate([end for _, end in times]))
     ago = {k: (still - t) / NANOSECONDS for k, t in opened.items() if t <= still}
     return counts, tried, {name: s for name, s in left.items() if s > 0.0}, ago
 

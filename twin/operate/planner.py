@@ -15,18 +15,18 @@ from planning.cell.workcell import Workcell
 from planning.tasks.task import LEFT_OUT, Task, TimeWindow
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.extension import committed_part, extended
-from scheduling.rolling.supply import brought_in, renamed, supply_waits
+from scheduling.rolling.extension import committed_subgraph, extend_graph
+from scheduling.rolling.supply import deliveries, rename_objects, supply_waits
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.operate.committed import (
+from twin.operate.commitment import (
     CommittedPrefix,
     Draw,
     PlanRevision,
     ReplanTrigger,
-    cause_of,
+    describe_cause,
 )
-from twin.operate.person import AGAIN, Ledger, Person, with_help
-from twin.operate.termination import NO_PROGRESS, Measure, measure_of
+from twin.operate.person import AGAIN, OperationLedger, Person, with_human_help
+from twin.operate.termination import NO_PROGRESS, RevisionMeasure, measure_of
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.draws import TaskName
 
@@ -94,8 +94,8 @@ class RecoveryState:
 
     tpg: TemporalPlanGraph
     seeds: TaskSeeds
-    ledger: Ledger
-    measure: Measure | None = field(default=None, kw_only=True)
+    ledger: OperationLedger
+    measure: RevisionMeasure | None = field(default=None, kw_only=True)
 
 
 State = TypeVar("State", bound=RecoveryState)
@@ -164,7 +164,7 @@ class Planner(ABC, Generic[State]):
         """Return a state with its measure; so many events from outside can occur."""
         return replace(state, measure=self._measured(state, events))
 
-    def _measured(self, state: State, events: int) -> Measure:
+    def _measured(self, state: State, events: int) -> RevisionMeasure:
         unplanned = self.unplanned(state)
         return measure_of(self.scenario, self.person, state.ledger, events, unplanned)
 
@@ -205,7 +205,7 @@ class Planner(ABC, Generic[State]):
             self.draw(own, seeds.names),
             round(planning_s * NANOSECONDS),
             time.process_time() - begin,
-            cause_of(state.tpg, fresh, new, answers),
+            describe_cause(state.tpg, fresh, new, answers),
             at.triage.words,
         )
         return after, version
@@ -213,16 +213,20 @@ class Planner(ABC, Generic[State]):
 
 def empty_extension(at: CommittedPrefix, cell: Workcell) -> Extension:
     """Return what is committed, after which nothing comes."""
-    nothing = committed_part(at.committed, [0] * len(at.committed.chains))
+    nothing = committed_subgraph(at.committed, [0] * len(at.committed.chains))
     waits = np.empty((0, 2), dtype=np.int64)
-    return extended(at.committed, nothing, cell, waits, order=at.robots), nothing, at
+    return (
+        extend_graph(at.committed, nothing, cell, waits, order=at.robots),
+        nothing,
+        at,
+    )
 
 
 def append_extension(
     at: CommittedPrefix,
     new: TemporalPlanGraph,
     cell: Workcell,
-    ledger: Ledger,
+    ledger: OperationLedger,
     waits: Indices,
     windows: Iterable[TimeWindow] | None = None,
 ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Workcell]:
@@ -240,12 +244,12 @@ def append_extension(
         All of it, what is new only, and the cell with what is brought.
     """
     before = at.committed.tasks
-    new = renamed(new, ledger.fresh, len(before))
-    new, cell = with_help(new, cell, ledger.pending(before))
+    new = rename_objects(new, ledger.fresh, len(before))
+    new, cell = with_human_help(new, cell, ledger.pending(before))
     own = new.tasks[len(before) :]
-    waits = np.concatenate([waits, supply_waits(own, brought_in((*before, *own)))])
+    waits = np.concatenate([waits, supply_waits(own, deliveries((*before, *own)))])
     return (
-        extended(at.committed, new, cell, waits, windows, order=at.robots),
+        extend_graph(at.committed, new, cell, waits, windows, order=at.robots),
         new,
         cell,
     )

@@ -18,28 +18,28 @@ from planning.errors import (
     TransitError,
 )
 from planning.tasks.task import TAKEN_OUT
-from planning.worlds.measured import Poses, chosen_there
+from planning.worlds.measured import Poses, choices_at_measured_poses
 from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from scheduling.rolling.forecast import Clock, forecast_s
-from scheduling.rolling.supply import coming
-from twin.operate.committed import (
+from scheduling.rolling.supply import with_pending_objects
+from twin.operate.commitment import (
     CommittedPrefix,
     CutPolicy,
     Draw,
     ReplanTrigger,
     TriageResult,
-    as_far_as_planned,
     committed_at,
+    executable_lengths,
 )
 from twin.operate.failure_triage import (
     FailureTriage,
-    resting_steps,
+    dependent_steps,
 )
-from twin.operate.person import Ledger, Person
+from twin.operate.person import OperationLedger, Person
 from twin.operate.planner import (
     Extension,
     Planner,
@@ -123,13 +123,13 @@ class Recovery(Planner[AssemblyState]):
         assert work is not None
         window = StepWindow(self.scenario.execution.window, motions)
         self.context = PlanningContext(self.scenario, self.person, window)
-        ledger = Ledger(
-            resting_steps(tpg.tasks, tpg.allowed, chosen, work.needs),
+        ledger = OperationLedger(
+            dependent_steps(tpg.tasks, tpg.allowed, chosen, work.needs),
             given_up=dict(undone),
             gone=set(gone),
             measured=dict(measured),
         )
-        cell = coming(tpg.cell, (), REMOVAL) if work.passing else tpg.cell
+        cell = with_pending_objects(tpg.cell, (), REMOVAL) if work.passing else tpg.cell
         steps = planned_steps(tpg)
         self.initial = AssemblyState(
             tpg, TaskSeeds.of(tpg), ledger, cell, chosen, steps, motions
@@ -196,7 +196,7 @@ class Recovery(Planner[AssemblyState]):
         about = self.scenario.execution, ledger, self.person
         triage = FailureTriage(*about, allows).decide(state.tpg, trigger)
         there = ledger.measured
-        draft.task_plan = chosen_there(draft.work, draft.task_plan, there)
+        draft.task_plan = choices_at_measured_poses(draft.work, draft.task_plan, there)
         return self._from_best_cut(draft, trigger, triage)
 
     def _draft(
@@ -270,7 +270,7 @@ class Recovery(Planner[AssemblyState]):
         draft = self._draft(state)
         about = self.scenario.execution, draft.ledger, self.person
         triage = FailureTriage(*about).decide(state.tpg, trigger)
-        counts = as_far_as_planned(state.tpg, trigger)
+        counts = executable_lengths(state.tpg, trigger)
         at = committed_at(state.tpg, counts, trigger, triage)
         extension = draft.nothing_further(at, why)
         return draft.state(), extension

@@ -10,26 +10,31 @@ from planning.errors import (
     InfeasibleStepError,
     TransitError,
 )
-from planning.motion.known_motions import KnownMotions
+from planning.motion.motion_cache import MotionCache
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks
 from planning.tasks.work import AssemblyWork
 from planning.worlds.measured import MeasuredWork
-from planning.worlds.onward import Hindered, Situation, hindered, narrowed
-from planning.worlds.world import World, leftovers, standing
+from planning.worlds.onward import (
+    BlockedStep,
+    ReplanningState,
+    find_blocked_step,
+    fix_choices,
+)
+from planning.worlds.world import World, robots_with_unfinished_steps, unfinished_steps
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import StageWatch
-from twin.operate.committed import (
+from twin.operate.commitment import (
     CommittedPrefix,
 )
 from twin.operate.failure_triage import (
-    asks_for_another,
+    dependent_steps,
     find_infeasible_steps,
-    interrupted,
-    resting_steps,
+    interrupted_steps,
+    request_replacement,
 )
-from twin.operate.person import Ledger, Person
+from twin.operate.person import OperationLedger, Person
 from twin.operate.planner import (
     Extension,
     RecoveryState,
@@ -39,7 +44,7 @@ from twin.operate.planner import (
 )
 from twin.operate.replanning import plan_from
 from twin.operate.step_window import StepWindow
-from twin.operate.termination import NO_PROGRESS, Measure
+from twin.operate.termination import NO_PROGRESS, RevisionMeasure
 from twin.scenario.sections.scenario import Scenario
 
 
@@ -76,7 +81,7 @@ class PlanningContext:
     scenario: Scenario
     person: Person
     window: StepWindow
-    known: KnownMotions = field(default_factory=KnownMotions)
+    known: MotionCache = field(default_factory=MotionCache)
     elsewhere: MeasuredWork = field(default_factory=MeasuredWork)
 
 
@@ -94,13 +99,13 @@ class Draft:
     context: PlanningContext
     tpg: TemporalPlanGraph
     seeds: TaskSeeds
-    ledger: Ledger
+    ledger: OperationLedger
     cell: Workcell
     task_plan: TaskPlan
     steps: tuple[StepTasks, ...]
     motions: PlannedMotions
     past: tuple[StepTasks, ...]
-    measure: Measure | None
+    measure: RevisionMeasure | None
     reach: int = 0
     stuck: bool = False
 
@@ -127,7 +132,7 @@ class Draft:
     def nothing_further(self, at: CommittedPrefix, why: str) -> Extension:
         """Give up all steps that are not done once what is committed is complete."""
         world = self._world(at)
-        left = {item.step.step for item in leftovers(world, {}) if not item.ends}
+        left = {item.step.step for item in unfinished_steps(world, {}) if not item.ends}
         done = world.begun().keys() - left
         self.ledger.closed = why.partition("\n")[0] or NO_PROGRESS
         for step in self.context.window.all_steps(self.task_plan):
@@ -161,13 +166,17 @@ class Draft:
         emptied: dict[int, frozenset[str]] = {}
         machines = {item.name for item in self.cell.machines}
         if aside:
-            goes_aside = standing(leftovers(self._world(at), {})) - at.out - machines
+            goes_aside = (
+                robots_with_unfinished_steps(unfinished_steps(self._world(at), {}))
+                - at.out
+                - machines
+            )
         while True:
             self._look_at_what_is_ordered()
             world = self._world(at)
             reopened = {
                 **at.triage.reopened,
-                **interrupted(self.ledger, at.out, world),
+                **interrupted_steps(self.ledger, at.out, world),
                 **emptied,
             }
             for step in at.unwanted - (world.begun().keys() - reopened.keys()):
@@ -177,7 +186,9 @@ class Draft:
             given_up = self.ledger.undone
             for step in given_up & world.begun().keys():
                 reopened.setdefault(step, frozenset())
-            now = Situation(world, self.task_plan, reopened, given_up, aside=goes_aside)
+            now = ReplanningState(
+                world, self.task_plan, reopened, given_up, aside=goes_aside
+            )
             work, undoable = find_infeasible_steps(self.work, now, self.cell)
             if not self.context.elsewhere.keep(work, self.ledger.measured):
                 self.motions = replace(self.motions, work=work)
@@ -205,12 +216,16 @@ class Draft:
             except (InfeasibleStepError, TransitError) as error:
                 others = frozenset[str]()
                 if isinstance(error, TransitError):
-                    left = leftovers(world, reopened)
-                    others = standing(left, but=error.step) - world.out - machines
+                    left = unfinished_steps(world, reopened)
+                    others = (
+                        robots_with_unfinished_steps(left, but=error.step)
+                        - world.out
+                        - machines
+                    )
                 if others - goes_aside:
                     goes_aside |= others
                 elif not self.ledger.takes_what_is_there():
-                    why_not = hindered(self.cell, self.work.problem, now)
+                    why_not = find_blocked_step(self.cell, self.work.problem, now)
                     if why_not and why_not.robot and why_not.later not in emptied:
                         emptied[why_not.later] = self._emptied(world, why_not.robot)
                     elif not self._retreat(now, error, why_not):
@@ -223,7 +238,7 @@ class Draft:
                 at, tpg, self.cell, self.ledger, *known
             )
             if len(onward.task_plan.choices) > len(self.task_plan.choices):
-                self.ledger.resting = resting_steps(
+                self.ledger.resting = dependent_steps(
                     union.tasks, union.allowed, onward.task_plan, self.work.needs
                 )
                 if self.ledger.falls():
@@ -232,10 +247,10 @@ class Draft:
             self.steps, self.past = onward.steps, onward.past
             return union, new
 
-    def _asks_for(self, step: int, why: str, now: Situation) -> bool:
+    def _asks_for(self, step: int, why: str, now: ReplanningState) -> bool:
         """Ask a person for an object for a step if that is what it lacks; return whether there is anything new."""
         lost = self.ledger.gone - now.world.state.attachments.keys()
-        whole = narrowed(self.work.problem, now.kept, now.world.out - lost, {})
+        whole = fix_choices(self.work.problem, now.kept, now.world.out - lost, {})
         own = [c for c in whole.primaries if c.step == step and c.object in lost]
         if not own or whole.lacking(step) is not None:
             return False
@@ -243,7 +258,7 @@ class Draft:
         if name in self.work.passing:
             return False  # others lie by now where it came from
         about = self.ledger, self.context.person, self.cell
-        return asks_for_another(*about, step, name, why)
+        return request_replacement(*about, step, name, why)
 
     def _look_at_what_is_ordered(self) -> None:
         """Look at the steps of as many products as are ordered, in place of others that are not made among them."""
@@ -281,9 +296,9 @@ class Draft:
 
     def _retreat(
         self,
-        now: Situation,
+        now: ReplanningState,
         error: InfeasibleStepError | TransitError,
-        why_not: Hindered | None,
+        why_not: BlockedStep | None,
     ) -> bool:
         """Give up a step, or ask for what it lacks, and tell whether there was one.
 

@@ -29,13 +29,13 @@ from planning.tasks.task import (
 from planning.tasks.work import AssemblyWork
 from planning.worlds.measured import MeasuredWork
 from planning.worlds.supplied import REMOVAL
-from planning.worlds.world import World, taken_by
+from planning.worlds.world import World, picked_steps
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
-from scheduling.rolling.supply import alone, going_on
-from twin.operate.committed import CommittedPrefix, CutPolicy, Failure, ReplanTrigger
+from scheduling.rolling.supply import drop_history, resume_machines
+from twin.operate.commitment import CommittedPrefix, CutPolicy, Failure, ReplanTrigger
 from twin.operate.person import Person
 from twin.operate.planner import Planner
 from twin.operate.recovery import Recovery
@@ -125,8 +125,8 @@ def remaining_graph(
     after = f"{scenario.name} {plan_sha256(tpg)[:12]} at {when}"
     counted = tuple(sorted(kinds.items()))
     begun = Begun(after, counted, tuple(sorted(out)), tuple(_done_steps(world)))
-    own = alone(new, first, begun, room=len(left_s))
-    return going_on(own, union, at.lengths, left_s)
+    own = drop_history(new, first, begun, room=len(left_s))
+    return resume_machines(own, union, at.lengths, left_s)
 
 
 def _done_steps(world: World) -> Iterator[int]:
@@ -219,7 +219,7 @@ def _choices_of(
         RequestError: one was done in another way than any that is known.
     """
     every = {task.index for step in begun.values() for task in step.tasks}
-    plan = replace(plan, taken=taken_by(begun, every))
+    plan = replace(plan, taken=picked_steps(begun, every))
     for number, step in sorted(begun.items()):
         skills = [task for task in step.tasks if task.kind != TRANSIT or task.goal]
         for choice in _choices(work.problem, plan, number, skills):

@@ -16,13 +16,13 @@ from simpy.events import EventPriority
 
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.windows import opened_at
+from scheduling.graph.windows import window_opening_times
 from scheduling.rolling.forecast import Clock
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution import Execution
 from twin.engine.ports import Replanner, Steps
 from twin.engine.supply import LateSupply
-from twin.operate.committed import Failure, PlanRevision, ReplanTrigger
+from twin.operate.commitment import Failure, PlanRevision, ReplanTrigger
 from twin.operate.continued_times import continued_times
 from twin.operate.person import UnansweredError
 from twin.operate.planner import Planner
@@ -281,7 +281,9 @@ class RollingReplanner(Replanner):
         """Return what has happened by now."""
         cell = self._cell
         coming = {} if cell.supply is None else cell.supply.coming
-        opened = opened_at(cell.tpg, np.array([t for own in cell.end for t in own]))
+        opened = window_opening_times(
+            cell.tpg, np.array([t for own in cell.end for t in own])
+        )
         return ReplanTrigger(
             tuple(self._failures),
             frozenset(self._out),

@@ -8,11 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.motion.known_motions import KnownMotions
+from planning.motion.motion_cache import MotionCache
 from planning.motion.motion_plan import MotionPlan
 from planning.tasks.task import Task
-from planning.worlds.onward import Onward, Situation, plan_onward
-from planning.worlds.world import World, in_world, taken_up, windows_from
+from planning.worlds.onward import OnwardPlan, ReplanningState, plan_onward
+from planning.worlds.world import (
+    World,
+    as_start_of,
+    pending_windows,
+    rebase_first_tasks,
+)
 from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -21,7 +26,7 @@ from scheduling.ordering.reordering import reorder_tasks
 from scheduling.planned_motions import PlannedMotions
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.host.progress import StageWatch
-from twin.planning.time_parameterization import timed
+from twin.planning.time_parameterization import time_parameterize
 from twin.scenario.sections.scenario import Scenario
 
 
@@ -29,13 +34,13 @@ def plan_from(
     motions: PlannedMotions,
     scenario: Scenario,
     cell: Workcell,
-    now: Situation,
+    now: ReplanningState,
     before: Sequence[Task],
     watch: StageWatch,
     *,
     candidates: int,
-    known: KnownMotions | None = None,
-) -> tuple[Onward, TemporalPlanGraph]:
+    known: MotionCache | None = None,
+) -> tuple[OnwardPlan, TemporalPlanGraph]:
     """Plan what is left of an assembly from a world on.
 
     The graph is ordered and shortened like any plan, by itself: what is still executed of the plan before it only
@@ -62,7 +67,7 @@ def plan_from(
     assert motions.work is not None
     with watch.stage("motion"):
         onward = plan_onward(cell, motions.work, motions.settings, now, known=known)
-    tpg = graph_from(onward.motions, now.world, before, watch)
+    tpg = graph_from_world(onward.motions, now.world, before, watch)
     if candidates and len(tpg.chains):
         with watch.stage("shortcut"):
             tpg = shorten_tpg(
@@ -72,10 +77,10 @@ def plan_from(
                 candidates=candidates,
                 seed=scenario.seed,
             )
-    return onward, timed(tpg, scenario, watch)
+    return onward, time_parameterize(tpg, scenario, watch)
 
 
-def graph_from(
+def graph_from_world(
     plan: MotionPlan, world: World, before: Sequence[Task], watch: StageWatch
 ) -> TemporalPlanGraph:
     """Return the graph of motions that begin in a world.
@@ -90,10 +95,10 @@ def graph_from(
     inside = plan.dependencies[np.all(plan.dependencies >= first, axis=1)]
     begins = replace(
         plan,
-        cell=in_world(plan.cell, world, busy),
-        tasks=taken_up(plan.tasks, world),
+        cell=as_start_of(plan.cell, world, busy),
+        tasks=rebase_first_tasks(plan.tasks, world),
         dependencies=inside,
-        windows=tuple(windows_from(world, plan.windows)),
+        windows=tuple(pending_windows(world, plan.windows)),
     )
     with watch.stage("tpg"):
         nodes = build_nodes(begins)

@@ -31,7 +31,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from planning.tasks.task import HOLD, LEAVE_TOOL, SKILLS, TAKE_TOOL
-from twin.operate.person import Ledger, Person
+from twin.operate.person import OperationLedger, Person
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
@@ -39,7 +39,7 @@ NO_PROGRESS = "a new plan would bring the operation no closer to its end"
 """Why steps are given up where a revision does not reduce the measure."""
 
 
-class Measure(NamedTuple):
+class RevisionMeasure(NamedTuple):
     """How often the causes of plan revisions can still occur; see the module.
 
     Attributes:
@@ -54,14 +54,14 @@ class Measure(NamedTuple):
     questions: int
     attempts: int
 
-    def is_below(self, before: Measure) -> bool:
+    def is_below(self, before: RevisionMeasure) -> bool:
         """Tell whether a revision with this measure may follow a plan with another one."""
         return self < before and min(self) >= 0
 
 
 def measure_of(
-    scenario: Scenario, person: Person, ledger: Ledger, events: int, steps: int
-) -> Measure:
+    scenario: Scenario, person: Person, ledger: OperationLedger, events: int, steps: int
+) -> RevisionMeasure:
     """Return the measure of a plan.
 
     Args:
@@ -75,7 +75,7 @@ def measure_of(
     kinds = {*SKILLS, HOLD, LEAVE_TOOL, TAKE_TOOL, *scenario.processes}
     tries = scenario.execution.recovery.again + 1 + len(scenario.cell.robots)
     times = 0 if person.section is None else person.section.times
-    return Measure(
+    return RevisionMeasure(
         events,
         steps,
         times * count - len(ledger.asks),

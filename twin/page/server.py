@@ -19,9 +19,9 @@ from typing import Any, cast, get_args
 from planning.errors import RequestError
 from twin.engine.execution_model import ExecutionModel
 from twin.follow.drift import Drift
-from twin.follow.follow import POLL_S, growing_file
+from twin.follow.follow import POLL_S, lines_of_growing_file
 from twin.follow.forecast import Forecast, Forecaster
-from twin.host.atomic_files import finite
+from twin.host.atomic_files import finite_or_none
 from twin.page.panel import Action, NodesSoFar, Order, Panel
 
 try:
@@ -151,7 +151,10 @@ class PageServer:
             content["age_s"] = round(time.monotonic() - self._panel.shown_s, 2)
         if forecast is not None:
             p50, p90 = forecast.quantile(0.5), forecast.quantile(0.9)
-            content["forecast"] = {"p50_s": finite(p50), "p90_s": finite(p90)}
+            content["forecast"] = {
+                "p50_s": finite_or_none(p50),
+                "p90_s": finite_or_none(p90),
+            }
         return content
 
     @property
@@ -221,7 +224,7 @@ class _Events(_OwnPage):
         self.set_header("Content-Type", "application/jsonl; charset=utf-8")
         last = False
         # Others are answered while it waits for more.
-        for line in growing_file(self.server.log, poll_s=0.0):
+        for line in lines_of_growing_file(self.server.log, poll_s=0.0):
             if line is not None:
                 self.write(f"{line}\n")
                 continue

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from planning.bounds import HOME_SLACK, LIMIT_SLACK
-from planning.cell.machine import machine
+from planning.cell.machine import machine_robot
 from planning.cell.motion_limits import limits_of
 from planning.cell.workcell import (
     CellObject,
@@ -20,13 +20,13 @@ from planning.cell.workcell import (
     Workcell,
 )
 from planning.kinematics.kinematics import frame_pose
-from planning.transforms import readonly
+from planning.transforms import read_only_copy
 from twin.planning.fitted_robots import fitted_model
 from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import FixtureSection, Scenario
-from twin.scenario.sections.shapes import as_planned, build_transform
+from twin.scenario.sections.shapes import build_transform, to_planning_class
 
 _TOOL_COLOUR = (88, 92, 98)
 """Colour of tools that are objects."""
@@ -61,12 +61,12 @@ def build_workcell(
             *assembly.objects(folder),
             *(tool.item for robot in robots for tool in robot.tools),
         ),
-        clearances=as_planned(
+        clearances=to_planning_class(
             Clearances,
             scenario.cell.clearance,
             contact_depth=assembly.contact_depth(),
         ),
-        machines=tuple(map(machine, assembly.machines())),
+        machines=tuple(map(machine_robot, assembly.machines())),
         deviations={
             skill: off.planned
             for skill, off in sorted(scenario.planning.deviation.items())
@@ -100,19 +100,19 @@ def _robot(
         own = {name: build_transform(pose) for name, pose in section.frames.items()}
         model = dataclasses.replace(model, frames={**model.frames, **own})
     if section.home_deg is not None:
-        home = readonly(np.deg2rad(section.home_deg))
+        home = read_only_copy(np.deg2rad(section.home_deg))
     elif section.home_rad_or_m is not None:
-        home = readonly(section.home_rad_or_m)
+        home = read_only_copy(section.home_rad_or_m)
     else:
         home = model.home
     if section.parked is not None:
         x, y = section.parked.at_m
         stand = (x, y, np.deg2rad(section.parked.facing_deg))
-        home = readonly((*stand, *home[3:]))
+        home = read_only_copy((*stand, *home[3:]))
     nearest = np.clip(home, model.lower, model.upper)
     off = np.abs(home - nearest)
     rounded = (off > LIMIT_SLACK) & (off <= HOME_SLACK)
-    home = readonly(np.where(rounded, nearest, home))
+    home = read_only_copy(np.where(rounded, nearest, home))
     base, first = build_transform(section.base), (*section.tools, section.tool)[0]
     robot = PlacedRobot(section.name, model, base, home, tool=first)
     if section.base_error is not None:
@@ -147,7 +147,12 @@ def _rack_tool(
     shape = tool_shape(name, model, mount)
     start = frame_pose(robot, robot.home) @ mount if robot.tool == name else rack
     item = CellObject(
-        name, name, shape, readonly(start), own.mass_kg or 0.0, colour=_TOOL_COLOUR
+        name,
+        name,
+        shape,
+        read_only_copy(start),
+        own.mass_kg or 0.0,
+        colour=_TOOL_COLOUR,
     )
     seconds = own.rack.change_time.located(folder).mean
     return RackTool(item, mount, rack, own.rack.approach_m, seconds, model)
@@ -155,4 +160,4 @@ def _rack_tool(
 
 def _fixture(section: FixtureSection, folder: Path) -> Fixture:
     shape = build_shape(section.name, section.described, folder)
-    return as_planned(Fixture, section, shape=shape)
+    return to_planning_class(Fixture, section, shape=shape)

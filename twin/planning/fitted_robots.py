@@ -8,13 +8,13 @@ from pathlib import Path
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Element
 from planning.errors import FittingError, RobotModelError, ShapeError
-from planning.files import file_named
+from planning.files import resolve_file_name
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.descriptions.urdf_file import BY_JOINT, GivenLimits
 from planning.robots.registry import robot_model, with_tool
 from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
-from twin.scenario.sections.shapes import ShapeSection, as_planned
+from twin.scenario.sections.shapes import ShapeSection, to_planning_class
 
 
 def fitted_model(
@@ -62,14 +62,14 @@ def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
     description, shapes = None, tuple[Element, ...]()
     try:
         if section.description is not None:
-            file = file_named(section.description, folder, RobotModelError)
+            file = resolve_file_name(section.description, folder, RobotModelError)
             description = file.resolve()
         if section.shapes:
             whole = ShapeSection(compound=section.shapes)
             shapes = build_shape(name, whole, folder).elements
     except (RobotModelError, ShapeError) as error:
         raise FittingError(f"the tool {name!r}: {error}", key="tool") from None
-    return as_planned(
+    return to_planning_class(
         Tool,
         section,
         name=name,

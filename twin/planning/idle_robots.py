@@ -50,7 +50,7 @@ class IdleRobot:
         return f"{self.robot} gets no task:{able} {_WORDS[self.reason]}"
 
 
-def known_idle(content: object) -> tuple[IdleRobot, ...]:
+def idle_robots_of_manifest(content: object) -> tuple[IdleRobot, ...]:
     """Return the robots without a task as the manifest of a run has them; without what is damaged."""
     entries = content.items() if isinstance(content, dict) else ()
     return tuple(
@@ -60,7 +60,7 @@ def known_idle(content: object) -> tuple[IdleRobot, ...]:
     )
 
 
-def find_idle(
+def find_idle_robots(
     tpg: TemporalPlanGraph, first: PlannedMotions, kind: AssemblyKind
 ) -> tuple[IdleRobot, ...]:
     """Return the robots that get no task, and why.

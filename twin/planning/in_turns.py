@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from planning.cell.workcell import Workcell
-from planning.motion.sequential import MotionSettings, plan_sequential
+from planning.motion.sequential import MotionSettings, plan_motions_sequentially
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import AssemblyWork, StepExpansions
 from scheduling.planned_motions import PlannedMotions
@@ -15,7 +15,7 @@ ASSIGNMENT, MOTION = "who does what", "motions"
 """Names of the stages for progress displays."""
 
 
-def plan_in_turns(
+def plan_sequentially(
     cell: Workcell,
     assembly: Any,
     work: AssemblyWork,
@@ -40,7 +40,7 @@ def plan_in_turns(
     with watch.stage("motion"):
         steps = StepExpansions(work, task_plan)
         watch.report(MOTION, 0, len(task_plan.choices))
-        motion_plan = plan_sequential(
+        motion_plan = plan_motions_sequentially(
             cell,
             steps.callables(),
             work.link,

@@ -16,7 +16,7 @@ from planning.motion.speed import JointSpeed, L1Speed, LimitedSpeed, SpeedModel
 from planning.transforms import Indices
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.windows import worth
+from scheduling.graph.windows import plan_cost
 from scheduling.ordering.reordering import reorder_tasks
 from scheduling.ordering.synchronous import (
     SynchronousPlan,
@@ -72,12 +72,12 @@ def plan_motions(
     settings = motion_settings(scenario, cell, folder)
     if first is None:
         return kind.plan(cell, settings, watch)
-    from twin.planning.in_turns import plan_in_turns
+    from twin.planning.in_turns import plan_sequentially
 
     ahead = kind.ahead(cell, watch)
     with watch.stage("assignment"):
         work = ahead.first(ahead.whole(first))
-    motions = plan_in_turns(cell, work.assembly, work, settings, watch)
+    motions = plan_sequentially(cell, work.assembly, work, settings, watch)
     return replace(kind.finished(motions), ahead=ahead)
 
 
@@ -89,7 +89,7 @@ def _require_plannable(scenario: Scenario, kind: AssemblyKind) -> None:
     """
     if scenario.planning.coordination == "sequential":
         return
-    if kind.at_once:
+    if kind.space_time:
         raise ScenarioError(
             f"a {scenario.assembly.kind} is planned in space and time at once, not in slots:"
             " leave out the planning's coordination"
@@ -118,14 +118,14 @@ def require_sequential(scenario: Scenario) -> None:
     Raises:
         ScenarioError: the scenario is planned in space and time.
     """
-    if assembly_kind(scenario.assembly).at_once:
+    if assembly_kind(scenario.assembly).space_time:
         raise ScenarioError(
             f"a {scenario.assembly.kind} is planned in space and time at once, not one task"
             " after another"
         )
 
 
-def plan_in_slots(
+def plan_synchronously(
     turns: PlannedMotions, watch: StageWatch, *, always_jointly: bool = False
 ) -> SynchronousPlan:
     """Let robots move at once, in slots; the stage is synchronous.
@@ -145,7 +145,7 @@ def plan_in_slots(
         )
 
 
-def order_motions(
+def build_plan_graph(
     motion_plan: MotionPlan, watch: StageWatch, slots: Indices | None = None
 ) -> TemporalPlanGraph:
     """Build the temporal plan graph; the stage is tpg.
@@ -160,7 +160,7 @@ def order_motions(
         return tpg if slots is None else replace(tpg, slots=slots)
 
 
-def shorten(
+def shorten_plan(
     tpg: TemporalPlanGraph,
     settings: MotionSettings,
     watch: StageWatch,
@@ -203,7 +203,7 @@ def shorten(
             )
             for order in orders
         ]
-        shorter = min(found, key=worth)
+        shorter = min(found, key=plan_cost)
         # A transit past HOME may serve two slots: there is nothing to wait for together any more.
         return replace(shorter, slots=np.empty(0, dtype=np.int64))
 
@@ -233,7 +233,7 @@ def planned_sidesteps(scenario: Scenario) -> int:
 def default_shortcuts(scenario: Scenario) -> int:
     """Return the default number of shortcut candidates for the size of an assembly."""
     kind = assembly_kind(scenario.assembly)
-    if kind.at_once:
+    if kind.space_time:
         return 0  # its planner has shortened the paths already
     return max(CANDIDATES_PER_STEP * kind.steps(), FEWEST_CANDIDATES)
 
@@ -276,7 +276,7 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
 
 def _speeds(scenario: Scenario, cell: Workcell) -> dict[str, SpeedModel]:
     section = scenario.planning
-    at_once = assembly_kind(scenario.assembly).at_once
+    at_once = assembly_kind(scenario.assembly).space_time
     if scenario.speed_model == "limits" and not at_once:
         return {
             robot.name: LimitedSpeed(robot.limits or limits_of(robot.model))

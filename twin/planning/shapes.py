@@ -16,8 +16,8 @@ from planning.cell.shape import (
     shape_of,
 )
 from planning.errors import ShapeError
-from planning.files import file_named
-from planning.transforms import Transform, identity, readonly
+from planning.files import resolve_file_name
+from planning.transforms import Transform, identity, read_only_copy
 from twin.scenario.sections.shapes import ShapeSection, build_transform
 
 
@@ -34,7 +34,7 @@ def build_shape(name: str, section: ShapeSection, folder: Path = Path()) -> Shap
     """
     if section.box is not None:
         return box_shape(name, section.box)
-    return shape_of(name, tuple(_elements(section, readonly(identity()), folder)))
+    return shape_of(name, tuple(_elements(section, read_only_copy(identity()), folder)))
 
 
 def _elements(
@@ -43,7 +43,7 @@ def _elements(
     """Yield the forms of a shape whose frame is at a pose."""
     if section.compound is not None:
         for item in section.compound:
-            place = readonly(pose @ build_transform(item.pose))
+            place = read_only_copy(pose @ build_transform(item.pose))
             yield from _elements(item, place, folder)
         return
     yield Element(_form(section, folder), pose)
@@ -59,5 +59,5 @@ def _form(section: ShapeSection, folder: Path) -> Form:
     from planning.meshes.mesh_form import mesh_form
 
     assert section.mesh is not None
-    file = file_named(section.mesh, folder, ShapeError)
+    file = resolve_file_name(section.mesh, folder, ShapeError)
     return mesh_form(file, section.scale, section.within_m)

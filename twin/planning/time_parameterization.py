@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import within_limits
+from scheduling.motion_times import assign_node_times
 from scheduling.shortcuts.corners import round_corners
 from twin.host.progress import StageWatch
 from twin.scenario.sections.scenario import Scenario
@@ -12,7 +12,7 @@ CORNERS = "corners"
 """Name of the stage for progress displays."""
 
 
-def timed(
+def time_parameterize(
     tpg: TemporalPlanGraph, scenario: Scenario, watch: StageWatch
 ) -> TemporalPlanGraph:
     """Return a graph with the times that robots need within their limits; the stage is tpg.
@@ -25,4 +25,4 @@ def timed(
     if limited and ordered and not len(tpg.slots):
         with watch.stage("tpg", CORNERS):
             tpg = round_corners(tpg, progress=watch.reporter(CORNERS))
-    return within_limits(tpg)
+    return assign_node_times(tpg)

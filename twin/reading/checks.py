@@ -10,7 +10,7 @@ import numpy as np
 from planning.bounds import HOME_SLACK
 from planning.cell.robot_model import RobotModel
 from planning.errors import FittingError, RobotModelError, ScenarioError, ShapeError
-from planning.files import file_named
+from planning.files import resolve_file_name
 from planning.tasks.task import (
     HANDLING,
     HOLD,
@@ -21,8 +21,8 @@ from planning.tasks.task import (
     TAKE_TOOL,
     TRANSIT,
 )
-from twin.document.section import parts_of
-from twin.document.validation import Found, unknown_name, unless_known
+from twin.document.section import iterate_nested
+from twin.document.validation import Found, check_known_name, unknown_name
 from twin.document.yaml_text import Elsewhere, KeyPath
 from twin.durations.measured import Empirical
 from twin.durations.model import DurationModel
@@ -269,23 +269,25 @@ def _check_robot_names(scenario: Scenario) -> Found:
     machines = tuple(scenario.kind.disturbed_machines())
     for name in scenario.execution.machines:
         at, none = ("execution", "machines", name), f"there is no machine {name!r}"
-        yield from unless_known(at, "machine", name, machines, none)
+        yield from check_known_name(at, "machine", name, machines, none)
     names = [robot.name for robot in scenario.cell.robots]
     for path, name in scenario.execution.named_robots():
-        yield from unless_known(("execution", *path), "robot", name, names)
+        yield from check_known_name(("execution", *path), "robot", name, names)
     outages, late = scenario.execution.outages, scenario.execution.late
     works = tuple(scenario.kind.working_machines())
     for i, item in enumerate(outages):
         who: KeyPath = ("execution", "outages", i, "robot")
         what = "robot or machine" if works else "robot"
-        yield from unless_known(who, what, item.robot, (*names, *works))
+        yield from check_known_name(who, what, item.robot, (*names, *works))
     for i, name in _again([item.robot for item in outages]):
         words = f"{name} is out for good by another entry already: leave one out"
         yield ("execution", "outages", i, "robot"), words
     parts = [name for _, name in assembly_kind(scenario.assembly).names()]
     for i, part in enumerate(late):
         place: KeyPath = ("execution", "late", i, "part")
-        yield from unless_known(place, "part", part.part, parts, "there are no parts")
+        yield from check_known_name(
+            place, "part", part.part, parts, "there are no parts"
+        )
     for i, name in _again([item.part for item in late]):
         words = f"{name} comes at another time by another entry: leave one out"
         yield ("execution", "late", i, "part"), words
@@ -322,7 +324,7 @@ def _again(names: Sequence[str]) -> Iterator[tuple[int, str]]:
 def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:
     """Yield durations that there cannot be, in whatever may hold some, innermost first."""
     wrong: KeyPath = ()
-    for place, part in parts_of(value, at):
+    for place, part in iterate_nested(value, at):
         if isinstance(part, DurationModel) and wrong[: len(place)] != place:
             try:
                 part.located(folder)
@@ -334,12 +336,12 @@ def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:
 
 def _check_meshes(value: object, at: KeyPath, folder: Path) -> Found:
     """Yield meshes that cannot be used, in whatever may name some."""
-    for place, part in parts_of(value, at):
+    for place, part in iterate_nested(value, at):
         if isinstance(part, ShapeSection) and part.mesh is not None:
             from planning.meshes.mesh_form import mesh_form
 
             try:
-                file = file_named(part.mesh, folder, ShapeError)
+                file = resolve_file_name(part.mesh, folder, ShapeError)
                 mesh_form(file, part.scale, part.within_m)
             except ShapeError as error:
                 yield (*place, "mesh"), str(error)
@@ -359,7 +361,7 @@ def _check_skills(scenario: Scenario) -> Found:
         ),
     ]
     for path, name in named:
-        yield from unless_known(("execution", *path), "skill", name, valid)
+        yield from check_known_name(("execution", *path), "skill", name, valid)
     place: KeyPath
     said = {"planning": scenario.planning.deviation, "execution": execution.deviation}
     for key, deviations in said.items():
@@ -368,7 +370,7 @@ def _check_skills(scenario: Scenario) -> Found:
             if not scenario.kind.allows_deviation:
                 text = f"a {scenario.assembly.kind} is planned without deviation: leave it out"
                 yield (key, "deviation"), text
-            yield from unless_known(place, "skill", name, valid)
+            yield from check_known_name(place, "skill", name, valid)
     things = tuple(scenario.kind.part_names())
     lie_as_said = scenario.kind.lies_as_given()
     robots = [robot.name for robot in scenario.cell.robots]
@@ -400,8 +402,8 @@ def _check_skills(scenario: Scenario) -> Found:
         for name in failure.parts:
             at: KeyPath = ("execution", "failures", skill, "parts", name, "[key]")
             robot, _, part = name.rpartition("/")
-            yield from unless_known(at, "part", part, things)
-            yield from unless_known(at, "robot", robot or None, robots)
+            yield from check_known_name(at, "part", part, things)
+            yield from check_known_name(at, "robot", robot or None, robots)
 
 
 def _check_processes(scenario: Scenario) -> Found:
@@ -423,9 +425,9 @@ def _check_overrides(scenario: Scenario) -> Found:
     seen: dict[tuple[str, str | None, str | None], int] = {}
     for i, item in enumerate(scenario.execution.skill_overrides):
         at: KeyPath = ("execution", "skill_overrides", i)
-        yield from unless_known((*at, "robot"), "robot", item.robot, robots)
+        yield from check_known_name((*at, "robot"), "robot", item.robot, robots)
         what, none = "type of object", "there are no objects"
-        yield from unless_known((*at, "object"), what, item.object, kinds, none)
+        yield from check_known_name((*at, "object"), what, item.object, kinds, none)
         key = (item.skill, item.robot, item.object)
         if key in seen:
             yield at, f"the same exception as entry {seen[key] + 1}"

@@ -11,8 +11,8 @@ from twin.document.section import Section
 from twin.document.validation import (
     FileProblem,
     InvalidScenarioError,
-    parsed,
-    validated,
+    parse_document,
+    validate_document,
 )
 from twin.document.yaml_text import Mark, YamlDocument
 from twin.reading.checks import find_problems
@@ -35,10 +35,10 @@ def load_scenario(path: Path) -> Scenario:
 
 def read_scenario(path: Path) -> tuple[Scenario, YamlDocument]:
     """Read and check a scenario file as load_scenario does; return its text with places, too."""
-    return scenario_of(path, _read_text(path))
+    return parse_scenario(path, _read_text(path))
 
 
-def scenario_of(path: Path, text: str) -> tuple[Scenario, YamlDocument]:
+def parse_scenario(path: Path, text: str) -> tuple[Scenario, YamlDocument]:
     """Read and check the text of a scenario file, which need not be there yet.
 
     Args:
@@ -48,8 +48,8 @@ def scenario_of(path: Path, text: str) -> tuple[Scenario, YamlDocument]:
     Raises:
         InvalidScenarioError: see load_scenario.
     """
-    document, included = _include_section(parsed(path, text))
-    scenario = validated(document, Scenario, scenario_schema)
+    document, included = _include_section(parse_document(path, text))
+    scenario = validate_document(document, Scenario, scenario_schema)
     if included is not None:
         _check_included(scenario, included)
     found = [document.problem(*item) for item in find_problems(scenario, path.parent)]
@@ -107,8 +107,8 @@ def _included(
             f"{path}: cannot be read: {reason}",
         )
         raise InvalidScenarioError(document.path, [problem], document.lines) from None
-    included = parsed(path, text)
-    validated(included, section, section.model_json_schema)
+    included = parse_document(path, text)
+    validate_document(included, section, section.model_json_schema)
     if included.problems:
         raise InvalidScenarioError(path, included.problems, included.lines)
     data = dict(document.data)

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from planning.files import replacing
+from planning.files import replace_atomically
 from planning.tasks.task import GONE
 from planning.transforms import Array, quat_wxyz
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -137,5 +137,5 @@ def write_motion(folder: Path, tpg: TemporalPlanGraph, run: ExecutionRecord) -> 
 
 def write_table(path: Path, table: pa.Table) -> None:
     """Write a table as Parquet, whole or not at all."""
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")

@@ -155,13 +155,13 @@ def _stretch_rows(
     speed, rate = commands[:, 3], commands[:, 4]
     last = _end_of(at[-1], gone[-1], speed[-1], rate[-1], border[-1])
     edges = np.append(at, last)
-    way = _Way(edges, gone, speed, rate)
+    commanded = _Way(edges, gone, speed, rate)
     path = blended_path(chain, nodes.start, nodes.stop, drive.cruise[nodes])
     t = np.unique(np.rint(np.concatenate([edges, edges + lag, [0.0]])))
     bends = np.zeros(len(t) - 1, dtype=np.bool_)
     if len(path.window):
-        t, bends = _with_corners(t, way, lag, path)
-    done, pace, rise = way.executed(t, lag)
+        t, bends = _with_corners(t, commanded, lag, path)
+    done, pace, rise = commanded.executed(t, lag)
     # Times are whole nanoseconds: what stands but for that stands.
     moves = (pace > _STANDS) | (np.abs(rise) * lag > _STANDS)
     pace, rise = np.where(moves, pace, 0.0), np.where(moves, rise, 0.0)
@@ -180,13 +180,13 @@ def _stretch_rows(
 
 
 def _with_corners(
-    t: Array, way: _Way, lag: float, path: BlendedPath
+    t: Array, commanded: _Way, lag: float, path: BlendedPath
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Return times of rows that are fine enough around corners, and whether the way bends after each.
 
     Args:
         t: rising, the first at the begin of the stretch, the last at its end [ns].
-        way: that was commanded.
+        commanded: that was commanded.
         lag: of what is executed [ns].
         path: with rounded corners.
     """
@@ -195,15 +195,15 @@ def _with_corners(
     # When each break is passed, to the nanosecond.
     while np.any(high - low > 1.0):
         middle = np.rint(0.5 * (low + high))
-        past = way.executed(middle, lag)[0] >= breaks
+        past = commanded.executed(middle, lag)[0] >= breaks
         low, high = np.where(past, low, middle), np.where(past, middle, high)
     t = np.unique(np.concatenate([t, high]))
-    middle = way.executed(0.5 * (t[1:] + t[:-1]), lag)[0]
+    middle = commanded.executed(0.5 * (t[1:] + t[:-1]), lag)[0]
     bent = path.bent_pieces()
     piece = np.searchsorted(bent.low * NANOSECONDS, middle) - 1
     inside = (piece >= 0) & (middle < bent.high[piece] * NANOSECONDS)
     # Where a robot stands in a corner, however long, nothing bends.
-    inside &= np.diff(way.executed(t, lag)[0]) > _STEP_NS
+    inside &= np.diff(commanded.executed(t, lag)[0]) > _STEP_NS
     pieces = np.where(inside, np.ceil(np.diff(t) / _FINE_NS), 1.0).astype(np.int64)
     of = np.repeat(np.arange(len(pieces)), pieces)
     rank = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)

@@ -13,7 +13,7 @@ from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.uncertainty.node_times import Standstill
-from twin.uncertainty.stops import StoppedClock
+from twin.uncertainty.stop_times import StoppedClock
 
 Outcome = Literal["completed", "failed", "aborted"]
 Policy = Literal["asynchronous", "sequential", "synchronous", "open-loop"]

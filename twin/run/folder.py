@@ -67,7 +67,7 @@ def run_folder(out: str | PathLike[str] | None, name: str) -> Iterator[Path]:
     """Give a folder for results, made where it is missing, that no other process writes to.
 
     Called before anything that takes time, so that a long plan is not lost for want of a place
-    to put it. Results of an earlier run stay there until ``set_aside``, and come back when the
+    to put it. Results of an earlier run stay there until ``set_aside_results``, and come back when the
     work ends with an error. A folder made for work that leaves nothing goes again.
 
     Args:
@@ -82,13 +82,13 @@ def run_folder(out: str | PathLike[str] | None, name: str) -> Iterator[Path]:
     folder = prepare_run_folder(out, name)
     if (folder / "blocks").is_dir():
         raise RequestError(f"{folder} holds a study: give another folder")
-    with locked(folder):
-        recover(folder)
+    with lock_folder(folder):
+        recover_folder(folder)
         try:
             yield folder
         except BaseException:
             with suppress(OSError):
-                recover(folder)
+                recover_folder(folder)
                 if made:
                     folder.rmdir()
             raise
@@ -116,7 +116,7 @@ def prepare_run_folder(out: str | PathLike[str] | None, name: str) -> Path:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Keep other processes from writing to a folder; the lock goes with this process at the latest.
 
     Where a file system or an operating system knows no locks nothing is done.
@@ -148,8 +148,8 @@ def locked(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def set_aside(folder: Path) -> None:
-    """Put earlier results away, until ``keep_new`` drops them or ``recover`` brings them back.
+def set_aside_results(folder: Path) -> None:
+    """Put earlier results away, until ``drop_earlier_results`` drops them or ``recover`` brings them back.
 
     Raises:
         OutputError: they cannot be moved.
@@ -167,21 +167,21 @@ def set_aside(folder: Path) -> None:
 
 
 @contextmanager
-def new_results(folder: Path) -> Iterator[None]:
+def replace_results(folder: Path) -> Iterator[None]:
     """Put earlier results away while new ones are made, and drop them when those are whole."""
-    set_aside(folder)
+    set_aside_results(folder)
     yield
-    keep_new(folder)
+    drop_earlier_results(folder)
 
 
-def keep_new(folder: Path) -> None:
+def drop_earlier_results(folder: Path) -> None:
     """Drop the earlier results: the new ones are whole."""
     with suppress(FileNotFoundError):
         (folder / _BEFORE).replace(folder / _GONE)
     shutil.rmtree(folder / _GONE, ignore_errors=True)
 
 
-def recover(folder: Path) -> None:
+def recover_folder(folder: Path) -> None:
     """Sweep what a killed process left: half-written files, and results that it had put away.
 
     Only called while the folder is locked.
@@ -197,7 +197,7 @@ def recover(folder: Path) -> None:
             part.unlink(missing_ok=True)
     if (folder / _BEFORE).is_dir():
         if any((folder / name).exists() for name in _LAST):
-            keep_new(folder)
+            drop_earlier_results(folder)
             return
         for name in (TURNS, FIRST, VERSIONS):
             shutil.rmtree(folder / name, ignore_errors=True)
@@ -220,7 +220,7 @@ def _new_log_folder(name: str) -> Path:
     return folder
 
 
-def hashes_as_written(folder: Path) -> dict[str, str]:
+def recorded_hashes(folder: Path) -> dict[str, str]:
     """Return the sha256 of each file of a run that commands read back, by its name.
 
     Raises:
@@ -229,7 +229,7 @@ def hashes_as_written(folder: Path) -> dict[str, str]:
     return {name: _sha256(folder / name) for name in _READ_BACK}
 
 
-def require_as_written(folder: Path, names: Iterable[str]) -> None:
+def require_recorded_hashes(folder: Path, names: Iterable[str]) -> None:
     """Refuse files of a run that are not those that its summary was made with.
 
     A folder without a summary, as a killed run leaves, has nothing to compare with.

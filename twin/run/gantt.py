@@ -14,7 +14,7 @@ from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_nodes
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.host.pictures import INK, fitted, style_axes
+from twin.host.pictures import INK, style_axes, wrap_name
 from twin.run.activities import (
     HOLDING,
     WAITING,
@@ -110,13 +110,13 @@ def _lanes(
     tpg: TemporalPlanGraph, events: Sequence[Event]
 ) -> dict[str, tuple[Activity, ...]]:
     """Return what each robot did, and each machine that had a task."""
-    told = robot_activities(tpg, events)
+    words = robot_activities(tpg, events)
     tasks = {task.kind for task in tpg.tasks}
-    lanes = {robot.name: told.get(robot.name, ()) for robot in tpg.cell.robots}
+    lanes = {robot.name: words.get(robot.name, ()) for robot in tpg.cell.robots}
     return lanes | {
-        name: told[name]
+        name: words[name]
         for name in (item.name for item in tpg.cell.machines)
-        if any(item.state in tasks for item in told.get(name, ()))
+        if any(item.state in tasks for item in words.get(name, ()))
     }
 
 
@@ -185,7 +185,7 @@ def _draw_lane(
         if high <= low:
             continue
         bars.setdefault(span.state, []).append((low, high - low))
-        label = fitted(
+        label = wrap_name(
             _label(tpg, names, span),
             (high - low) / point_s - 1.5,
             _NAME_SIZE,
@@ -280,13 +280,13 @@ def _windows(
     """
     chain = np.repeat(np.arange(len(tpg.chains)), [len(own) for own in tpg.chains])
     rows = window_nodes(tpg)[:, 2].tolist()
-    for told, due in zip(window_summary(tpg, run), rows, strict=True):
+    for words, due in zip(window_summary(tpg, run), rows, strict=True):
         name = tpg.chains[chain[due]].robot
-        if told["slack_s"] is not None and name in robots:
+        if words["slack_s"] is not None and name in robots:
             begun_s = int(np.concatenate(run.start_ns)[due]) / NANOSECONDS
-            due_s = begun_s + told["slack_s"]
-            opened_s = begun_s - told["passed_s"]
-            yield robots.index(name), opened_s, due_s, told["broken"]
+            due_s = begun_s + words["slack_s"]
+            opened_s = begun_s - words["passed_s"]
+            yield robots.index(name), opened_s, due_s, words["broken"]
 
 
 def _draw_window(

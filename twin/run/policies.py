@@ -60,7 +60,7 @@ def _letters(text: str) -> str:
 _BY_LETTERS = {_letters(name): name for name in NAMED_POLICIES}
 
 
-def policy_named(text: str) -> str:
+def parse_policy_name(text: str) -> str:
     """Return the name of the policy that a text means.
 
     Blanks and capitals do not matter, nor the plural: ``asynchronous+shortcut`` is
@@ -97,7 +97,7 @@ def plan_folder(plan: str) -> str:
     return plan.replace(", ", "-").replace(" ", "-")
 
 
-def shown_policy(policies: Sequence[str]) -> str:
+def preferred_policy(policies: Sequence[str]) -> str:
     """Return the policy that coordinates best."""
     order = (ASYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS, *NAMED_POLICIES)
     return next(policy for policy in order if policy in policies)

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from planning.errors import printable
+from planning.errors import escape_control_characters
 from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.machine_chains import (
     idle_robots,
@@ -54,7 +54,7 @@ _STAGES = {
 }
 
 
-def summarise(
+def summarize_run(
     tpg: TemporalPlanGraph,
     run: ExecutionRecord,
     scenario: str,
@@ -196,12 +196,14 @@ def print_summary(
     table.add_column(style="dim")
 
     def told(what: str, style: str, words: str) -> None:
-        text = Text(f"{printable(what)}: ").append(printable(words))
+        text = Text(f"{escape_control_characters(what)}: ").append(
+            escape_control_characters(words)
+        )
         text.stylize(style, 0, len(what))
         console.print(text, soft_wrap=True)
 
     for row in summary_rows(summary, compiled=compiled):
-        table.add_row(*map(printable, row))
+        table.add_row(*map(escape_control_characters, row))
     console.print(table)
     audit = summary["audit"]
     for entry in (audit or {}).get("violations", [])[:_MOST_VIOLATIONS]:

@@ -30,11 +30,12 @@ def team_colours(robots: Sequence[str]) -> dict[str, str]:
 def _colour(k: int) -> str:
     rounds, own = divmod(k, len(_COLOURS))
     return "#" + "".join(
-        f"{round(channel * _DARKER**rounds):02x}" for channel in rgb(_COLOURS[own])
+        f"{round(channel * _DARKER**rounds):02x}"
+        for channel in parse_rgb(_COLOURS[own])
     )
 
 
-def rgb(colour: str) -> tuple[int, int, int]:
+def parse_rgb(colour: str) -> tuple[int, int, int]:
     """Return red, green and blue of a colour #rrggbb, 0 to 255."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.kinematics.kinematics import frame_pose
-from planning.motion.near_path import near_path
+from planning.motion.near_path import nearest_points_on_path
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.nanoseconds import Nanoseconds
@@ -43,7 +43,9 @@ def nearest_on_path(chain: NodeChain, q: Array, node: Nanoseconds) -> Array:
     for n in np.unique(node).tolist():
         low, high = max(n - 1, 0), min(max(n, 0) + 2, len(chain))
         rows, own = node == n, chain.waypoints[chain.first[low] : chain.first[high]]
-        found[rows] = near_path(np.vstack([chain.stands_at(low), own]), q[rows]).q
+        found[rows] = nearest_points_on_path(
+            np.vstack([chain.stands_at(low), own]), q[rows]
+        ).q
     return found
 
 

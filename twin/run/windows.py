@@ -69,7 +69,7 @@ def broken_words(window: TimeWindow, passed_ns: int) -> str:
     return f"{window.words}: {passed_ns / NANOSECONDS:.3f} s, {late:.3f} s more than {window.most:g} s"
 
 
-def window_doubts(
+def window_warnings(
     tpg: TemporalPlanGraph, nominal: ExecutionRecord, *, held: bool
 ) -> Iterator[str]:
     """Yield the windows that a plan does not keep at nominal times, and by how much.

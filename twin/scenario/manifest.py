@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.errors import OutputError, RequestError, ScenarioError, listed
+from planning.errors import OutputError, RequestError, ScenarioError, format_names
 from planning.files import read_file, read_object, require_own_files
 from planning.robots.descriptions.description_files import description_sha256
 from planning.transforms import Transform, quat_wxyz
-from twin.document.section import parts_of
+from twin.document.section import iterate_nested
 from twin.durations.measured import Empirical
 from twin.host.atomic_files import write_json
 from twin.host.versions import versions
-from twin.scenario.sections.scenario import Scenario, resolved, restored
+from twin.scenario.sections.scenario import Scenario, resolve_scenario, restore_scenario
 
 MANIFEST = "manifest.json"
 
@@ -43,7 +43,7 @@ def write_manifest(
         base: where its relative paths start.
         more: further entries, as plain JSON values: what it takes to go on.
     """
-    content = resolved(scenario)
+    content = resolve_scenario(scenario)
     write_json(
         folder / MANIFEST,
         {
@@ -79,7 +79,7 @@ def read_manifest(folder: Path, what: str) -> tuple[Scenario, dict[str, Any]]:
     if scenario_sha256(scenario) != digest:
         raise OutputError(f"{path}: the scenario is not the one of scenario_sha256")
     try:
-        return restored(scenario), content
+        return restore_scenario(scenario), content
     except ScenarioError as error:
         raise OutputError(f"{path}: the scenario is no longer valid: {error}") from None
 
@@ -105,7 +105,7 @@ def file_hashes(scenario: Scenario, base: Path) -> dict[str, str]:
         OutputError: one cannot be read.
     """
     out = {}
-    parts = (part for _, part in parts_of(scenario))
+    parts = (part for _, part in iterate_nested(scenario))
     for name in sorted({part.csv for part in parts if isinstance(part, Empirical)}):
         try:
             content = read_file(base / name)
@@ -146,7 +146,7 @@ def require_same_versions(folder: Path, manifest: Mapping[str, Any]) -> None:
             if before.get(name) != now.get(name)
         ]
         raise RequestError(
-            f"{folder / MANIFEST}: begun with other versions: {listed(changed)}"
+            f"{folder / MANIFEST}: begun with other versions: {format_names(changed)}"
         )
 
 

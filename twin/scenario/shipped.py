@@ -10,7 +10,7 @@ from pathlib import Path
 
 from planning.errors import OutputError, ScenarioError
 from planning.files import is_file
-from twin.document.section import parts_of
+from twin.document.section import iterate_nested
 from twin.document.yaml_text import read_yaml
 from twin.scenario.schema import scenario_schema
 
@@ -104,7 +104,7 @@ def write_beginning(target: Path, text: str, folder: Path) -> Path:
     file = target if single else target / SCENARIO
     beside = {
         file.parent / named: (folder / named).read_bytes()
-        for _, named in parts_of(read_yaml(file, text).data)
+        for _, named in iterate_nested(read_yaml(file, text).data)
         if isinstance(named, str) and Path(named).suffix and is_file(folder / named)
     }
     own_folder = file.parent.resolve()

@@ -20,12 +20,16 @@ import numpy as np
 from planning.errors import ScenarioError
 from planning.json_files import parse_json
 from planning.tasks.task import HOLD, SKILLS
-from twin.document.validation import InvalidScenarioError, parsed, validated
+from twin.document.validation import (
+    InvalidScenarioError,
+    parse_document,
+    validate_document,
+)
 from twin.document.yaml_text import KeyPath, read_yaml
 from twin.durations.composed import Distribution
 from twin.scenario.schema import scenario_schema
 from twin.scenario.sections.cell import choose_robots
-from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.sections.scenario import Scenario, resolve_scenario
 
 ROBOTS = "robots"
 """The key that is not one of the file: the number of robots, of the team where there is one."""
@@ -66,7 +70,7 @@ def parse_variation(text: str) -> Variation:
             be read.
     """
     key, equals, rest = text.partition("=")
-    key = plain_key(key.strip())
+    key = short_key(key.strip())
     if not equals or not key or not rest.strip():
         raise ScenarioError(
             f"cannot vary {text!r}: write key=value,value such as"
@@ -90,7 +94,7 @@ def variation(key: str, values: Iterable[Any]) -> Variation:
         raise ScenarioError(f"cannot vary {key}: no values")
     if len({json.dumps(value) for value in plain}) < len(plain):
         raise ScenarioError(f"cannot vary {key}: a value is there twice")
-    return Variation(plain_key(key), plain)
+    return Variation(short_key(key), plain)
 
 
 def _plain(value: Any) -> Any:
@@ -114,7 +118,7 @@ def variants(variations: Sequence[Variation]) -> tuple[Variant, ...]:
     )
 
 
-def varied(scenario: Scenario, variant: Variant) -> Scenario:
+def apply_variation(scenario: Scenario, variant: Variant) -> Scenario:
     """Return a scenario in which the keys of a variant have its values.
 
     Raises:
@@ -123,18 +127,18 @@ def varied(scenario: Scenario, variant: Variant) -> Scenario:
     """
     if not variant:
         return scenario
-    content = resolved(scenario)
-    assign_variant(content, variant)
+    content = resolve_scenario(scenario)
+    write_variant(content, variant)
     # JSON is YAML, too: what does not fit is worded as it is in a file.
-    document = parsed(Path(scenario.name), json.dumps(content))
+    document = parse_document(Path(scenario.name), json.dumps(content))
     try:
-        return validated(document, Scenario, scenario_schema)
+        return validate_document(document, Scenario, scenario_schema)
     except InvalidScenarioError as error:
         said = "; ".join(problem.message for problem in error.problems)
         raise ScenarioError(f"cannot vary {', '.join(variant)}: {said}") from None
 
 
-def plain_key(key: str) -> str:
+def short_key(key: str) -> str:
     """Return a key as it is told: one of the execution section without the name of the section."""
     own = key.removeprefix("execution.")
     return own if is_of_execution(own) else key
@@ -151,13 +155,13 @@ def layout_of(variant: Variant) -> Variant:
     return {key: value for key, value in variant.items() if not is_of_execution(key)}
 
 
-def assign_variant(content: dict[str, Any], variant: Variant) -> None:
+def write_variant(content: dict[str, Any], variant: Variant) -> None:
     """Write the values of a variant into a resolved scenario.
 
     Raises:
         ScenarioError: there is no such key; the message names those there are.
     """
-    keys = [plain_key(key) for key in variant]
+    keys = [short_key(key) for key in variant]
     if twice := [key for key in keys if keys.count(key) > 1]:
         raise ScenarioError(f"{twice[0]} is varied twice")
     variant = dict(zip(keys, variant.values(), strict=True))
@@ -178,7 +182,7 @@ def assign_variant(content: dict[str, Any], variant: Variant) -> None:
         choose_robots(content["cell"], count)
 
 
-def value_of(content: Mapping[str, Any], key: str) -> Any:
+def resolved_value(content: Mapping[str, Any], key: str) -> Any:
     """Return the value of a key in a resolved scenario; None where the scenario leaves it out.
 
     Raises:
@@ -190,7 +194,7 @@ def value_of(content: Mapping[str, Any], key: str) -> Any:
     return _found(content, key)[1]
 
 
-def path_of(content: Mapping[str, Any], key: str) -> KeyPath:
+def key_path(content: Mapping[str, Any], key: str) -> KeyPath:
     """Return where the value of a key stands in a resolved scenario.
 
     Raises:

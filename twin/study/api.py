@@ -19,8 +19,8 @@ from twin.audit.worlds.engines import engine_named
 from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
 from twin.operate.api import operated_plan, require_operable
-from twin.run.folder import locked, run_folder
-from twin.run.policies import OPEN_LOOP, policy_named
+from twin.run.folder import lock_folder, run_folder
+from twin.run.policies import OPEN_LOOP, parse_policy_name
 from twin.scenario.variations import Variation, variants, variation
 from twin.study.folder import (
     EDGES,
@@ -144,12 +144,12 @@ class Study:
         return read_parquet(self.folder / name)
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import card, shown
-        from twin.study.report.page_tables import differences, makespans_table
+        from twin.drawing.markup import card, run_picture
+        from twin.study.report.page_tables import difference_list, makespans_table
 
         table = makespans_table(self.result.summary)
-        table += differences(self.result.summary)
-        chart = shown(self.folder / "makespan.png")
+        table += difference_list(self.result.summary)
+        chart = run_picture(self.folder / "makespan.png")
         return table + chart + card("Report", [("page", str(self.report))])
 
 
@@ -222,7 +222,7 @@ def study(
     if cluster is not None:
         check_cluster(cluster)  # now, not after the planning
     case = scenario_of(plan)
-    names = tuple(map(policy_named, policies))
+    names = tuple(map(parse_policy_name, policies))
     varied = starmap(variation, vary.items()) if isinstance(vary, Mapping) else vary
     combined = variants(list(varied))
     place, plans, saved = None if out is None else Path(out), None, ""
@@ -294,7 +294,7 @@ def resume_study(
     place = Path(folder)
     if scenario is not None:
         require_same_study(place, load(scenario).sections)
-    with locked(place):
+    with lock_folder(place):
         result = resumed(place, partial(open_executor, workers, cluster), progress)
     write_report(result, progress)
     return Study(result)

@@ -22,7 +22,7 @@ from scheduling.planned_motions import PlannedMotions
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_motions, require_sequential
-from twin.planning.time_parameterization import timed
+from twin.planning.time_parameterization import time_parameterize
 from twin.run.execution_record import ExecutionRecord
 from twin.run.policies import (
     NAMED_POLICIES,
@@ -130,7 +130,9 @@ def measure_policies(
         plan, release = NAMED_POLICIES[name]
         seconds = {**watch.seconds, **plans.seconds(plan)}
         if name == SEQUENTIAL:  # this baseline needs no edges
-            tpg = timed(build_nodes(turns.motion_plan), scenario, StageWatch())
+            tpg = time_parameterize(
+                build_nodes(turns.motion_plan), scenario, StageWatch()
+            )
         else:
             tpg = plans[plan]
         run = execute(scenario, tpg, base, release)

@@ -11,7 +11,7 @@ from twin.host.arguments import checks_arguments
 from twin.host.atomic_files import write_json
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.build_workcell import build_workcell
-from twin.run.folder import CHART, COMPARISON, new_results, run_folder
+from twin.run.folder import CHART, COMPARISON, replace_results, run_folder
 from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.scenario import follow_references
 from twin.study.comparison import (
@@ -72,12 +72,12 @@ class Comparison:
         )
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import shown, table, text
+        from twin.drawing.markup import escape_text, run_picture, table
 
         head = ["policy", "makespan [s]", "of sequential", "wait [s]", "planning [s]"]
         rows = [
             [
-                text(name),
+                escape_text(name),
                 spread(row["makespan_s"]),
                 percent(row["relative_makespan"]),
                 spread(row["wait_s"]),
@@ -85,7 +85,7 @@ class Comparison:
             ]
             for name, row in self.figures.items()
         ]
-        return table(self.heading, head, rows) + shown(self.folder / CHART)
+        return table(self.heading, head, rows) + run_picture(self.folder / CHART)
 
 
 @checks_arguments
@@ -139,7 +139,7 @@ def compare(
         heading = f"{chosen.name}: {counted}, {candidates} shortcuts tried"
         if reference_skills:
             heading += ", skills follow their reference paths"
-        with new_results(folder):
+        with replace_results(folder):
             write_manifest(
                 folder,
                 chosen,

@@ -17,10 +17,10 @@ from pydantic import TypeAdapter
 
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
-from planning.files import replacing
+from planning.files import replace_atomically
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import bulk_contraction
+from twin.engine.bulk.bulk_engine import contract_for_bulk
 from twin.engine.bulk.max_plus import OTHER, policy_graph
 from twin.recorders.run_tables import write_table
 from twin.scenario.manifest import (
@@ -56,7 +56,7 @@ ROWS_A_GROUP = 20_000
 
 
 @dataclass(frozen=True)
-class Refused:
+class RefusedLayout:
     """A layout that cannot be planned.
 
     Attributes:
@@ -94,7 +94,7 @@ class StudyRequest:
     deadline_s: float | None = None
     sobol_points: int = 0
     plan: str = ""
-    refused: tuple[Refused, ...] = ()
+    refused: tuple[RefusedLayout, ...] = ()
     operated: bool = False
 
     def __post_init__(self) -> None:
@@ -152,7 +152,9 @@ def read_request(folder: Path) -> StudyRequest:
             None if (late := study["deadline_s"]) is None else float(late),
             int(study["sobol_points"]),
             str(study.get("plan", "")),
-            TypeAdapter(tuple[Refused, ...]).validate_python(study.get("refused", ())),
+            TypeAdapter(tuple[RefusedLayout, ...]).validate_python(
+                study.get("refused", ())
+            ),
             bool(study.get("operated", False)),
         )
     except (ValueError, KeyError, TypeError, OverflowError) as error:
@@ -214,7 +216,7 @@ def write_replications(path: Path, experiment: Experiment, blocks: Path) -> None
     tables = _groups(experiment, blocks)
     first = next(tables)
     with (
-        replacing(path) as temporary,
+        replace_atomically(path) as temporary,
         pq.ParquetWriter(temporary, first.schema, compression="zstd") as writer,
     ):
         for table in chain([first], tables):
@@ -238,7 +240,7 @@ def cell_table(policy: str, variant: Variant, columns: Mapping[str, Any]) -> pa.
     """Return columns of a cell behind those that name the cell."""
     count = len(next(iter(columns.values())))
     names = {"policy": pa.array([policy] * count, pa.string())}
-    names |= {key: pa.array([plain(v)] * count) for key, v in variant.items()}
+    names |= {key: pa.array([plain_value(v)] * count) for key, v in variant.items()}
     return pa.table({**names, **{key: pa.array(v) for key, v in columns.items()}})
 
 
@@ -279,7 +281,7 @@ def edge_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
     """Return a row a type-2 edge: which tasks it joins, why, and how often it was critical."""
     tpg, model = load.tpg, load.execution
     if not load.reasons:
-        tpg = bulk_contraction(tpg, model).tpg
+        tpg = contract_for_bulk(tpg, model).tpg
     graph = policy_graph(tpg, model.policy)
     task = np.concatenate([own.task for own in tpg.chains])
     target = np.repeat(np.arange(len(task)), np.diff(graph.edge_first))
@@ -291,6 +293,6 @@ def edge_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
     }
 
 
-def plain(value: Any) -> Any:
+def plain_value(value: Any) -> Any:
     """Return a value that a column or an axis can hold: what is no number or word as JSON."""
     return value if isinstance(value, int | float | str) else json.dumps(value)

@@ -8,18 +8,18 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from planning.errors import RequestError, ScenarioError, TwinError, in_a_line
+from planning.errors import RequestError, ScenarioError, TwinError, join_lines
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
 from scheduling.planned_motions import PlannedMotions
 from twin.check.check import check_scenario
-from twin.document.validation import parsed
-from twin.engine.bulk.bulk_engine import held_back
+from twin.document.validation import parse_document
+from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.execution_model import ExecutionModel
 from twin.host.progress import Report, StageWatch
 from twin.host.versions import versions
-from twin.operate.replicated.operating import Operated
+from twin.operate.replicated.operating import OperatingWorkload
 from twin.planning.pipeline import default_shortcuts, plan_motions, planned_shortcuts
 from twin.planning.repetition import repeated_plans
 from twin.reading.checks import find_problems
@@ -39,15 +39,15 @@ from twin.run.policies import (
 )
 from twin.scenario.manifest import file_hashes, scenario_sha256
 from twin.scenario.sections.kind import assembly_kind
-from twin.scenario.sections.scenario import Scenario, resolved
-from twin.scenario.variations import Variant, layout_of, varied
-from twin.study.folder import Refused, StudyRequest
+from twin.scenario.sections.scenario import Scenario, resolve_scenario
+from twin.scenario.variations import Variant, apply_variation, layout_of
+from twin.study.folder import RefusedLayout, StudyRequest
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.timing_graph import timing_graph
 from twin.study.replications.workload import Workload
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import CoordinatedPlans, chooses_crew, shortest_plan
+from twin.trial.planning import CoordinatedPlans, chooses_robot_subset, shortest_plan
 from twin.trial.simulation import scenario_execution
 
 Plans = Mapping[str, TemporalPlanGraph]
@@ -116,7 +116,7 @@ def study_plans(
     watch = StageWatch(progress)
     if needed & {IN_SLOTS, SLOTS_SHORTENED}:
         require_no_machines(scenario)
-    if chooses_crew(scenario):
+    if chooses_robot_subset(scenario):
         turns = shortest_plan(LoadedScenario(scenario, base), watch).motions
     else:
         turns = plan_motions(scenario, base, watch)
@@ -229,7 +229,7 @@ def workloads(
     files, packages = file_hashes(scenario, base), versions()
     loads = []
     for policy, variant in experiment.cells:
-        own = varied(scenario, variant)
+        own = apply_variation(scenario, variant)
         plan, release = NAMED_POLICIES[policy]
         name = plan_key(variant, plan)
         model = scenario_execution(
@@ -239,10 +239,10 @@ def workloads(
         operated = None
         if motions is not None:
             fail = tuple(sorted(model.disturbances.failures))
-            operated = Operated(own, motions, plans[name], fail)
+            operated = OperatingWorkload(own, motions, plans[name], fail)
             reasons += tuple(own.execution.known_when_it_happens())
         origin = {
-            "scenario": scenario_sha256(resolved(own)),
+            "scenario": scenario_sha256(resolve_scenario(own)),
             "plan": hashes[name],
             "policy": policy,
             "antithetic": experiment.antithetic,
@@ -277,7 +277,7 @@ def workload(
     graph = timing_graph(plan) if graph is None else graph
     if is_driven(graph) and model.disturbances.at_absolute_times:
         graph = plan  # whom the clock stops in a skill brakes along its path
-    held = held_back(graph, model)
+    held = with_window_holds(graph, model)
     return Workload(held, model, seed, free=None if held is graph else graph)
 
 
@@ -313,7 +313,7 @@ def plans_of_layouts(
         try:
             found[json.dumps(layout)] = _planned(request, layout, progress)
         except TwinError as error:
-            refused.append(Refused(layout, in_a_line(str(error))))
+            refused.append(RefusedLayout(layout, join_lines(str(error))))
     progress(LAYOUTS, len(wanted), len(wanted))
     if not found:
         said = "; ".join(f"{words(item.layout)}: {item.reason}" for item in refused)
@@ -335,7 +335,7 @@ def words(layout: Variant) -> str:
 
 def _planned(request: StudyRequest, layout: Variant, progress: Report) -> Plans:
     """Plan one layout for every policy; what the check of its cell finds is an error."""
-    scenario = varied(request.scenario, layout)
+    scenario = apply_variation(request.scenario, layout)
     if layout:
         for message in _errors(scenario, request.base):
             raise RequestError(message)
@@ -354,8 +354,8 @@ def _errors(scenario: Scenario, base: Path) -> Iterator[str]:
         yield message
         return
     # Its places are those of no file: only the messages are told.
-    text = json.dumps(resolved(scenario))
-    document = parsed(base / f"{scenario.name}.yaml", text)
+    text = json.dumps(resolve_scenario(scenario))
+    document = parse_document(base / f"{scenario.name}.yaml", text)
     report = check_scenario(scenario, document, base)
     if report.errors:
         yield "; ".join(item.message for item in report.errors)

@@ -22,7 +22,7 @@ from twin.study.replications.block_results import (
 from twin.study.replications.statistics import (
     Figures,
     Interval,
-    Told,
+    SummaryEntry,
     mean_interval,
     share_interval,
 )
@@ -44,9 +44,9 @@ class DueSummary(Figures):
         lateness_quantiles_s: its quantiles over all products, by ``p50``, ``p90``, ``p99`` [s].
     """
 
-    late: Told | None
-    any_late: Told
-    lateness_s: Told | None
+    late: SummaryEntry | None
+    any_late: SummaryEntry
+    lateness_s: SummaryEntry | None
     lateness_quantiles_s: dict[str, float]
 
 
@@ -67,12 +67,12 @@ class LineSummary(Figures):
 
     products: int
     start_up: int
-    throughput_per_h: Told | None
-    takt_s: Told | None
+    throughput_per_h: SummaryEntry | None
+    takt_s: SummaryEntry | None
     takt_quantiles_s: dict[str, float]
-    cycle_time_s: Told | None
+    cycle_time_s: SummaryEntry | None
     cycle_time_quantiles_s: dict[str, float]
-    work_in_progress: Told | None
+    work_in_progress: SummaryEntry | None
     due: DueSummary | None
 
 
@@ -171,10 +171,10 @@ class WindowFigures(Figures):
     window: str
     at_least_s: float
     within_s: float | None
-    passed_s: Told
+    passed_s: SummaryEntry
     passed_p95_s: float
-    broken: Told | None
-    broken_free: Told | None
+    broken: SummaryEntry | None
+    broken_free: SummaryEntry | None
 
 
 class WindowsSummary(Figures):
@@ -189,7 +189,7 @@ class WindowsSummary(Figures):
 
     windows: tuple[WindowFigures, ...]
     hold: float
-    holding_s: Told | None
+    holding_s: SummaryEntry | None
 
 
 def windows_summary(

@@ -10,14 +10,19 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from planning.parallel import side_by_side
+from planning.parallel import map_in_parallel
 from planning.transforms import Array
 from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.host.progress import Report, report_nothing
 from twin.study.gains.replays import replay_cost
 from twin.study.replications.experiment import Block
-from twin.study.replications.statistics import Figures, Interval, Told, paired_interval
+from twin.study.replications.statistics import (
+    Figures,
+    Interval,
+    SummaryEntry,
+    paired_interval,
+)
 from twin.study.replications.workload import Engines, Workload
 from twin.uncertainty.chain_draws import moving_nodes
 
@@ -54,8 +59,8 @@ class Influence(Figures):
     """
 
     name: str
-    less_s: Told
-    more_s: Told
+    less_s: SummaryEntry
+    more_s: SummaryEntry
 
     @property
     def span_s(self) -> float:
@@ -73,11 +78,11 @@ class SobolIndex(Figures):
     """
 
     name: str
-    first: Told
-    total: Told
+    first: SummaryEntry
+    total: SummaryEntry
 
 
-def inputs_of(load: Workload) -> Mapping[str, Scaled]:
+def study_inputs(load: Workload) -> Mapping[str, Scaled]:
     """Return the inputs of a plan that vary or that might be different, by names in words.
 
     They are the durations of each skill in it, what tools take to close and to open, the durations of
@@ -103,7 +108,7 @@ def inputs_of(load: Workload) -> Mapping[str, Scaled]:
     return found
 
 
-def influences(
+def input_influences(
     load: Workload, *, confidence: float = 0.95, antithetic: bool = False
 ) -> list[Influence]:
     """Return the effects of the inputs on the mean makespan, the strongest first.
@@ -130,11 +135,11 @@ def influences(
         )
         return Interval(0.0, -np.inf, np.inf, 0) if found is None else found
 
-    inputs = inputs_of(load)
+    inputs = study_inputs(load)
     trials = [(s, 1.0 + sign * SHARE) for s in inputs.values() for sign in (-1, 1)]
     # Only compiled code lets others go on.
     changes = (
-        list(map(change, trials)) if load.reasons else side_by_side(change, trials)
+        list(map(change, trials)) if load.reasons else map_in_parallel(change, trials)
     )
     found = [
         Influence(name=name, less_s=less, more_s=more)
@@ -164,7 +169,7 @@ def sobol_indices(
         confidence: of the intervals.
         progress: told of combinations done and in all.
     """
-    inputs = inputs_of(load)
+    inputs = study_inputs(load)
     block, count = Block(0, 0, _SOBOL), len(inputs)
     if not inputs:
         return []
@@ -190,9 +195,9 @@ def sobol_indices(
     mixed = np.stack([mean_makespans(np.where(k, second, first)) for k in own])
     centre = 0.5 * (a.mean() + b.mean())
     a, b, mixed = a - centre, b - centre, mixed - centre
-    estimates = saltelli(a, b, mixed)
+    estimates = estimate_saltelli_indices(a, b, mixed)
     drawn = np.random.default_rng(seed).integers(points, size=(_RESAMPLES, points))
-    resampled = [saltelli(a[i], b[i], mixed[:, i]) for i in drawn]
+    resampled = [estimate_saltelli_indices(a[i], b[i], mixed[:, i]) for i in drawn]
     tails = 0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)
     low, high = np.quantile(resampled, tails, axis=0)
     low, high = np.minimum(low, estimates), np.maximum(high, estimates)
@@ -208,7 +213,7 @@ def sobol_indices(
     return sorted(found, key=lambda one: -one.total.estimate)
 
 
-def saltelli(a: Array, b: Array, mixed: Array) -> Array:
+def estimate_saltelli_indices(a: Array, b: Array, mixed: Array) -> Array:
     """Return first-order and total Sobol indices, shape (2, d) (Saltelli et al. 2010, table 2).
 
     Args:
@@ -231,7 +236,7 @@ def makespans_s(load: Workload, block: Block) -> Array:
     return Engines(replace(load, operated=None)).compute(block).rows.makespans_s()
 
 
-def without_failures(load: Workload) -> Iterator[tuple[str, str, Workload]]:
+def scenarios_without_failures(load: Workload) -> Iterator[tuple[str, str, Workload]]:
     """Yield skills that may fail, each with a part or with none for all, and the work in which they do not."""
     kinds = {load.tpg.tasks[int(m)].kind for c in load.tpg.chains for m in set(c.task)}
     for skill, item in load.execution.disturbances.failures.items():

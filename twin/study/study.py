@@ -15,12 +15,12 @@ from planning.files import read_object
 from scheduling.graph.plan_files import save_plan
 from scheduling.planned_motions import PlannedMotions
 from twin.audit.audit import audit_off_bases, audit_run
-from twin.audit.motion.deviated import deviated
+from twin.audit.motion.deviations import with_flange_deviations
 from twin.audit.motion.executed import read_recording
 from twin.audit.worlds.engines import Engine, engine_named
 from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import BulkEngine, held_back
+from twin.engine.bulk.bulk_engine import BulkEngine, with_window_holds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import Messages
 from twin.host.atomic_files import write_json
@@ -30,7 +30,7 @@ from twin.recorders.run_tables import write_motion
 from twin.run.policies import NAMED_POLICIES, OPEN_LOOP
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
-from twin.scenario.variations import is_of_execution, layout_of, varied
+from twin.scenario.variations import apply_variation, is_of_execution, layout_of
 from twin.study.folder import (
     AUDITS,
     BLOCKS,
@@ -52,12 +52,12 @@ from twin.study.folder import (
 )
 from twin.study.gains.files import write_gains
 from twin.study.gains.gains import CellGains, study_gains
-from twin.study.operated import (
+from twin.study.operated_figures import (
     OperatedSummary,
     Prevention,
+    find_preventions,
     operated_summary,
     prevented_makespans_s,
-    preventions,
 )
 from twin.study.plans import (
     Plans,
@@ -75,7 +75,7 @@ from twin.study.replications.block_results import cell_tally
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.workload import Workload
-from twin.study.sensitivity import INFLUENCES, influences, sobol_indices
+from twin.study.sensitivity import INFLUENCES, input_influences, sobol_indices
 from twin.study.summary import StudySummary, shown_cell, summarise_study
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.planning import plan_scenario
@@ -142,7 +142,7 @@ def start_study(
         case.varied(own)
     for variant in experiment.variants:
         if layout_of(variant):
-            _require_fitting(varied(scenario, variant), request.base)
+            _require_fitting(apply_variation(scenario, variant), request.base)
     if plans is None:
         request, plans = plans_of_layouts(request, progress)
     elif any(map(layout_of, experiment.variants)):
@@ -190,7 +190,7 @@ def _run(
     blocks = folder / BLOCKS
     try:
         count = run_replications(experiment, loads, blocks, open_executor, progress)
-        prevented = list(preventions(loads, blocks))
+        prevented = list(find_preventions(loads, blocks))
         if prevented:
             again = replace(experiment, replications=count)
             others = [own.load for own in prevented]
@@ -243,7 +243,7 @@ def _with_causes(
         found: dict[str, Any] = {"gains": gains[k].leading}
         progress(INFLUENCES, k, len(loads))
         if cell.makespan_s is not None and counted[k]:
-            found["tornado"] = tuple(influences(load, **how))
+            found["tornado"] = tuple(input_influences(load, **how))
             if (points := request.sobol_points) and k == first:
                 own: dict[str, Any] = {
                     "seed": request.scenario.seed,
@@ -280,7 +280,9 @@ def _write_products(request: StudyRequest, folder: Path) -> None:
     columns: list[dict[str, Any] | None] = []
     for cell, (_, variant) in enumerate(request.experiment.cells):
         times = product_times(folder / BLOCKS, cell)
-        due_s, _ = assembly_kind(varied(request.scenario, variant).assembly).due()
+        due_s, _ = assembly_kind(
+            apply_variation(request.scenario, variant).assembly
+        ).due()
         columns.append(None if times is None else product_columns(times, due_s))
     write_cells(folder / PRODUCTS, request.experiment, columns)
 
@@ -342,7 +344,7 @@ def _audit_cell(
     Replications that come to no end are left out. The work has the geometry of its plan.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    simulator = Simulator(held_back(load.tpg, load.execution), load.execution)
+    simulator = Simulator(with_window_holds(load.tpg, load.execution), load.execution)
     replay = folder / "replay"
     for replication in range(count):
         path = folder / f"{replication}.json"
@@ -361,7 +363,9 @@ def _audit_cell(
             how = {"seed": load.seed, "replication": replication}
             known = disturbances.deviations_in(cell)
             twists = drawn_deviations(load.tpg, known, **how)
-            recording = deviated(cell, read_recording(replay, cell), twists)
+            recording = with_flange_deviations(
+                cell, read_recording(replay, cell), twists
+            )
             bases = {
                 robot.name: drawn_base(robot, disturbances.base_error_of(robot), **how)
                 for robot in cell.robots

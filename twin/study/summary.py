@@ -14,11 +14,16 @@ from pydantic import Field
 from planning.transforms import Array
 from twin.audit.worlds.engines import engine_and_version, engine_named
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.run.policies import OPEN_LOOP, PLAIN_POLICIES, shown_policy
+from twin.run.policies import OPEN_LOOP, PLAIN_POLICIES, preferred_policy
 from twin.scenario.sections.kind import assembly_kind
-from twin.scenario.variations import Variant, is_of_execution, layout_of, varied
-from twin.study.folder import Refused, StudyRequest
-from twin.study.operated import OperatedSummary
+from twin.scenario.variations import (
+    Variant,
+    apply_variation,
+    is_of_execution,
+    layout_of,
+)
+from twin.study.folder import RefusedLayout, StudyRequest
+from twin.study.operated_figures import OperatedSummary
 from twin.study.products import (
     LineSummary,
     WindowsSummary,
@@ -38,7 +43,7 @@ from twin.study.replications.experiment import Experiment
 from twin.study.replications.statistics import (
     Figures,
     Interval,
-    Told,
+    SummaryEntry,
     mean_interval,
     paired_interval,
     quantile_interval,
@@ -46,7 +51,7 @@ from twin.study.replications.statistics import (
 )
 from twin.study.replications.workload import Workload
 from twin.study.sensitivity import Influence, SobolIndex
-from twin.trial.header import doubts_about_stalls
+from twin.trial.header import stall_warnings
 from twin.uncertainty.speed_override import unreached_speeds
 
 QUANTILES = (50, 90, 95, 99)
@@ -85,20 +90,20 @@ class CellSummary(Figures):
     variant: dict[str, Any]
     replications: int
     outcomes: dict[str, int]
-    not_completed: Told
+    not_completed: SummaryEntry
     errors: int
-    makespan_s: Told | None = None
+    makespan_s: SummaryEntry | None = None
     makespan_sd_s: float | None = None
-    makespan_p50_s: Told | None = None
-    makespan_p90_s: Told | None = None
-    makespan_p95_s: Told | None = None
-    makespan_p99_s: Told | None = None
-    in_time: Told | None = None
+    makespan_p50_s: SummaryEntry | None = None
+    makespan_p90_s: SummaryEntry | None = None
+    makespan_p95_s: SummaryEntry | None = None
+    makespan_p99_s: SummaryEntry | None = None
+    in_time: SummaryEntry | None = None
     utilisation: dict[str, float] = Field(default_factory=dict)
     wait_s: dict[str, float] = Field(default_factory=dict)
     engine: str
     event_engine_because: tuple[str, ...]
-    collided: Told | None = None
+    collided: SummaryEntry | None = None
     audit_engine: str = ""
     line: LineSummary | None = None
     windows: WindowsSummary | None = None
@@ -138,7 +143,7 @@ class Difference(Figures):
     policy: str
     reference: str
     variant: dict[str, Any]
-    makespan_s: Told
+    makespan_s: SummaryEntry
     relative: float
 
 
@@ -161,7 +166,7 @@ class RankedLayout(Figures):
     layout: dict[str, Any]
     cell: int
     mean_s: float
-    behind_s: Told | None
+    behind_s: SummaryEntry | None
 
     @property
     def told_apart(self) -> bool:
@@ -202,7 +207,7 @@ class StudySummary(Figures):
     cells: tuple[CellSummary, ...]
     differences: tuple[Difference, ...]
     ranking: tuple[RankedLayout, ...]
-    refused: tuple[Refused, ...]
+    refused: tuple[RefusedLayout, ...]
     warnings: tuple[str, ...]
 
     def ranked(self, policy: str) -> list[RankedLayout]:
@@ -231,7 +236,7 @@ def summarise_study(
     doubts: dict[str, None] = {}
     samples = [cell_makespans_s(blocks, cell) for cell in range(len(loads))]
     for cell, (policy, variant) in enumerate(experiment.cells):
-        own = varied(request.scenario, variant)
+        own = apply_variation(request.scenario, variant)
         load = loads[cell]
         found = _figures(request, blocks, cell, samples[cell])
         found["engine"] = "events" if load.reasons else "bulk"
@@ -248,7 +253,7 @@ def summarise_study(
         if cell in operated:
             found["operated"] = operated[cell]
         cells.append(CellSummary(policy=policy, variant=dict(variant), **found))
-        doubts |= dict.fromkeys(doubts_about_stalls(own, load.tpg))
+        doubts |= dict.fromkeys(stall_warnings(own, load.tpg))
         disturbances = load.execution.disturbances
         doubts |= dict.fromkeys(unreached_speeds(load.tpg, disturbances, load.seed))
     return StudySummary(
@@ -266,7 +271,7 @@ def summarise_study(
 
 def shown_cell(summary: StudySummary, policies: Sequence[str]) -> int:
     """Return the cell that is shown first: of the policy that coordinates best, best layout."""
-    policy = shown_policy(policies)
+    policy = preferred_policy(policies)
     ranked = summary.ranked(policy)
     return ranked[0].cell if ranked else policies.index(policy)
 

@@ -10,8 +10,8 @@ from typing import Any
 from scheduling.graph.machine_chains import idle_robots
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.slowed_motions import overloads
-from twin.engine.bulk.bulk_engine import held_back
+from scheduling.slowed_motions import describe_overloaded_joints
+from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.planning.idle_robots import IdleRobot
@@ -19,8 +19,8 @@ from twin.registry import AUDIT, AUDITORS, RECORDERS
 from twin.run.execution_record import DeadlockError, ExecutionRecord, Policy
 from twin.run.header import RunHeader
 from twin.run.policies import SHORTENED
-from twin.run.summary import summarise
-from twin.run.windows import window_doubts
+from twin.run.summary import summarize_run
+from twin.run.windows import window_warnings
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
@@ -29,7 +29,7 @@ from twin.uncertainty.skill_durations import SkillDurations
 from twin.uncertainty.speed_override import unreached_speeds
 
 
-def doubts_about_stalls(scenario: Scenario, tpg: TemporalPlanGraph) -> tuple[str, ...]:
+def stall_warnings(scenario: Scenario, tpg: TemporalPlanGraph) -> tuple[str, ...]:
     """Return what is said of stalls that are asked for and cannot all happen.
 
     A robot or machine stalls at most once a node, so that more stalls than nodes are not executed.
@@ -47,20 +47,20 @@ def doubts_about_stalls(scenario: Scenario, tpg: TemporalPlanGraph) -> tuple[str
     return tuple(found)
 
 
-def doubts_about_windows(
+def nominal_window_warnings(
     scenario: Scenario, tpg: TemporalPlanGraph, base: Path
 ) -> tuple[str, ...]:
     """Return which windows of time a plan does not keep at nominal times, and by how much."""
     if not any(window.most is not None for window in tpg.windows):
         return ()
     model = scenario_execution(scenario, base)
-    held = held_back(tpg, model)
+    held = with_window_holds(tpg, model)
     nominal = ExecutionModel(SkillDurations({}), model.policy, model.messages)
     try:
         run = Simulator(held, nominal).run(seed=scenario.seed)
     except DeadlockError:
         return ()
-    return tuple(window_doubts(tpg, run, held=held is not tpg))
+    return tuple(window_warnings(tpg, run, held=held is not tpg))
 
 
 def _unreached_speeds(plan: PlanResult) -> tuple[str, ...]:
@@ -100,11 +100,11 @@ def run_header(
         plan_sha256=plan_sha256(plan.tpg),
         warnings=(
             *plan.warnings,
-            *doubts_about_stalls(plan.scenario.sections, plan.tpg),
-            *doubts_about_windows(
+            *stall_warnings(plan.scenario.sections, plan.tpg),
+            *nominal_window_warnings(
                 plan.scenario.sections, plan.tpg, plan.scenario.folder
             ),
-            *overloads(plan.tpg),
+            *describe_overloaded_joints(plan.tpg),
             *_unreached_speeds(plan),
             *(own.message for own in idle if not windowed),
         ),
@@ -150,4 +150,4 @@ def run_figures(
     """
     scenario = plan.scenario.sections
     due = assembly_kind(scenario.assembly).due()
-    return summarise(plan.tpg, record, scenario.name, header, audit, *due)
+    return summarize_run(plan.tpg, record, scenario.name, header, audit, *due)

@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from planning.errors import ScenarioError
-from twin.document.validation import parsed
+from twin.document.validation import parse_document
 from twin.document.yaml_text import YamlDocument, scenario_text
 from twin.host.arguments import checks_arguments
 from twin.reading.checks import execution_problems, find_problems
-from twin.reading.scenario_file import read_scenario, scenario_of
+from twin.reading.scenario_file import parse_scenario, read_scenario
 from twin.registry import FIGURES
-from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.sections.scenario import Scenario, resolve_scenario
 from twin.scenario.shipped import scenario_path
-from twin.scenario.variations import is_of_execution, varied
+from twin.scenario.variations import apply_variation, is_of_execution
 
 PathOrName = str | PathLike[str]
 """Path of a file or folder."""
@@ -45,8 +45,8 @@ class LoadedScenario:
         if self.written is not None:
             return self.written
         # JSON is YAML, too: what is found in it has the place of its key.
-        text = json.dumps(resolved(self.sections), indent=2)
-        return parsed(self.folder / f"{self.name}.yaml", text)
+        text = json.dumps(resolve_scenario(self.sections), indent=2)
+        return parse_document(self.folder / f"{self.name}.yaml", text)
 
     @property
     def name(self) -> str:
@@ -80,7 +80,7 @@ class LoadedScenario:
         """
         if not values:
             return self
-        sections = varied(self.sections, values)
+        sections = apply_variation(self.sections, values)
         alone = all(map(is_of_execution, values))
         problems = execution_problems if alone else find_problems
         found = dict.fromkeys(text for _, text in problems(sections, self.folder))
@@ -91,7 +91,7 @@ class LoadedScenario:
 
     def resolved(self) -> dict[str, Any]:
         """Return the content with every default filled in, as JSON would hold it."""
-        return resolved(self.sections)
+        return resolve_scenario(self.sections)
 
     def __repr__(self) -> str:
         """Return what it is in a line; ``resolved`` has all of it."""
@@ -102,7 +102,7 @@ class LoadedScenario:
         return f"<scenario {self.name!r} of kind {self.sections.assembly.kind}: {size}>"
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import card, drawn
+        from twin.drawing.markup import card, inline_picture
 
         rows = [
             ("robots", ", ".join(self.robots)),
@@ -114,7 +114,7 @@ class LoadedScenario:
         page = card(self.name, rows)
         if "cell" not in FIGURES:
             return page
-        return page + drawn(FIGURES.load("cell")(self.sections, self.folder))
+        return page + inline_picture(FIGURES.load("cell")(self.sections, self.folder))
 
 
 AnyScenario = PathOrName | Mapping[str, Any] | LoadedScenario
@@ -138,7 +138,7 @@ def load(scenario: AnyScenario) -> LoadedScenario:
         return scenario
     if isinstance(scenario, Mapping):
         path = Path("scenario.yaml")
-        sections, document = scenario_of(path, scenario_text(dict(scenario), ""))
+        sections, document = parse_scenario(path, scenario_text(dict(scenario), ""))
         return LoadedScenario(sections, path.parent, document)
     path = scenario_path(Path(scenario))
     sections, document = read_scenario(path)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planning.cell.differences import cell_differences
-from planning.errors import OutputError, RequestError, ScenarioError, listed
+from planning.errors import OutputError, RequestError, ScenarioError, format_names
 from planning.files import read_object
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.rollout import earliest_times
@@ -16,8 +16,8 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.host.arguments import checks_arguments
 from twin.planning.build_workcell import build_workcell
-from twin.planning.idle_robots import IdleRobot, known_idle
-from twin.run.folder import FIRST, PLAN_FILES, TURNS, VERSIONS, require_as_written
+from twin.planning.idle_robots import IdleRobot, idle_robots_of_manifest
+from twin.run.folder import FIRST, PLAN_FILES, TURNS, VERSIONS, require_recorded_hashes
 from twin.run.policies import IN_SLOTS, IN_TURNS
 from twin.scenario.manifest import MANIFEST, manifest_base, read_manifest
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
@@ -143,14 +143,17 @@ def read_plan(folder: PathOrName, scenario: AnyScenario | None = None) -> PlanRe
     if found:
         raise ScenarioError(
             f"the plan in {place} is not for the cell of scenario {loaded.name!r}: "
-            + listed(found, most=4)
+            + format_names(found, most=4)
         )
     alone, about = given_plan(loaded, tpg), _about(place)
     turns, name = None, alone.name
     idle: tuple[IdleRobot, ...] = ()
     # A plan alone, or one that was put there later: nothing says what it was made of.
     if about is not None and about.get("plan_sha256") == plan_sha256(tpg):
-        name, idle = str(about.get("plan", name)), known_idle(about.get("idle"))
+        name, idle = (
+            str(about.get("plan", name)),
+            idle_robots_of_manifest(about.get("idle")),
+        )
         if (digest := about.get("turns_sha256")) is not None:
             turns = load_plan(place / TURNS)
             if plan_sha256(turns) != digest:
@@ -170,7 +173,7 @@ def plan_of_run(folder: Path) -> TemporalPlanGraph:
         OutputError: there is no plan, it is damaged, or not the one that was executed.
         RobotModelError: a robot's description has changed, or is not there any more.
     """
-    require_as_written(folder, PLAN_FILES)
+    require_recorded_hashes(folder, PLAN_FILES)
     tpg, about = load_plan(folder), _about(folder)
     if about is not None and about.get("plan_sha256") != plan_sha256(tpg):
         raise OutputError(

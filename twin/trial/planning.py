@@ -23,19 +23,19 @@ from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import Report, StageWatch, report_nothing
-from twin.planning.idle_robots import find_idle
+from twin.planning.idle_robots import find_idle_robots
 from twin.planning.pipeline import (
     MOST_CANDIDATES,
-    order_motions,
-    plan_in_slots,
+    build_plan_graph,
     plan_motions,
+    plan_synchronously,
     planned_shortcuts,
     planned_sidesteps,
-    shorten,
+    shorten_plan,
     wanted_steps,
 )
 from twin.planning.repetition import repeated_plans
-from twin.planning.time_parameterization import timed
+from twin.planning.time_parameterization import time_parameterize
 from twin.run.policies import (
     AT_ONCE,
     IN_SLOTS,
@@ -158,7 +158,7 @@ def shortest_plan(
     plan = _coordinated(case, first, watch)
     for other in others:
         plan = _shorter(plan, other, watch)
-    return replace(plan, idle=find_idle(plan.tpg, motions, scenario.kind))
+    return replace(plan, idle=find_idle_robots(plan.tpg, motions, scenario.kind))
 
 
 def _shorter(
@@ -209,7 +209,7 @@ class CoordinatedPlans:
 
     def __getitem__(self, name: str) -> TemporalPlanGraph:
         """Return a plan."""
-        return timed(self._untimed(name)[0], self._scenario, self._watch())
+        return time_parameterize(self._untimed(name)[0], self._scenario, self._watch())
 
     def seconds(self, name: str) -> Mapping[str, float]:
         """Return the wall-clock seconds of the stages of a plan."""
@@ -222,7 +222,7 @@ class CoordinatedPlans:
                 tpg, before = self._untimed(whole)
             watch = self._watch()
             if whole:
-                tpg = shorten(
+                tpg = shorten_plan(
                     tpg,
                     self._motions.settings,
                     watch,
@@ -234,10 +234,10 @@ class CoordinatedPlans:
                 )
             elif name == IN_SLOTS:
                 always = self._scenario.planning.joint_planning == "always"
-                slots = plan_in_slots(self._motions, watch, always_jointly=always)
-                tpg = order_motions(slots.motion_plan, watch, slots.slot_of_task)
+                slots = plan_synchronously(self._motions, watch, always_jointly=always)
+                tpg = build_plan_graph(slots.motion_plan, watch, slots.slot_of_task)
             else:
-                tpg = order_motions(self._motions.motion_plan, watch)
+                tpg = build_plan_graph(self._motions.motion_plan, watch)
             if not tpg.chains:
                 raise ScenarioError(
                     "there is nothing to do: every robot stands where it is to be"
@@ -262,10 +262,10 @@ def _coordinated(
         candidates=candidates,
         keep_slots=scenario.execution.policy == "synchronous",
     )
-    name = AT_ONCE if assembly_kind(scenario.assembly).at_once else IN_TURNS
+    name = AT_ONCE if assembly_kind(scenario.assembly).space_time else IN_TURNS
     if scenario.planning.coordination == "synchronous":
         name = SLOTS_SHORTENED if candidates else IN_SLOTS
-        turns = timed(build_nodes(first.motion_plan), scenario, watch)
+        turns = time_parameterize(build_nodes(first.motion_plan), scenario, watch)
     elif candidates:
         name = SHORTENED
     tpg = plans[name]
@@ -274,7 +274,7 @@ def _coordinated(
     return PlanResult(loaded, tpg, name, turns, watch.seconds, made_of=first)
 
 
-def chooses_crew(scenario: Scenario) -> bool:
+def chooses_robot_subset(scenario: Scenario) -> bool:
     """Tell whether robots may be left without work where that shortens the plan.
 
     It may where a plan is judged by its temporal plan graph, and there are more than two of them.
@@ -292,16 +292,16 @@ def _motions_of_crews(
     Where no shortcuts are taken a graph costs little, and those of all crews are compared. Finding
     who takes part belongs to the assignment.
     """
-    from scheduling.ordering.crews import rate_crews
     from scheduling.ordering.plan_rating import PlanRater
+    from scheduling.ordering.robot_subsets import rate_robot_subsets
 
-    if not chooses_crew(scenario) or first.work is None:
+    if not chooses_robot_subset(scenario) or first.work is None:
         return [first]
     with watch.stage("assignment", CREWS):
         shortcuts = planned_shortcuts(scenario) > 0
         rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
         start = rater.rate_motions(first.work, first.task_plan, first.motion_plan)
-        found = rate_crews(rater, first.work, start, watch.reporter(CREWS))
+        found = rate_robot_subsets(rater, first.work, start, watch.reporter(CREWS))
     longest = found[0].makespan_s * (1.0 + _NEAR) if shortcuts else np.inf
     return [
         first if plan is start else _with_plan(scenario, first, plan)

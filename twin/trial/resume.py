@@ -21,8 +21,8 @@ from twin.run.events import Event, EventCode, event_line, parse_event, read_log
 from twin.run.folder import (
     EVENTS,
     SUMMARY,
-    keep_new,
-    require_as_written,
+    drop_earlier_results,
+    require_recorded_hashes,
 )
 from twin.run.header import RunHeader
 from twin.scenario.manifest import (
@@ -34,8 +34,8 @@ from twin.scenario.manifest import (
 from twin.trial.errors import ResumeError
 from twin.trial.executor import executor_of
 from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.run_plan import SIMULATION, conclude, fail_if_incomplete
 from twin.trial.run_result import RunResult
-from twin.trial.trial import SIMULATION, conclude, whole_or_failed
 
 
 def resume_run(
@@ -64,7 +64,7 @@ def resume_run(
     known = _before_interrupt(log)
     # The summary is written last, and the log ends with the end of the run.
     if (folder / SUMMARY).exists() and len(known) == len(log) and _has_ended(log):
-        require_as_written(folder, (EVENTS,))
+        require_recorded_hashes(folder, (EVENTS,))
         return RunResult(folder)
     executor = executor_of(header, folder)
     progress(SIMULATION, 0, 1)
@@ -76,7 +76,7 @@ def resume_run(
     continuing = executor.continued(plan, folder, known)
     if continuing is not None:
         memory.events += map(parse_event, known)
-        with whole_or_failed(folder):
+        with fail_if_incomplete(folder):
             recorder = JsonlRecorder(path, kept=size)
             done = continuing.execute(plan, folder, (recorder, memory), recorder.sync)
             recorder.require_whole()
@@ -87,13 +87,13 @@ def resume_run(
             raise KeyboardInterrupt
         lines = [event_line(event) for event in memory.events]
         _require_agreement(path, known, lines, memory.events)
-        with whole_or_failed(folder):
+        with fail_if_incomplete(folder):
             recorder = JsonlRecorder(path, kept=size)
             for event in memory.events[len(known) :]:
                 recorder.record(event)
             recorder.close()
             run = conclude(done, folder, memory.events, header, progress, len(known))
-    keep_new(folder)
+    drop_earlier_results(folder)
     return run
 
 

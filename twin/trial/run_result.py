@@ -23,13 +23,13 @@ from twin.run.folder import (
     OBJECTS,
     SUMMARY,
     TRAJECTORY,
-    require_as_written,
+    require_recorded_hashes,
 )
 from twin.run.summary import summary_rows
 from twin.run.summary_schema import require_figures
 from twin.run.trajectory import Trajectory
 from twin.scenario.manifest import MANIFEST
-from twin.scenario.sections.scenario import Scenario, restored
+from twin.scenario.sections.scenario import Scenario, restore_scenario
 from twin.trial.header import run_figures, run_header
 from twin.trial.loaded_scenario import PathOrName
 from twin.trial.plan_result import PlanResult, plan_of_run, read_plan
@@ -109,7 +109,7 @@ class RunResult:
         """The scenario that was executed, with every default filled in."""
         if self._plan is not None:
             return self._plan.scenario.sections
-        return restored(self._json(MANIFEST).get("scenario", {}))
+        return restore_scenario(self._json(MANIFEST).get("scenario", {}))
 
     @cached_property
     def history(self) -> tuple[Event, ...]:
@@ -187,8 +187,8 @@ class RunResult:
 
         from twin.run.activities import robot_activities
 
-        told = robot_activities(self.tpg, self.history)
-        rows = [(robot, item) for robot, lane in told.items() for item in lane]
+        entries = robot_activities(self.tpg, self.history)
+        rows = [(robot, item) for robot, lane in entries.items() for item in lane]
         return pa.table(
             {
                 "robot": pa.array([robot for robot, _ in rows], pa.string()),
@@ -289,7 +289,7 @@ class RunResult:
 
     def _as_written(self, name: str) -> Path:
         path = self._there(name)
-        require_as_written(self.files, (name,))
+        require_recorded_hashes(self.files, (name,))
         return path
 
     def _json(self, name: str) -> dict[str, Any]:
@@ -303,13 +303,13 @@ class RunResult:
         """Return what it is in a line, whatever is left of its folder."""
         where = "in memory" if self.folder is None else f"in {self.folder}"
         try:
-            told = f"{self.outcome}, {self.policy}, {self.makespan_s:.2f} s, "
-            return f"<run of {self.name!r}: {told}{where}>"
+            entries = f"{self.outcome}, {self.policy}, {self.makespan_s:.2f} s, "
+            return f"<run of {self.name!r}: {entries}{where}>"
         except (TwinError, KeyError):
             return f"<run without a summary, {where}>"
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import card, drawn, shown
+        from twin.drawing.markup import card, inline_picture, run_picture
 
         rows = [
             (name, f"{value} {note}")
@@ -317,13 +317,13 @@ class RunResult:
         ]
         page = card(self.name, rows)
         if self.record is None:
-            return page + shown(self.files / GANTT)
+            return page + run_picture(self.files / GANTT)
         from twin.run.gantt import gantt_figure
 
         figure = gantt_figure(
             self.tpg, self.record, self.history, title=self.name, plan=self.plan.name
         )
-        return page + drawn(figure)
+        return page + inline_picture(figure)
 
 
 @checks_arguments

@@ -50,10 +50,10 @@ def drawn_base(
         replication: its number.
     """
     draw = _Draw(robot.name, 0, "base", seed, replication)
-    way, turn = np.split(_drawn_error(draw, error), 2)
+    displacement, turn = np.split(_drawn_error(draw, error), 2)
     out = np.array(robot.base, dtype=np.float64)
     out[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ robot.base[:3, :3]
-    out[:3, 3] += way
+    out[:3, 3] += displacement
     return out
 
 
@@ -105,5 +105,5 @@ def _in_ball(u: Array, radius: float) -> Array:
     """Return a point of a ball, uniform for three uniforms, shape (3,)."""
     up, around = 2.0 * u[0] - 1.0, 2.0 * math.pi * u[1]
     flat = math.sqrt(1.0 - up * up)
-    way = np.array([flat * math.cos(around), flat * math.sin(around), up])
-    return np.asarray(radius * np.cbrt(u[2]) * way)
+    displacement = np.array([flat * math.cos(around), flat * math.sin(around), up])
+    return np.asarray(radius * np.cbrt(u[2]) * displacement)

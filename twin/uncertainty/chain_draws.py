@@ -222,7 +222,7 @@ class ChainDraws:
         place = self.of_robot(count, "stall-node")
         duration = to_nanoseconds(stalls.model.ppf(self.of_robot(count, "stall")))
         column = np.broadcast_to(np.arange(len(self.numbers)), duration.shape)
-        node = choose(len(self.own.chain), place)
+        node = choose_distinct(len(self.own.chain), place)
         return Standstills("stall", node.ravel(), column.ravel(), duration.ravel())
 
     def _arrivals(
@@ -310,7 +310,7 @@ class ChainDraws:
         return np.asarray(lost & kinds[:, None])
 
 
-def choose(n: int, u: Array) -> Indices:
+def choose_distinct(n: int, u: Array) -> Indices:
     """Return distinct numbers below n, every choice equally likely.
 
     Floyd's algorithm: one uniform a number, none redrawn.

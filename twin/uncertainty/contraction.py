@@ -16,7 +16,7 @@ import numpy.typing as npt
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import EVER, NodeChain, TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
-from twin.uncertainty.stops import Stops
+from twin.uncertainty.stop_times import Stops
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Contraction:
         return tuple(starts), tuple(ends)
 
 
-def uncontracted(tpg: TemporalPlanGraph) -> Contraction:
+def trivial_contraction(tpg: TemporalPlanGraph) -> Contraction:
     """Return a graph with every node as a segment of its own."""
     return Contraction(tpg, tuple(np.arange(len(own) + 1) for own in tpg.chains))
 

@@ -26,7 +26,7 @@ from twin.uncertainty.disturbances import Disturbances, Speed
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.least_durations import least_ns
 from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
-from twin.uncertainty.stops import Stops, sample_stops
+from twin.uncertainty.stop_times import Stops, draw_stops
 
 _MOST_VALUES = 4_000_000
 """Times of nodes that are drawn at once: it bounds the memory."""
@@ -225,7 +225,7 @@ class NodeTimeSampler:
             fails.append(int(failed[0]))
             loses.append(bool(lost[0]))
             overrides.append(override[:, 0])
-        stops = sample_stops(
+        stops = draw_stops(
             self._tpg, self._disturbances, seed=seed, replication=replication
         )
         return NodeTimes(

@@ -75,17 +75,17 @@ def _least(chain: NodeChain, robot: PlacedRobot) -> Array:
 def _binding(chain: NodeChain, robot: PlacedRobot) -> list[str]:
     """Return what is nearest to its limit in each node: a joint, or the speed of the tool."""
     drive, limits, names = chain.drive, robot.limits, robot.model.joint_names
-    way = np.abs(np.diff(node_ends(chain, 0, len(chain)), axis=0))
-    share = way / robot.model.velocity
+    displacement = np.abs(np.diff(node_ends(chain, 0, len(chain)), axis=0))
+    share = displacement / robot.model.velocity
     if drive is None or limits is None:
         return [names[k] for k in np.argmax(share, axis=1)]
-    share = way / limits.velocity
+    share = displacement / limits.velocity
     moves = drive.ramp > 0.0
     cruise, ramp, lag = (
         np.where(moves, values, 1.0)[:, None]
         for values in (drive.cruise, drive.ramp, drive.lag)
     )
-    speed = way / cruise
+    speed = displacement / cruise
     by_kind = speed / limits.velocity, speed / ramp / limits.acceleration
     shares = np.maximum.reduce([*by_kind, 2.0 * speed / (ramp * lag) / limits.jerk])
     joints = np.argmax(np.where(moves[:, None], shares, share), axis=1)

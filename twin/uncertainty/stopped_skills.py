@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from planning.timing.braking import StoppedPath, stopped_path
+from planning.timing.braking import StoppedPath, stop_along_path
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import skill_motion
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.uncertainty.stops import NEVER
+from twin.uncertainty.stop_times import NEVER
 
 NextStop = Callable[[int], tuple[int, int]]
 """Begin and end of the first stop of a robot that is not over at a time, all in nanoseconds."""
@@ -55,4 +55,4 @@ def stopped_skill(
         return begin / NANOSECONDS, end / NANOSECONDS
 
     slower = duration_ns / NANOSECONDS / motion.seconds
-    return stopped_path(limits, motion, slower, begin_ns / NANOSECONDS, in_seconds)
+    return stop_along_path(limits, motion, slower, begin_ns / NANOSECONDS, in_seconds)

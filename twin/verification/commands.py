@@ -67,7 +67,7 @@ def verify(
     from planning.cell.workcell import NO_ERROR
     from scheduling.verification.verify import verify_plan
     from twin.audit.worlds.engines import engine_named
-    from twin.host.progress import StageDisplay, of_stage
+    from twin.host.progress import StageDisplay, stage_progress
     from twin.trial.plan_result import plan_of_run
     from twin.verification.standing_states import audit_standing_states
 
@@ -82,7 +82,7 @@ def verify(
             tpg,
             base_error=off,
             deviation=away,
-            progress=of_stage(display, "verification"),
+            progress=stage_progress(display, "verification"),
         )
         standing = audit_standing_states(tpg, display, engine) if adversary else None
     ok = report.ok and not (standing and standing.violations)
@@ -134,13 +134,13 @@ def _millimetres(report: VerificationReport) -> str:
 def _content(
     ok: bool, report: VerificationReport, standing: AdversaryReport | None
 ) -> dict[str, object]:
-    from twin.host.atomic_files import finite
+    from twin.host.atomic_files import finite_or_none
 
     content: dict[str, object] = {
         "ok": ok,
         "pairs_checked": report.pairs_checked,
-        "min_distance_robots_m": finite(report.min_distance_robots_m),
-        "min_distance_objects_m": finite(report.min_distance_objects_m),
+        "min_distance_robots_m": finite_or_none(report.min_distance_robots_m),
+        "min_distance_objects_m": finite_or_none(report.min_distance_objects_m),
         "problems": [{"kind": p.kind, "message": p.message} for p in report.problems],
         "adversary": None,
     }
@@ -152,7 +152,7 @@ def _content(
         content["adversary"] = {
             "states": standing.states,
             "engine": standing.engine,
-            "min_distance_m": finite(standing.min_distance_m),
+            "min_distance_m": finite_or_none(standing.min_distance_m),
             "violations": [
                 {**asdict(state), **asdict(violation)}
                 for state, violation in standing.violations

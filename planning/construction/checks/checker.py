@@ -9,19 +9,19 @@ import numpy as np
 from planning.cell.workcell import Attachment, PlacedRobot, Workcell
 from planning.construction.checks.moving_checks import (
     CHECKS,
-    clear_throughout,
-    configuration_clear,
-    motion_clear,
+    is_clear_throughout,
+    is_configuration_clear,
+    is_motion_clear,
 )
-from planning.construction.checks.scene import Limits, StillBoxes, lay_out
+from planning.construction.checks.scene import Limits, StillBoxes, make_scene
 from planning.construction.world.fixed_world import FixedWorld
-from planning.construction.world.fleet import make_carrier
+from planning.construction.world.fleet import make_loaded_robot
 from planning.construction.world.timeline import HandChange
 from planning.geometry.robot_bodies import (
     RobotBodies,
     cell_entities,
-    held_by,
     limits_of_entities,
+    objects_held_by,
 )
 from planning.geometry.standing import StandingBoxes, box_limits, stand_boxes
 from planning.geometry.swept import SKIP
@@ -70,8 +70,10 @@ class SpaceTimeChecker:
         self.home = placed.home
         if held is None:
             held = _held_by(world, robot, start)
-        hand = held_by(robot, ((cell.object(name), at) for name, at in held.items()))
-        mover = make_carrier(placed, hand)
+        hand = objects_held_by(
+            robot, ((cell.object(name), at) for name, at in held.items())
+        )
+        mover = make_loaded_robot(placed, hand)
         others = [
             (other, world.robots[other.name], _changes_but(world, other.name, held))
             for other in cell.robots
@@ -82,7 +84,7 @@ class SpaceTimeChecker:
         self._carriers = [mover, *carriers]
         numbers = cell_entities(cell)
         boxes, times = _still_boxes(world, held, start)
-        self.scene = lay_out(
+        self.scene = make_scene(
             self._carriers,
             numbers,
             tracks,
@@ -103,14 +105,14 @@ class SpaceTimeChecker:
 
     def configuration_free(self, q: Array, t: float) -> bool:
         """Tell whether the robot may be at ``q``, shape (n,), at time ``t``."""
-        return bool(configuration_clear(self.scene, _c(q), float(t)))
+        return bool(is_configuration_clear(self.scene, _c(q), float(t)))
 
     def motion_free(self, q0: Array, t0: float, q1: Array, t1: float) -> bool:
         """Tell whether the whole straight motion from (q0, t0) to (q1, t1) is free.
 
         Speeds are not looked at.
         """
-        return bool(motion_clear(self.scene, _c(q0), float(t0), _c(q1), float(t1)))
+        return bool(is_motion_clear(self.scene, _c(q0), float(t0), _c(q1), float(t1)))
 
     def skill_free(self, path: Array, start: float, end: float) -> bool:
         """Tell whether a skill is free: all of its path, during all of a span of time.
@@ -121,7 +123,7 @@ class SpaceTimeChecker:
             start, end: the span [s].
         """
         return all(
-            clear_throughout(self.scene, a, b, float(start), float(end))
+            is_clear_throughout(self.scene, a, b, float(start), float(end))
             for a, b in straight_runs(path)
         )
 
@@ -167,15 +169,17 @@ def _still_boxes(
     Objects that somebody holds, and those that are gone before the start, are left out.
     """
     items = [item for item in world.cell.objects if item.name not in held]
-    lying = [
+    placed = [
         (item.shape.placed(item.name, rest.pose), rest)
         for item in items
         for rest in world.rests(item.name)
         if rest.end > start
     ]
-    boxes = stand_boxes(world.cell.fixtures, [p for pieces, _ in lying for p in pieces])
+    boxes = stand_boxes(
+        world.cell.fixtures, [p for pieces, _ in placed for p in pieces]
+    )
     always = np.full(boxes.fixtures, np.inf)
-    spans = [(rest.start, rest.end) for pieces, rest in lying for _ in pieces]
+    spans = [(rest.start, rest.end) for pieces, rest in placed for _ in pieces]
     come, go = np.array(spans).reshape(-1, 2).T
     return boxes, (np.append(-always, come), np.append(always, go))
 

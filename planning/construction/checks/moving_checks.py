@@ -10,14 +10,19 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, float64
 
-from planning.construction.checks.scene import Checks, MoverScene, own_at, sweep_stretch
-from planning.construction.checks.still_checks import STILL, still_clear
+from planning.construction.checks.scene import (
+    Checks,
+    MoverScene,
+    interpolate_configuration,
+    sweep_stretch,
+)
+from planning.construction.checks.still_checks import STILL, is_clear_of_still_objects
 from planning.construction.world.fleet import bodies_of, set_motion
 from planning.construction.world.tracks import pieces_at
-from planning.geometry.distance import boxes_apart
+from planning.geometry.distance import are_boxes_apart
 from planning.geometry.hull_table import HullTable
-from planning.geometry.moving_pairs import pieces_apart
-from planning.geometry.swept import go_along, sweep_piece
+from planning.geometry.moving_pairs import are_pieces_apart
+from planning.geometry.swept import set_stretch, sweep_piece
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.packed import ROW, SharedKernel
 from planning.transforms import Array
@@ -63,7 +68,9 @@ def _first_meeting(
         clear = True
         for k in range(tracks):
             p, q = _near_pieces(scene, near[k], begin, finish)
-            if p < q and not (single and clear_of_pieces(scene, p, q, begin, finish)):
+            if p < q and not (
+                single and is_clear_of_pieces(scene, p, q, begin, finish)
+            ):
                 clear = False
                 break
         if clear:
@@ -105,23 +112,23 @@ def _near_pieces(
     first, last = tracks.first[track], tracks.first[track + 1]
     start, end, box = tracks.pieces.start, tracks.pieces.end, tracks.sweeps.box
     p, q = pieces_at(start, end, first, last, begin, finish)
-    while p < q and boxes_apart(scene.own.sweeps.box, ZERO, box, p, scene.widest):
+    while p < q and are_boxes_apart(scene.own.sweeps.box, ZERO, box, p, scene.widest):
         p += 1
     return p, q
 
 
 @inner_kernel
-def clear_of_tracks(scene: MoverScene, begin: float, finish: float) -> bool:
+def is_clear_of_tracks(scene: MoverScene, begin: float, finish: float) -> bool:
     """Check the swept robot against all pieces in a span."""
     for r in range(len(scene.tracks.first) - 1):
         p, q = _near_pieces(scene, r, begin, finish)
-        if p < q and not clear_of_pieces(scene, p, q, begin, finish):
+        if p < q and not is_clear_of_pieces(scene, p, q, begin, finish):
             return False
     return True
 
 
 @inner_kernel
-def clear_of_pieces(
+def is_clear_of_pieces(
     scene: MoverScene, p: int, q: int, begin: float, finish: float
 ) -> bool:
     """Check the swept robot against pieces ``range(p, q)`` of one track within a span."""
@@ -129,7 +136,7 @@ def clear_of_pieces(
     tracks, bodies, entity = scene.tracks, scene.fleet.body_first, scene.entity
     mine = (own.hulls, own.sweeps, ZERO, entity[: bodies[1]])
     for i in range(p, q):
-        if boxes_apart(own.sweeps.box, ZERO, tracks.sweeps.box, i, widest):
+        if are_boxes_apart(own.sweeps.box, ZERO, tracks.sweeps.box, i, widest):
             continue
         v = tracks.carrier[i]
         hulls, names = bodies_of(scene.fleet, v), entity[bodies[v] : bodies[v + 1]]
@@ -137,7 +144,9 @@ def clear_of_pieces(
         if _clip(scene, hulls, i, begin, finish):
             swept, piece = scene.other, ZERO
         theirs = (hulls, swept, piece, names)
-        if not pieces_apart(mine, theirs, limits, widest, scene.pairs, scene.scratch):
+        if not are_pieces_apart(
+            mine, theirs, limits, widest, scene.pairs, scene.scratch
+        ):
             return False
     return True
 
@@ -165,13 +174,13 @@ def _clip(
     y = min(max((finish - start) / (end - start), 0.0), 1.0)
     # Configurations of pieces are padded to the most joints.
     n = len(q_a)
-    go_along(hulls, pieces.q_a[piece, :n], pieces.q_b[piece, :n], x, y)
+    set_stretch(hulls, pieces.q_a[piece, :n], pieces.q_b[piece, :n], x, y)
     sweep_piece(hulls, q_a, q_b, ZERO, scene.other, scene.other_room)
     return True
 
 
 @inner_kernel
-def met_by_robots(
+def first_conflict_time(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
 ) -> float:
     """Return when a motion is in the way of other robots, infinity for never [s].
@@ -179,18 +188,18 @@ def met_by_robots(
     Some places on it are looked at first, so it need not be the first such time.
     """
     q = np.empty_like(q0)
-    if worth_probing(q0, t0, q1, t1):
+    if needs_probing(q0, t0, q1, t1):
         for share in (0.5, 0.25, 0.75):
             t = t0 + share * (t1 - t0)
-            own_at(q0, t0, q1, t1, t, q)
+            interpolate_configuration(q0, t0, q1, t1, t, q)
             sweep_stretch(scene, q, t, q, t, t, t)
-            if not clear_of_tracks(scene, t, t):
+            if not is_clear_of_tracks(scene, t, t):
                 return t
-    return first_meeting(scene, q0, t0, q1, t1)
+    return first_meeting_time(scene, q0, t0, q1, t1)
 
 
 @inner_kernel
-def left_by_robots(scene: MoverScene, q: Array, t: float, latest: float) -> float:
+def earliest_free_time(scene: MoverScene, q: Array, t: float, latest: float) -> float:
     """Return from when on other robots leave room to be at a place [s].
 
     Args:
@@ -209,9 +218,9 @@ def left_by_robots(scene: MoverScene, q: Array, t: float, latest: float) -> floa
             last = tracks.first[r + 1]
             p, _ = pieces_at(start, end, tracks.first[r], last, t, t)
             while p < last and start[p] <= t + 1e-9 and t < latest:
-                if boxes_apart(around, ZERO, box, p, widest):
+                if are_boxes_apart(around, ZERO, box, p, widest):
                     break
-                if clear_of_pieces(scene, p, p + 1, start[p], end[p]):
+                if is_clear_of_pieces(scene, p, p + 1, start[p], end[p]):
                     break
                 t, waited = end[p], True
                 p += 1
@@ -219,7 +228,7 @@ def left_by_robots(scene: MoverScene, q: Array, t: float, latest: float) -> floa
 
 
 @inner_kernel
-def worth_probing(q0: Array, t0: float, q1: Array, t1: float) -> bool:
+def needs_probing(q0: Array, t0: float, q1: Array, t1: float) -> bool:
     """Tell whether a motion is so long that places on it are looked at before all of it."""
     widest = t1 - t0
     for j in range(len(q0)):
@@ -228,7 +237,7 @@ def worth_probing(q0: Array, t0: float, q1: Array, t1: float) -> bool:
 
 
 @kernel
-def clear_throughout(
+def is_clear_throughout(
     scene: MoverScene, q0: Array, q1: Array, lo: float, hi: float
 ) -> bool:
     """Tell whether a straight motion is clear of everything, wherever it is in a span.
@@ -238,36 +247,38 @@ def clear_throughout(
         q0, q1: ends of the motion, shape (n,).
         lo, hi: the span [s].
     """
-    if not still_clear(scene, q0, lo, q1, hi, hi - lo):
+    if not is_clear_of_still_objects(scene, q0, lo, q1, hi, hi - lo):
         return False
     size = scene.step / (1 << scene.halvings)
     begin = np.floor(lo / size + 1e-6) * size
     finish = np.ceil(hi / size - 1e-6) * size
     sweep_stretch(scene, q0, lo, q1, hi, lo, hi)
-    return clear_of_tracks(scene, begin, finish)
+    return is_clear_of_tracks(scene, begin, finish)
 
 
 def _configuration_clear(scene: MoverScene, q: Array, t: float) -> bool:
     # Robots are what is mostly in the way of what is asked for at one instant.
     sweep_stretch(scene, q, t, q, t, t, t)
-    return clear_of_tracks(scene, t, t) and still_clear(scene, q, t, q, t, 0.0)
+    return is_clear_of_tracks(scene, t, t) and is_clear_of_still_objects(
+        scene, q, t, q, t, 0.0
+    )
 
 
 def _motion_clear(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
 ) -> bool:
     """Tell whether a whole motion is clear: its end and its middle first."""
-    if not configuration_clear(scene, q1, t1):
+    if not is_configuration_clear(scene, q1, t1):
         return False
-    if worth_probing(q0, t0, q1, t1):
+    if needs_probing(q0, t0, q1, t1):
         q, middle = np.empty_like(q0), 0.5 * (t0 + t1)
-        own_at(q0, t0, q1, t1, middle, q)
-        if not configuration_clear(scene, q, middle):
+        interpolate_configuration(q0, t0, q1, t1, middle, q)
+        if not is_configuration_clear(scene, q, middle):
             return False
     # It takes many more stretches to tell that it is clear of what lies still.
-    return first_meeting(scene, q0, t0, q1, t1) == np.inf and still_clear(
-        scene, q0, t0, q1, t1, 0.0
-    )
+    return first_meeting_time(
+        scene, q0, t0, q1, t1
+    ) == np.inf and is_clear_of_still_objects(scene, q0, t0, q1, t1, 0.0)
 
 
 CHECKS = Checks(
@@ -282,7 +293,7 @@ _motion = CHECKS.motion.call_of("motion")
 
 
 @inner_kernel
-def first_meeting(
+def first_meeting_time(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
 ) -> float:
     """Return up to when a motion is clear of robots that move, infinity where all of it is [s]."""
@@ -290,12 +301,14 @@ def first_meeting(
 
 
 @kernel
-def configuration_clear(scene: MoverScene, q: Array, t: float) -> bool:
+def is_configuration_clear(scene: MoverScene, q: Array, t: float) -> bool:
     """Tell whether the robot may be at ``q``, shape (n,), at one instant."""
     return bool(_configuration(scene, (q, float(t))))
 
 
 @kernel
-def motion_clear(scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float) -> bool:
+def is_motion_clear(
+    scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
+) -> bool:
     """Tell whether a whole motion is clear."""
     return bool(_motion(scene, (q0, float(t0), q1, float(t1))))

@@ -7,18 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.world.fleet import Carrier, Fleet, make_fleet
+from planning.construction.world.fleet import LoadedRobot, RobotFleet, make_fleet
 from planning.construction.world.timeline import STEP
 from planning.construction.world.tracks import Tracks
 from planning.geometry.hull_table import HullTable
-from planning.geometry.separation import Scratch, room_for
+from planning.geometry.separation import Scratch, make_scratch_for
 from planning.geometry.swept import (
     SweepRoom,
     Sweeps,
     SweptBodies,
+    empty_sweeps,
+    make_sweep_room,
     make_swept,
-    no_sweeps,
-    room_to_sweep,
     sweep_bodies,
 )
 from planning.kernels import inner_kernel
@@ -104,7 +104,7 @@ class MoverScene(NamedTuple):
     own: SweptBodies
     ends: Array
     above: HullTable
-    fleet: Fleet
+    fleet: RobotFleet
     entity: Indices
     tracks: Tracks
     boxes: StillBoxes
@@ -125,8 +125,8 @@ class MoverScene(NamedTuple):
     motion: SharedKernel
 
 
-def lay_out(
-    carriers: Sequence[Carrier],
+def make_scene(
+    carriers: Sequence[LoadedRobot],
     numbers: Mapping[str, int],
     tracks: Tracks,
     boxes: StillBoxes,
@@ -164,20 +164,22 @@ def lay_out(
             STEP,
             HALVINGS,
             max(0.0, *(float(t.max(initial=0.0)) for t in limits)),
-            packed(no_sweeps([bodies], [capsules])),
-            room_to_sweep(most, capsules),
+            packed(empty_sweeps([bodies], [capsules])),
+            make_sweep_room(most, capsules),
             np.zeros(max(len(tracks.first), len(boxes.pose)), dtype=np.int64),
             np.zeros(pairs, dtype=np.int64),
             np.arange(max(bodies, len(boxes.pose))),
             np.zeros((256, 3)),
-            room_for(most, most, corners, corners),
+            make_scratch_for(most, most, corners, corners),
             *checks,
         )
     )
 
 
 @inner_kernel
-def own_at(q0: Array, t0: float, q1: Array, t1: float, t: float, out: Array) -> None:
+def interpolate_configuration(
+    q0: Array, t0: float, q1: Array, t1: float, t: float, out: Array
+) -> None:
     """Write where a robot is at a time that goes straight from (q0, t0) to (q1, t1)."""
     share = 1.0
     if t < t1:
@@ -190,10 +192,10 @@ def own_at(q0: Array, t0: float, q1: Array, t1: float, t: float, out: Array) -> 
 def sweep_stretch(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float, lo: float, hi: float
 ) -> None:
-    """Sweep the robot on the part from ``lo`` to ``hi`` of a motion; see ``own_at``."""
+    """Sweep the robot on the part from ``lo`` to ``hi`` of a motion; see ``interpolate_configuration``."""
     q_a, q_b, ends = scene.own.hulls.q_a[0], scene.own.hulls.q_b[0], scene.ends
-    own_at(q0, t0, q1, t1, lo, ends[0])
-    own_at(q0, t0, q1, t1, hi, ends[1])
+    interpolate_configuration(q0, t0, q1, t1, lo, ends[0])
+    interpolate_configuration(q0, t0, q1, t1, hi, ends[1])
     # What is checked against what lies still is often checked against robots next.
     known = True
     for j in range(len(q_a)):

@@ -8,11 +8,15 @@ from __future__ import annotations
 from numba import boolean, float64
 
 from planning.construction.checks.scene import MoverScene, sweep_stretch
-from planning.geometry.clearing import pose_above
-from planning.geometry.distance import boxes_apart
-from planning.geometry.moving_pairs import pairs_apart
-from planning.geometry.separation import APART, judge_hulls
-from planning.geometry.swept import NOWHERE, strays_at_box, strays_where_they_meet
+from planning.geometry.clearing import pose_joints_above
+from planning.geometry.distance import are_boxes_apart
+from planning.geometry.moving_pairs import are_pairs_apart
+from planning.geometry.separation import APART, check_hulls_continuously
+from planning.geometry.swept import (
+    NOWHERE,
+    deviation_bound_at_box,
+    deviation_bound_where_meeting,
+)
 from planning.kernels import ZERO, inner_kernel
 from planning.packed import ROW, SharedKernel
 from planning.transforms import Array
@@ -45,7 +49,7 @@ def _still_clear(
     for b in range(len(bounds)):
         if (start[b] >= t1 and t1 > t0) or start[b] > t1 or end[b] <= t0:
             continue
-        if not boxes_apart(around, ZERO, bounds, b, widest):
+        if not are_boxes_apart(around, ZERO, bounds, b, widest):
             near[boxes] = b
             boxes += 1
     stack = scene.stack
@@ -75,7 +79,7 @@ _call = STILL.call_of("still")
 
 
 @inner_kernel
-def still_clear(
+def is_clear_of_still_objects(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float, leeway: float
 ) -> bool:
     """Tell what _still_clear tells, which is compiled once for all that ask."""
@@ -96,20 +100,20 @@ def _meet_boxes(scene: MoverScene, boxes: int, lo: float, hi: float) -> int:
         x = near[k]
         if (start[x] >= hi and hi > lo) or start[x] > hi or end[x] <= lo:
             continue
-        if boxes_apart(around, ZERO, bounds, x, widest):
+        if are_boxes_apart(around, ZERO, bounds, x, widest):
             continue
         for o in range(len(own_box)):
             limit = limits[o, x]
-            if limit < 0.0 or boxes_apart(own_box, o, bounds, x, limit):
+            if limit < 0.0 or are_boxes_apart(own_box, o, bounds, x, limit):
                 continue
-            strayed = strays_at_box(own, o, pose[x], half[x], limit)
+            strayed = deviation_bound_at_box(own, o, pose[x], half[x], limit)
             if strayed > _RESOLUTION:
                 return _SPLIT
             if strayed != NOWHERE:
                 pairs[count] = o * len(bounds) + x
                 count += 1
     mine, boxes_there = (own.hulls, counting), (still.hulls, counting[: len(bounds)])
-    if count == 0 or pairs_apart(
+    if count == 0 or are_pairs_apart(
         pairs, count, mine, boxes_there, limits, scene.scratch
     ):
         return _CLEAR
@@ -124,16 +128,16 @@ def _meet_self(scene: MoverScene) -> int:
     for o in range(len(box)):
         for p in range(o):
             limit = limits[p, o]
-            if limit < 0.0 or boxes_apart(box, o, box, p, limit):
+            if limit < 0.0 or are_boxes_apart(box, o, box, p, limit):
                 continue
             # Seen from the joint that carries the lower body, only the joints above it move.
             root = min(joint[p], joint[o])
-            strayed = strays_where_they_meet(own, o, p, root, limit, _RESOLUTION)
+            strayed = deviation_bound_where_meeting(own, o, p, root, limit, _RESOLUTION)
             if strayed > _RESOLUTION:
                 return _SPLIT
             if strayed == NOWHERE:
                 continue
-            pose_above(own.hulls, above, root, scratch)
-            if judge_hulls(above, o, above, p, limit, scratch) != APART:
+            pose_joints_above(own.hulls, above, root, scratch)
+            if check_hulls_continuously(above, o, above, p, limit, scratch) != APART:
                 return _BLOCKED if strayed < _FINEST else _SPLIT
     return _CLEAR

@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.construction.checks.checker import SpaceTimeChecker, straight_runs
-from planning.construction.checks.moving_checks import clear_of_pieces
+from planning.construction.checks.moving_checks import is_clear_of_pieces
 from planning.construction.checks.scene import MoverScene, sweep_stretch
-from planning.construction.checks.still_checks import still_clear
+from planning.construction.checks.still_checks import is_clear_of_still_objects
 from planning.construction.world.timeline import STEP
 from planning.construction.world.tracks import pieces_at
-from planning.geometry.distance import boxes_apart
+from planning.geometry.distance import are_boxes_apart
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Array
 
@@ -48,9 +48,9 @@ def arrival_windows(
     free = np.ones(max(last - first, 0), dtype=np.bool_)
     for part, path in parts:
         for a, b in straight_runs(path):
-            strike_out(part.scene, a, b, first, free)
+            mark_blocked_cells(part.scene, a, b, first, free)
     out = np.empty((len(free) // 2 + 1, 2))
-    spans = out[: spans_of(free, first, STEP, out)]
+    spans = out[: write_free_spans(free, first, STEP, out)]
     opens = np.maximum(spans[:, 0], earliest)
     ends = np.full(len(spans), np.inf)
     finite = np.isfinite(spans[:, 1])
@@ -60,7 +60,7 @@ def arrival_windows(
 
 
 @kernel
-def strike_out(
+def mark_blocked_cells(
     scene: MoverScene,
     q0: Array,
     q1: Array,
@@ -77,13 +77,13 @@ def strike_out(
     """
     cells, step = len(free), scene.step
     begin, finish = first * step, (first + cells) * step
-    clear = still_clear(scene, q0, begin, q1, finish, finish - begin)
+    clear = is_clear_of_still_objects(scene, q0, begin, q1, finish, finish - begin)
     k = cells * int(clear)
     while k < cells:
         # Until something comes to lie there or is taken away, one cell is like another.
         same = _unchanged(scene, first + k, first + cells, step) - first
         lo, hi = (first + k) * step, (first + same) * step
-        if not still_clear(scene, q0, lo, q1, hi, hi - lo):
+        if not is_clear_of_still_objects(scene, q0, lo, q1, hi, hi - lo):
             free[k:same] = False
         k = same
     sweep_stretch(scene, q0, begin, q1, finish, begin, finish)
@@ -93,14 +93,14 @@ def strike_out(
     for r in range(len(firsts) - 1):
         p, q = pieces_at(start, end, firsts[r], firsts[r + 1], begin, finish)
         for i in range(p, q):
-            if boxes_apart(around, ZERO, box, i, widest):
+            if are_boxes_apart(around, ZERO, box, i, widest):
                 continue
             low = int(np.floor(max(start[i], begin) / step + 1e-6)) - first
             high = int(np.ceil(min(end[i], finish) / step - 1e-6)) - first
             struck = True
             for k in range(max(low, 0), min(high, cells)):
                 struck = struck and not free[k]
-            if struck or clear_of_pieces(scene, i, i + 1, start[i], end[i]):
+            if struck or is_clear_of_pieces(scene, i, i + 1, start[i], end[i]):
                 continue
             for k in range(max(low, 0), min(high, cells)):
                 free[k] = False
@@ -122,7 +122,9 @@ def _unchanged(scene: MoverScene, cell: int, last: int, step: float) -> int:
 
 
 @kernel
-def spans_of(free: npt.NDArray[np.bool_], first: int, step: float, out: Array) -> int:
+def write_free_spans(
+    free: npt.NDArray[np.bool_], first: int, step: float, out: Array
+) -> int:
     """Write the spans of time that free cells make up; return how many there are.
 
     Args:

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.construction.checks.scene import MoverScene
-from planning.construction.checks.still_checks import still_clear
-from planning.construction.paths.query import Query, chain_to
+from planning.construction.checks.still_checks import is_clear_of_still_objects
+from planning.construction.paths.query import Query, tree_branch
 from planning.kernels import copy_row, inner_kernel, kernel
 from planning.transforms import Array
 
@@ -60,8 +60,8 @@ def base_path(scene: MoverScene, query: Query, goal: int, most: int) -> Array:
         the goal but for the arm, which is at HOME: both are free to touch something.
     """
     lattice = lay_lattice(query, goal, SPACING)
-    way, times = lattice_way(scene, query, goal, lattice, most)
-    corners: Array = _corners(scene, way, times)
+    path, times = lattice_path(scene, query, goal, lattice, most)
+    corners: Array = _corners(scene, path, times)
     return corners
 
 
@@ -90,7 +90,9 @@ def lay_lattice(query: Query, goal: int, spacing: float) -> Lattice:
 
 
 @kernel
-def stand_at(query: Query, goal: int, lattice: Lattice, at: int, q: Array) -> None:
+def write_base_configuration(
+    query: Query, goal: int, lattice: Lattice, at: int, q: Array
+) -> None:
     """Write the configuration at a place: arm at HOME, turned the more the nearer the goal is.
 
     The first place stands for the start itself, the last one for the goal.
@@ -108,7 +110,7 @@ def stand_at(query: Query, goal: int, lattice: Lattice, at: int, q: Array) -> No
 
 
 @kernel
-def lattice_way(
+def lattice_path(
     scene: MoverScene, query: Query, goal: int, lattice: Lattice, most: int
 ) -> tuple[Array, Array]:
     """Return the shortest way over the lattice, from place to neighbouring place.
@@ -139,16 +141,16 @@ def lattice_way(
         if cost[at] < np.inf or taken[at]:
             continue
         if source >= 0 and at != lattice.last:
-            stand_at(query, goal, lattice, at, q)
+            write_base_configuration(query, goal, lattice, at, q)
             t, clear = begin + length / speed, False
             if source != lattice.first:
                 looked += 1
-                stand_at(query, goal, lattice, source, before)
+                write_base_configuration(query, goal, lattice, source, before)
                 since = t - _between(lattice, source, at) / speed
-                clear = still_clear(scene, before, since, q, t, 0.0)
+                clear = is_clear_of_still_objects(scene, before, since, q, t, 0.0)
             if not clear:
                 looked += 1
-                here = still_clear(scene, q, t, q, t, 0.0)
+                here = is_clear_of_still_objects(scene, q, t, q, t, 0.0)
                 taken[at] = not here
                 if source != lattice.first or not here:
                     continue
@@ -163,12 +165,12 @@ def lattice_way(
                     heapq.heappush(steps, (so_far + ahead, -so_far, to, at))
     if cost[lattice.last] == np.inf:
         return np.empty((0, n)), np.empty(0)
-    places = chain_to(parent, lattice.last)
-    way, times = np.empty((len(places), n)), np.empty(len(places))
+    places = tree_branch(parent, lattice.last)
+    path, times = np.empty((len(places), n)), np.empty(len(places))
     for c in range(len(places)):
-        stand_at(query, goal, lattice, places[c], way[c])
+        write_base_configuration(query, goal, lattice, places[c], path[c])
         times[c] = begin + cost[places[c]] / speed
-    return way, times
+    return path, times
 
 
 @inner_kernel
@@ -180,20 +182,22 @@ def _between(lattice: Lattice, a: int, b: int) -> float:
 
 
 @inner_kernel
-def _corners(scene: MoverScene, way: Array, times: Array) -> Array:
+def _corners(scene: MoverScene, path: Array, times: Array) -> Array:
     """Return places of a way, each as far from the one before as halving finds a straight drive."""
-    keep = np.zeros(len(way), dtype=np.bool_)
+    keep = np.zeros(len(path), dtype=np.bool_)
     keep[:1] = True
     at = 0
-    while at < len(way) - 1:
+    while at < len(path) - 1:
         # The next place is a neighbour.
-        good, bad, to = at + 1, len(way), len(way) - 1
+        good, bad, to = at + 1, len(path), len(path) - 1
         while good < to:
-            if still_clear(scene, way[at], times[at], way[to], times[to], 0.0):
+            if is_clear_of_still_objects(
+                scene, path[at], times[at], path[to], times[to], 0.0
+            ):
                 good = to
             else:
                 bad = to
             to = (good + bad) // 2
         at = good
         keep[at] = True
-    return way[keep]
+    return path[keep]

@@ -12,15 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.checks.moving_checks import motion_clear
-from planning.construction.checks.scene import MoverScene, own_at
+from planning.construction.checks.moving_checks import is_motion_clear
+from planning.construction.checks.scene import MoverScene, interpolate_configuration
 from planning.construction.paths.query import (
     Query,
-    arrive,
-    chain_to,
+    arrival_time,
+    draw_between,
     next_arrival,
-    random_share,
-    sample_between,
+    random_uniform,
+    tree_branch,
 )
 from planning.construction.problem.settings import RrtSettings
 from planning.kernels import ZERO, inner_kernel, kernel
@@ -54,7 +54,7 @@ class _Forest(NamedTuple):
     goal: Indices
 
 
-def grow(
+def grow_forests(
     scene: MoverScene,
     query: Query,
     settings: RrtSettings,
@@ -98,14 +98,14 @@ def _grow(
     bound: float,
     seed: int,
 ) -> tuple[Array, Array, int]:
-    """Grow two forests that are empty, see ``grow``."""
+    """Grow two forests that are empty, see ``grow_forests``."""
     n, most = len(query.start), len(ahead.t)
     state = np.zeros(1, dtype=np.uint64)
     state[0] = np.uint64(seed)
     start, gain = query.begin, settings.good_enough_s
     soonest = np.inf
     for goal in range(len(query.goals)):
-        reach = arrive(query, query.start, start, query.goals[goal])
+        reach = arrival_time(query, query.start, start, query.goals[goal])
         soonest = min(soonest, next_arrival(query, goal, reach))
     times, path = np.empty(0), np.empty((0, n))
     found = -1
@@ -125,10 +125,10 @@ def _grow(
         since += 1
         top = min(horizon, bound)
         # Goals at ever later times: with one sample in eight, and until there are a few.
-        if (roots < 4 or random_share(state) < 0.12) and back.size[0] < most - 4:
-            goal = int(random_share(state) * len(query.goals))
-            first = arrive(query, query.start, start, query.goals[goal])
-            share = random_share(state)
+        if (roots < 4 or random_uniform(state) < 0.12) and back.size[0] < most - 4:
+            goal = int(random_uniform(state) * len(query.goals))
+            first = arrival_time(query, query.start, start, query.goals[goal])
+            share = random_uniform(state)
             at = first + (max(top, first) - first) * share * share
             at = next_arrival(query, goal, at)
             if at <= bound and at - first < 1e9:
@@ -140,11 +140,11 @@ def _grow(
         behind = back.size[0]
         if behind == 0:
             continue
-        root = _root_in_time(back, int(random_share(state) * behind), bound)
+        root = _root_in_time(back, int(random_uniform(state) * behind), bound)
         if root < 0:
             roots = 0
             continue
-        t = sample_between(query, back.goal[root], back.t[root], state, q)
+        t = draw_between(query, back.goal[root], back.t[root], state, q)
         tree, other = (ahead, back) if forward else (back, ahead)
         forward = not forward
         near = _nearest_node(query, tree, q, t, settings.weight, bound)
@@ -180,9 +180,9 @@ def _hurry(
     """Go straight to the goal from where on the path that leads there soonest."""
     best, at = times[-1], -1
     for i in range(len(times) - 2, -1, -1):
-        soon = arrive(query, path[i], times[i], query.goals[goal])
+        soon = arrival_time(query, path[i], times[i], query.goals[goal])
         arrival = next_arrival(query, goal, soon)
-        if arrival < best - _TINY and motion_clear(
+        if arrival < best - _TINY and is_motion_clear(
             scene, path[i], times[i], query.goals[goal], arrival
         ):
             best, at = arrival, i
@@ -295,13 +295,13 @@ def _extend(
     for _ in range(3):
         if forest.forward:
             end = t if span >= t - tn - _TINY else tn + span
-            own_at(forest.q[near], tn, q, t, end, out)
-            if motion_clear(scene, forest.q[near], tn, out, end):
+            interpolate_configuration(forest.q[near], tn, q, t, end, out)
+            if is_motion_clear(scene, forest.q[near], tn, out, end):
                 return True, end
         else:
             end = t if span >= tn - t - _TINY else tn - span
-            own_at(q, t, forest.q[near], tn, end, out)
-            if motion_clear(scene, out, end, forest.q[near], tn):
+            interpolate_configuration(q, t, forest.q[near], tn, end, out)
+            if is_motion_clear(scene, out, end, forest.q[near], tn):
                 return True, end
         span *= 0.4
         if span < 0.02:
@@ -312,7 +312,7 @@ def _extend(
 @inner_kernel
 def _join(ahead: _Forest, a: int, back: _Forest, b: int) -> tuple[Array, Array, int]:
     """Return times and configurations from the start through two nodes to a goal."""
-    first, then = chain_to(ahead.parent, a), chain_to(back.parent, b)[::-1]
+    first, then = tree_branch(ahead.parent, a), tree_branch(back.parent, b)[::-1]
     times = np.concatenate((ahead.t[first], back.t[then]))
     path = np.concatenate((ahead.q[first], back.q[then]))
     return times, path, back.goal[back.root[b]]

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.construction.checks.moving_checks import first_meeting
+from planning.construction.checks.moving_checks import first_meeting_time
 from planning.construction.checks.scene import MoverScene
-from planning.construction.checks.still_checks import still_clear
+from planning.construction.checks.still_checks import is_clear_of_still_objects
 from planning.construction.paths.query import Query, next_arrival
-from planning.kernels import inner_kernel, kernel, order_of_few
+from planning.kernels import argsort_few, inner_kernel, kernel
 from planning.transforms import Array, Indices
 
 _PLACES = 8
@@ -44,25 +44,25 @@ def direct_paths(
     for g in range(goals):
         for k in range(kinds):
             soon[g * kinds + k] = next_arrival(query, g, _soonest(query, g, k, shares))
-    times, ways = np.empty((most, _PLACES)), np.empty((most, _PLACES, n))
+    times, paths = np.empty((most, _PLACES)), np.empty((most, _PLACES, n))
     counts = np.zeros(most, dtype=np.int64)
     which = np.zeros(most, dtype=np.int64)
     found = 0
-    order = order_of_few(soon)
+    order = argsort_few(soon)
     for c in range(len(order)):
         g, k = order[c] // kinds, order[c] % kinds
         if found == most or soon[order[c]] > latest:
             break
         counts[found] = _lay(
-            query, g, k, shares, soon[order[c]], times[found], ways[found]
+            query, g, k, shares, soon[order[c]], times[found], paths[found]
         )
-        if not _still_clear(scene, times[found], ways[found], counts[found]):
+        if not _still_clear(scene, times[found], paths[found], counts[found]):
             continue
         which[found] = g
         found += 1
-        if _meets_nobody(scene, times[found - 1], ways[found - 1], counts[found - 1]):
-            return times[:found], ways[:found], counts[:found], which[:found], True
-    return times[:found], ways[:found], counts[:found], which[:found], False
+        if _meets_nobody(scene, times[found - 1], paths[found - 1], counts[found - 1]):
+            return times[:found], paths[:found], counts[:found], which[:found], True
+    return times[:found], paths[:found], counts[:found], which[:found], False
 
 
 @inner_kernel
@@ -105,7 +105,7 @@ def _lay(
     shares: int,
     arrival: float,
     times: Array,
-    way: Array,
+    path: Array,
 ) -> int:
     """Write a way that arrives at a time; return how many waypoints it has."""
     lean, back, before, after = _stands(query, goal, kind, shares)
@@ -118,15 +118,15 @@ def _lay(
     marks[0], marks[1], marks[2] = start, start + before, start + lean
     marks[3], marks[4], marks[5] = arrival - back, arrival - after, arrival
     count = 0
-    for m in order_of_few(marks):
+    for m in argsort_few(marks):
         t = min(max(marks[m], start), arrival)
         if count > 0 and t < times[count - 1] + 1e-6 and t < arrival:
             continue
         if count > 1 and t < times[count - 1] + 1e-6:
             count -= 1
         times[count] = t
-        for j in range(way.shape[1]):
-            way[count, j] = _at(
+        for j in range(path.shape[1]):
+            path[count, j] = _at(
                 query, goal, kind, j, t, before, arrival - after, arrival
             )
         count += 1
@@ -162,31 +162,31 @@ def _at(
 
 
 @inner_kernel
-def _still_clear(scene: MoverScene, times: Array, way: Array, count: int) -> bool:
+def _still_clear(scene: MoverScene, times: Array, path: Array, count: int) -> bool:
     """Tell whether a way is clear of all that lies still: places on it first, then all of it."""
-    middle = np.empty(way.shape[1])
+    middle = np.empty(path.shape[1])
     for k in range(count - 1, 0, -1):
         t = times[k]
-        if not still_clear(scene, way[k], t, way[k], t, 0.0):
+        if not is_clear_of_still_objects(scene, path[k], t, path[k], t, 0.0):
             return False
     for k in range(count - 1):
         t = 0.5 * (times[k] + times[k + 1])
         for j in range(len(middle)):
-            middle[j] = 0.5 * (way[k, j] + way[k + 1, j])
-        if not still_clear(scene, middle, t, middle, t, 0.0):
+            middle[j] = 0.5 * (path[k, j] + path[k + 1, j])
+        if not is_clear_of_still_objects(scene, middle, t, middle, t, 0.0):
             return False
     for k in range(count - 1):
-        a, s, b, t = way[k], times[k], way[k + 1], times[k + 1]
-        if not still_clear(scene, a, s, b, t, 0.0):
+        a, s, b, t = path[k], times[k], path[k + 1], times[k + 1]
+        if not is_clear_of_still_objects(scene, a, s, b, t, 0.0):
             return False
     return True
 
 
 @inner_kernel
-def _meets_nobody(scene: MoverScene, times: Array, way: Array, count: int) -> bool:
+def _meets_nobody(scene: MoverScene, times: Array, path: Array, count: int) -> bool:
     """Tell whether a way is clear of robots that move."""
     for k in range(count - 1):
-        a, s, b, t = way[k], times[k], way[k + 1], times[k + 1]
-        if first_meeting(scene, a, s, b, t) < np.inf:
+        a, s, b, t = path[k], times[k], path[k + 1], times[k + 1]
+        if first_meeting_time(scene, a, s, b, t) < np.inf:
             return False
     return True

@@ -11,20 +11,28 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.construction.checks.moving_checks import left_by_robots, met_by_robots
+from planning.construction.checks.moving_checks import (
+    earliest_free_time,
+    first_conflict_time,
+)
 from planning.construction.checks.scene import MoverScene
-from planning.construction.checks.still_checks import still_clear
-from planning.construction.paths.query import Query, arrive, chain_to, next_arrival
+from planning.construction.checks.still_checks import is_clear_of_still_objects
+from planning.construction.paths.query import (
+    Query,
+    arrival_time,
+    next_arrival,
+    tree_branch,
+)
 from planning.construction.paths.roadmap import (
     SPANS,
     Motions,
     Roadmap,
     draw_vertices,
+    empty_motions,
     find_stands,
     new_roadmap,
-    no_motions,
-    pop,
-    push,
+    pop_motion,
+    push_motion,
 )
 from planning.construction.problem.settings import RrtSettings
 from planning.kernels import ZERO, copy_row, inner_kernel, kernel
@@ -72,7 +80,7 @@ def search_roadmap(
     q, rest = draw_vertices(scene, query, extra, vertices, wide, seed)
     first = int(np.floor(query.begin / scene.step + 1e-6))
     cells = max(int(np.ceil(bound / scene.step)) - first, 1)
-    road, heap = new_roadmap(q, rest, cells), no_motions()
+    road, heap = new_roadmap(q, rest, cells), empty_motions()
     found: tuple[Array, Array, int] = _search(
         scene, query, settings, road, heap, known, first, depart, bound
     )
@@ -156,7 +164,7 @@ def _offer_neighbours(
     order = np.full(len(road.q), np.inf)
     for k in range(len(road.q)):
         if k != v and not road.blocked[v, k]:
-            order[k] = arrive(query, road.q[v], start, road.q[k])
+            order[k] = arrival_time(query, road.q[v], start, road.q[k])
     # The goals first, and from ways given to ways given, then the nearest vertices.
     given = goals if 0 < v <= goals or v > known else known
     for turn in range(given + neighbours):
@@ -196,7 +204,7 @@ def _next_state(
     while heap.size[0] > 0 and checked < most and heap.key[0] < bound - _TINY:
         depart, edge = heap.depart[0], heap.edge[0]
         source, target, tries = edge[0], edge[1], edge[2]
-        pop(heap)
+        pop_motion(heap)
         v, u, j = source // SPANS, target // SPANS, target % SPANS
         if road.blocked[v, u]:
             continue
@@ -209,11 +217,14 @@ def _next_state(
         if road.come[u, j] < np.inf:
             continue
         a, b = road.q[v], road.q[u]
-        arrival = arrive(query, a, depart, b)
+        arrival = arrival_time(query, a, depart, b)
         checked += 1
-        still, met = still_clear(scene, a, depart, b, arrival, 0.0), np.inf
+        still, met = (
+            is_clear_of_still_objects(scene, a, depart, b, arrival, 0.0),
+            np.inf,
+        )
         if still:
-            met = met_by_robots(scene, a, depart, b, arrival)
+            met = first_conflict_time(scene, a, depart, b, arrival)
         if still and met == np.inf:
             road.come[u, j], road.left[u, j] = arrival, depart
             road.parent[u, j] = source
@@ -224,7 +235,7 @@ def _next_state(
             later = np.floor(depart / step + 1e-6) * step + _LATER * (1 << tries)
             if met < np.inf:
                 there = a + (met - depart) / (arrival - depart) * (b - a)
-                until = left_by_robots(scene, there, met, bound)
+                until = earliest_free_time(scene, there, met, bound)
                 later = max(later, depart + until - met)
             _offer(query, road, heap, source, target, later, tries + 1, bound)
     return -1, checked
@@ -245,11 +256,11 @@ def _offer(
     v, i = source // SPANS, source % SPANS
     u, j = target // SPANS, target % SPANS
     lo, hi = road.spans[u, j]
-    arrival = arrive(query, road.q[v], depart, road.q[u])
+    arrival = arrival_time(query, road.q[v], depart, road.q[u])
     if arrival < lo:
         # As late as that it need not even leave.
         depart = depart + lo - arrival
-        arrival = arrive(query, road.q[v], depart, road.q[u])
+        arrival = arrival_time(query, road.q[v], depart, road.q[u])
     if (
         depart > road.spans[v, i, 1] + _TINY
         or arrival > hi
@@ -257,13 +268,13 @@ def _offer(
         or road.come[u, j] <= arrival
     ):
         return
-    push(heap, arrival + road.rest[u], depart, source, target, tries)
+    push_motion(heap, arrival + road.rest[u], depart, source, target, tries)
 
 
 @inner_kernel
 def _trace(road: Roadmap, last: int, best: float) -> tuple[Array, Array]:
     """Return the path that leads to a span of a vertex."""
-    states = chain_to(road.parent.reshape(-1), last)
+    states = tree_branch(road.parent.reshape(-1), last)
     count = len(states)
     times, path = np.empty(2 * count), np.empty((2 * count, road.q.shape[1]))
     leave = best

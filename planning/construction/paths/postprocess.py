@@ -11,10 +11,18 @@ from dataclasses import replace
 import numpy as np
 
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.checks.moving_checks import motion_clear
+from planning.construction.checks.moving_checks import is_motion_clear
 from planning.construction.checks.scene import MoverScene
-from planning.construction.checks.time_windows import spans_of, strike_out
-from planning.construction.paths.query import Query, SpaceTimePath, arrive, next_arrival
+from planning.construction.checks.time_windows import (
+    mark_blocked_cells,
+    write_free_spans,
+)
+from planning.construction.paths.query import (
+    Query,
+    SpaceTimePath,
+    arrival_time,
+    next_arrival,
+)
 from planning.kernels import copy_row, inner_kernel, kernel
 from planning.transforms import Array, Indices
 
@@ -28,7 +36,7 @@ _SPACING = 0.5
 
 
 @kernel
-def earliest_along(
+def earliest_times_along(
     scene: MoverScene, query: Query, path: Array, goal: int, latest: float
 ) -> tuple[Array, Array]:
     """Return the times at each place of a path with which it is passed as early as possible.
@@ -56,12 +64,12 @@ def earliest_along(
         for i in range(counts[k]):
             depart = come[k, i]
             while depart <= spans[k, i, 1] + _TINY:
-                arrival = arrive(query, path[k], depart, path[k + 1])
+                arrival = arrival_time(query, path[k], depart, path[k + 1])
                 if arrival >= latest:
                     break
                 m = _span_at(spans[k + 1], counts[k + 1], arrival)
                 if m >= 0:
-                    if arrival < come[k + 1, m] - _TINY and motion_clear(
+                    if arrival < come[k + 1, m] - _TINY and is_motion_clear(
                         scene, path[k], depart, path[k + 1], arrival
                     ):
                         come[k + 1, m] = arrival
@@ -89,7 +97,7 @@ def earliest_along(
 
 
 @kernel
-def latest_along(
+def latest_times_along(
     scene: MoverScene, query: Query, path: Array, arrival: float
 ) -> tuple[Array, Array]:
     """Return the times at each place of a path with which its start is left as late as possible.
@@ -115,14 +123,14 @@ def latest_along(
         return np.empty(0), np.empty(0)
     leave[places - 1, m] = arrival
     for k in range(places - 2, -1, -1):
-        lasts = arrive(query, path[k], start, path[k + 1]) - start
+        lasts = arrival_time(query, path[k], start, path[k + 1]) - start
         for m in range(counts[k + 1]):
             depart = leave[k + 1, m] - lasts
             while depart >= max(start, spans[k + 1, m, 0] - lasts) - _TINY:
                 depart = max(depart, start)
                 i = _span_at(spans[k], counts[k], depart)
                 if i >= 0:
-                    if depart > leave[k, i] + _TINY and motion_clear(
+                    if depart > leave[k, i] + _TINY and is_motion_clear(
                         scene, path[k], depart, path[k + 1], depart + lasts
                     ):
                         leave[k, i] = depart
@@ -138,7 +146,7 @@ def latest_along(
         leave_at[k] = leave[k, i]
         if k + 1 < places:
             come_at[k + 1] = leave_at[k] + (
-                arrive(query, path[k], start, path[k + 1]) - start
+                arrival_time(query, path[k], start, path[k + 1]) - start
             )
             i = after[k, i]
     return come_at, leave_at
@@ -166,8 +174,8 @@ def _stands_along(
     counts = np.zeros(len(path), dtype=np.int64)
     for k in range(len(path)):
         free[:] = True
-        strike_out(scene, path[k], path[k], first, free)
-        counts[k] = spans_of(free, first, step, spans[k])
+        mark_blocked_cells(scene, path[k], path[k], first, free)
+        counts[k] = write_free_spans(free, first, step, spans[k])
     if counts[0] == 0 or spans[0, 0, 0] > start + _TINY:
         # It cannot stay where it is, and has to leave at once.
         counts[0] = 1
@@ -184,7 +192,7 @@ def _span_at(spans: Array, count: int, t: float) -> int:
     return -1
 
 
-def shorten(
+def shortcut_path(
     checker: SpaceTimeChecker,
     found: SpaceTimePath,
     query: Query,
@@ -262,7 +270,7 @@ def _shortcut(
         if not _possible(query, bridge[k], when[k], bridge[k + 1], when[k + 1]):
             return time, path
     for k in range(len(when) - 1):
-        if not motion_clear(scene, bridge[k], when[k], bridge[k + 1], when[k + 1]):
+        if not is_motion_clear(scene, bridge[k], when[k], bridge[k + 1], when[k + 1]):
             return time, path
     return _merged(
         np.concatenate((time[:i], when, time[j:])),
@@ -270,27 +278,27 @@ def _shortcut(
     )
 
 
-def retimed(
-    checker: SpaceTimeChecker, way: SpaceTimePath, query: Query, latest: float
+def retime_with_waits(
+    checker: SpaceTimeChecker, path: SpaceTimePath, query: Query, latest: float
 ) -> SpaceTimePath | None:
     """Return the path with the earliest arrival that waits on it allow, None where there is none.
 
     Args:
         checker: who moves, and among what.
-        way: a path whose times do not matter.
+        path: a path whose times do not matter.
         query: speeds, when joints are free to move, and windows of arrival.
         latest: only an arrival before this is of use [s].
     """
-    places = _places(way.path, query)
+    places = _places(path.path, query)
     if len(places) < 2:
         return None
-    come, leave = earliest_along(checker.scene, query, places, way.goal, latest)
+    come, leave = earliest_times_along(checker.scene, query, places, path.goal, latest)
     if len(come) == 0:
         return None
-    return _timed(way, places, come, leave)
+    return _timed(path, places, come, leave)
 
 
-def delayed(
+def with_early_waits(
     checker: SpaceTimeChecker, found: SpaceTimePath, query: Query
 ) -> SpaceTimePath:
     """Return the path with waits as early on it as possible, and the same arrival, or as it is.
@@ -303,7 +311,7 @@ def delayed(
     places = _places(found.path, query)
     if len(places) < 2:
         return found
-    come, leave = latest_along(checker.scene, query, places, found.arrival)
+    come, leave = latest_times_along(checker.scene, query, places, found.arrival)
     return found if len(come) == 0 else _timed(found, places, come, leave)
 
 
@@ -381,7 +389,7 @@ def _without_corners(
             if (
                 _length(ends, query) <= _length(path[i : j + 1], query) + _GAIN
                 and _possible(query, path[i], time[i], path[j], time[j])
-                and motion_clear(scene, path[i], time[i], path[j], time[j])
+                and is_motion_clear(scene, path[i], time[i], path[j], time[j])
             ):
                 break
             j -= 1

@@ -64,7 +64,7 @@ class SpaceTimePath:
 
 
 @kernel
-def arrive(query: Query, a: Array, t: float, b: Array) -> float:
+def arrival_time(query: Query, a: Array, t: float, b: Array) -> float:
     """Return the arrival at ``b`` after a departure from ``a`` at time ``t``, obstacles aside [s]."""
     out = t
     for j in range(len(a)):
@@ -85,7 +85,7 @@ def next_arrival(query: Query, goal: int, t: float) -> float:
 
 
 @inner_kernel
-def chain_to(parent: Indices, last: int) -> Indices:
+def tree_branch(parent: Indices, last: int) -> Indices:
     """Return the nodes of a tree from its root to one of them; a root's parent is below 0."""
     count, at = 1, last
     while parent[at] >= 0:
@@ -99,7 +99,7 @@ def chain_to(parent: Indices, last: int) -> Indices:
 
 
 @inner_kernel
-def random_share(state: npt.NDArray[np.uint64]) -> float:
+def random_uniform(state: npt.NDArray[np.uint64]) -> float:
     """Return the next random number in [0, 1): splitmix64, so that a seed means one sequence."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
     z = state[0]
@@ -115,12 +115,12 @@ def random_normal(state: npt.NDArray[np.uint64]) -> float:
     """Return a random number that is nearly normal: the sum of a few uniform ones."""
     total = -3.0
     for _ in range(6):
-        total += random_share(state)
+        total += random_uniform(state)
     return 1.4142 * total
 
 
 @inner_kernel
-def sample_between(
+def draw_between(
     query: Query,
     goal: int,
     arrival: float,
@@ -128,9 +128,9 @@ def sample_between(
     out: Array,
 ) -> float:
     """Draw a place in space-time that can be reached and from which a goal can be; return its time."""
-    t = query.begin + random_share(state) * (arrival - query.begin)
+    t = query.begin + random_uniform(state) * (arrival - query.begin)
     # While a robot drives its arm had better keep out of the way.
-    leaning = random_share(state) < 0.5 and not np.all(query.leans)
+    leaning = random_uniform(state) < 0.5 and not np.all(query.leans)
     for j in range(len(out)):
         v = query.velocity[j]
         ahead, left = v * (t - query.begin), v * (arrival - t)
@@ -138,7 +138,7 @@ def sample_between(
         high = min(query.upper[j], query.start[j] + ahead)
         low = max(low, query.goals[goal, j] - left)
         high = min(high, query.goals[goal, j] + left)
-        share = random_share(state)
+        share = random_uniform(state)
         out[j] = 0.5 * (low + high) if high <= low else low + share * (high - low)
         if leaning and query.leans[j] and high > low:
             out[j] = min(max(query.rest[j], low), high)

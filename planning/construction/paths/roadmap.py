@@ -11,14 +11,17 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.construction.checks.scene import MoverScene
-from planning.construction.checks.still_checks import still_clear
-from planning.construction.checks.time_windows import spans_of, strike_out
+from planning.construction.checks.still_checks import is_clear_of_still_objects
+from planning.construction.checks.time_windows import (
+    mark_blocked_cells,
+    write_free_spans,
+)
 from planning.construction.paths.query import (
     Query,
-    arrive,
+    arrival_time,
+    draw_between,
     random_normal,
-    random_share,
-    sample_between,
+    random_uniform,
 )
 from planning.kernels import copy_row, inner_kernel, kernel
 from planning.packed import packed
@@ -69,11 +72,11 @@ def _draw_near_ends(query: Query, state: npt.NDArray[np.uint64], out: Array) -> 
     Where it must leave soon, or can only come late, short ways are what is free; and an arm
     that reaches over something leaves by driving away, as it is.
     """
-    near = int(random_share(state) * (1 + len(query.goals)))
-    far = 0.2 + 2.0 * random_share(state)
-    drives = random_share(state) < 0.6 and not np.all(query.leans)
+    near = int(random_uniform(state) * (1 + len(query.goals)))
+    far = 0.2 + 2.0 * random_uniform(state)
+    drives = random_uniform(state) < 0.6 and not np.all(query.leans)
     for j in range(len(out)):
-        at = 2.0 * random_share(state) - 1.0
+        at = 2.0 * random_uniform(state) - 1.0
         if drives and query.leans[j]:
             at = 0.0
         end = query.start[j] if near == 0 else query.goals[near - 1, j]
@@ -86,8 +89,8 @@ def _draw_along(
     query: Query, goal: int, wide: float, state: npt.NDArray[np.uint64], out: Array
 ) -> None:
     """Draw a configuration beside the straight way to a goal, where joints come by a time."""
-    share = random_share(state)
-    spread = 0.25 * random_share(state)
+    share = random_uniform(state)
+    spread = 0.25 * random_uniform(state)
     for j in range(len(out)):
         middle = query.start[j] + share * (query.goals[goal, j] - query.start[j])
         far = spread * min(
@@ -128,21 +131,23 @@ def draw_vertices(
     tries = 0
     while number < vertices and tries < 3 * vertices:
         tries += 1
-        goal = int(random_share(state) * goals)
-        kind = random_share(state)
+        goal = int(random_uniform(state) * goals)
+        kind = random_uniform(state)
         if kind < _NEAR_ENDS:
             _draw_near_ends(query, state, q[number])
         elif kind < _BETWEEN:
-            sample_between(query, goal, wide, state, q[number])
+            draw_between(query, goal, wide, state, q[number])
         else:
             _draw_along(query, goal, wide, state, q[number])
-        if still_clear(scene, q[number], start, q[number], start, 0.0):
+        if is_clear_of_still_objects(scene, q[number], start, q[number], start, 0.0):
             number += 1
     q = q[:number]
     rest = np.full(number, np.inf)
     for k in range(number):
         for g in range(goals):
-            rest[k] = min(rest[k], arrive(query, q[k], start, query.goals[g]) - start)
+            rest[k] = min(
+                rest[k], arrival_time(query, q[k], start, query.goals[g]) - start
+            )
     return q, rest
 
 
@@ -170,8 +175,8 @@ def new_roadmap(q: Array, rest: Array, cells: int) -> Roadmap:
 def find_stands(scene: MoverScene, road: Roadmap, v: int, first: int) -> None:
     """Find the spans of time in which the robot may stand at a vertex."""
     road.free[:] = True
-    strike_out(scene, road.q[v], road.q[v], first, road.free)
-    road.number[v] = spans_of(road.free, first, scene.step, road.spans[v])
+    mark_blocked_cells(scene, road.q[v], road.q[v], first, road.free)
+    road.number[v] = write_free_spans(road.free, first, scene.step, road.spans[v])
 
 
 class Motions(NamedTuple):
@@ -191,7 +196,7 @@ class Motions(NamedTuple):
     edge: Indices
 
 
-def no_motions() -> Motions:
+def empty_motions() -> Motions:
     """Return an empty heap, as kernels take it."""
     return packed(
         Motions(
@@ -204,7 +209,7 @@ def no_motions() -> Motions:
 
 
 @inner_kernel
-def push(
+def push_motion(
     heap: Motions, key: float, depart: float, source: int, target: int, tries: int
 ) -> None:
     """Add a motion, unless there are too many."""
@@ -222,7 +227,7 @@ def push(
 
 
 @inner_kernel
-def pop(heap: Motions) -> None:
+def pop_motion(heap: Motions) -> None:
     """Take the motion with the least key away, which is the first one."""
     heap.size[0] -= 1
     size = heap.size[0]

@@ -9,10 +9,14 @@ import numpy as np
 
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.paths.base_paths import base_path
-from planning.construction.paths.bidirectional_search import grow
+from planning.construction.paths.bidirectional_search import grow_forests
 from planning.construction.paths.direct_paths import direct_paths
 from planning.construction.paths.earliest_arrival import search_roadmap
-from planning.construction.paths.postprocess import delayed, retimed, shorten
+from planning.construction.paths.postprocess import (
+    retime_with_waits,
+    shortcut_path,
+    with_early_waits,
+)
 from planning.construction.paths.query import Query, SpaceTimePath, next_arrival
 from planning.construction.problem.settings import RrtSettings
 from planning.packed import packed
@@ -67,7 +71,7 @@ def space_time_rrt(
         _cut(span, float(earliest), latest)
         for span, earliest in zip(windows, soon, strict=True)
     ]
-    query = query_to(checker, goals, spans)
+    query = make_query(checker, goals, spans)
     earliest = min(next_arrival(query, g, t) for g, t in enumerate(soon.tolist()))
     if not earliest <= latest or np.isinf(earliest):
         return None  # no goal is ever free when it can be reached
@@ -80,10 +84,10 @@ def space_time_rrt(
     if found is None or not linger:
         return found
     with watch.time(POSTPROCESSING):
-        return delayed(checker, found, query)
+        return with_early_waits(checker, found, query)
 
 
-def query_to(
+def make_query(
     checker: SpaceTimeChecker, goals: Array, windows: Sequence[Array]
 ) -> Query:
     """Return a query from where a robot becomes free to move, see ``space_time_rrt``."""
@@ -148,7 +152,7 @@ class _Search:
                     best = self._improve(around, seed)
             if best is not None and best.arrival <= acceptable:
                 break
-            time, path, goal = grow(
+            time, path, goal = grow_forests(
                 self.checker.scene,
                 self.query,
                 settings,
@@ -184,7 +188,7 @@ class _Search:
                 best = path
             else:
                 with self.watch.time(POSTPROCESSING):
-                    best = retimed(checker, path, query, latest) or best
+                    best = retime_with_waits(checker, path, query, latest) or best
         return best
 
     def _base_paths(self) -> list[Array]:
@@ -229,8 +233,8 @@ class _Search:
             for turn in range(3):
                 before = found.arrival
                 tries = settings.shortcuts
-                found = shorten(checker, found, query, tries, 8 * seed + turn)
-                found = retimed(checker, found, query, found.arrival) or found
+                found = shortcut_path(checker, found, query, tries, 8 * seed + turn)
+                found = retime_with_waits(checker, found, query, found.arrival) or found
                 if found.arrival > before - settings.good_enough_s:
                     break
         return found

@@ -13,8 +13,8 @@ from collections.abc import Collection, Iterator, Mapping
 
 from planning.cell.standing_rules import Joint
 from planning.contacts.precedence import PartGraph
-from planning.statics.build_order import BuildStep, Fall, waits_for_balance
-from planning.statics.standing import Standing
+from planning.statics.build_order import BuildStep, UnstableState, balance_dependencies
+from planning.statics.standing import StabilityChecker
 
 _Placed = tuple[tuple[str, float], ...]
 """Parts in the order of planning, and when each is in place [s]."""
@@ -30,18 +30,20 @@ class SiteBalance:
     """
 
     def __init__(
-        self, graph: PartGraph, *, carried: bool, standing: Standing | None
+        self, graph: PartGraph, *, carried: bool, standing: StabilityChecker | None
     ) -> None:
         self._graph, self._carried = graph, carried
         self.standing = standing
-        self._known: dict[tuple[str, _Placed], frozenset[str] | Fall] = {}
+        self._known: dict[tuple[str, _Placed], frozenset[str] | UnstableState] = {}
         self._before: dict[_Placed, Mapping[str, frozenset[str]]] = {(): {}}
 
     def carriers(self, part: str) -> frozenset[str]:
         """Return the parts that are in place before a part in any order."""
         return self._graph.carriers[part] if self._carried else frozenset()
 
-    def needs(self, part: str, placed: Mapping[str, float]) -> frozenset[str] | Fall:
+    def needs(
+        self, part: str, placed: Mapping[str, float]
+    ) -> frozenset[str] | UnstableState:
         """Return what must be in place before a part, or what would fall with it.
 
         Args:
@@ -53,7 +55,7 @@ class SiteBalance:
             self._known[key] = self._look(part, key[1])
         return self._known[key]
 
-    def _look(self, part: str, placed: _Placed) -> frozenset[str] | Fall:
+    def _look(self, part: str, placed: _Placed) -> frozenset[str] | UnstableState:
         choices = list(self._choices(part, dict(placed)))
         if self.standing is None:
             return choices[0]
@@ -64,10 +66,10 @@ class SiteBalance:
                 if self._bears(self.standing, part, there):
                     lasts = {kept[name] for name in there & kept.keys()}
                     return below | {last for last in lasts if last is not None}
-        found: frozenset[str] | Fall = frozenset()
+        found: frozenset[str] | UnstableState = frozenset()
         for below in choices:
             found = self._together(self.standing, {**before, part: below}, kept)
-            if not isinstance(found, Fall):
+            if not isinstance(found, UnstableState):
                 break
         return found
 
@@ -77,7 +79,7 @@ class SiteBalance:
         return {
             name: names[k + 1] if k + 1 < len(names) else None
             for k, name in enumerate(names)
-            if isinstance(self._known.get((name, placed[:k])), Fall)
+            if isinstance(self._known.get((name, placed[:k])), UnstableState)
         }
 
     def _closure(
@@ -111,11 +113,13 @@ class SiteBalance:
         if placed not in self._before:
             first, (last, _) = placed[:-1], placed[-1]
             found = self.needs(last, dict(first))
-            own = self.carriers(last) if isinstance(found, Fall) else found
+            own = self.carriers(last) if isinstance(found, UnstableState) else found
             self._before[placed] = {**self._waits(first), last: own}
         return self._before[placed]
 
-    def _bears(self, standing: Standing, part: str, below: Collection[str]) -> bool:
+    def _bears(
+        self, standing: StabilityChecker, part: str, below: Collection[str]
+    ) -> bool:
         """Tell whether what a part waits for bears it, whatever else is there."""
         if not all(joint.endless for joint in standing.joints):
             return False  # the forces of all parts together may be too much
@@ -125,10 +129,10 @@ class SiteBalance:
 
     def _together(
         self,
-        standing: Standing,
+        standing: StabilityChecker,
         before: Mapping[str, frozenset[str]],
         kept: Mapping[str, str | None],
-    ) -> frozenset[str] | Fall:
+    ) -> frozenset[str] | UnstableState:
         """Return what the last of some parts waits for where it needs more than what bears it."""
         number = {name: k for k, name in enumerate(before)}
         joins: list[list[Joint]] = [[] for _ in before]
@@ -141,8 +145,8 @@ class SiteBalance:
             BuildStep((n,), tuple(joins[k]), until.get(n)) for n, k in number.items()
         ]
         waits = {(number[a], number[b]) for b, own in before.items() for a in own}
-        found = waits_for_balance(standing, steps, waits, keepable=())
-        if isinstance(found, Fall):
+        found = balance_dependencies(standing, steps, waits, keepable=())
+        if isinstance(found, UnstableState):
             return found
         last, names = len(steps) - 1, list(number)
         return frozenset(names[a] for a, b in (waits | found.waits) if b == last)
@@ -154,7 +158,7 @@ class SiteBalance:
             placed: see ``needs``.
         """
         for part in self._graph.placeable(placed, carried=self._carried):
-            if isinstance(self.needs(part, placed), Fall):
+            if isinstance(self.needs(part, placed), UnstableState):
                 after = {**placed, part: max(placed.values(), default=0.0)}
                 for last in self.placeable(after):
                     if part in self._graph.neighbours[last]:
@@ -163,7 +167,7 @@ class SiteBalance:
     def ready(self, part: str, placed: Mapping[str, float]) -> frozenset[str]:
         """Return what must be in place before a part, be it kept hold of or not; see ``needs``."""
         found = self.needs(part, placed)
-        if isinstance(found, Fall):
+        if isinstance(found, UnstableState):
             return next(self._choices(part, placed))
         return found
 
@@ -176,7 +180,7 @@ class SiteBalance:
         return tuple(
             part
             for part in self._graph.placeable(placed, carried=self._carried)
-            if not isinstance(self.needs(part, placed), Fall)
+            if not isinstance(self.needs(part, placed), UnstableState)
         )
 
     def never_placeable(self) -> tuple[str, str] | None:
@@ -187,13 +191,17 @@ class SiteBalance:
                 placed[part] = float(len(placed))
         for part in self._graph.placeable(placed, carried=self._carried):
             found = self.needs(part, placed)
-            if isinstance(found, Fall) and self.standing is not None:
+            if isinstance(found, UnstableState) and self.standing is not None:
                 why = self._refusal(self.standing, part, found, placed)
                 return found.body, why
         return None
 
     def _refusal(
-        self, standing: Standing, part: str, fall: Fall, placed: Mapping[str, float]
+        self,
+        standing: StabilityChecker,
+        part: str,
+        fall: UnstableState,
+        placed: Mapping[str, float],
     ) -> str:
         """Return in words what would fall with a part in place, and what would help."""
         there = {part, *placed}

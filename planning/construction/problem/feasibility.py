@@ -10,9 +10,14 @@ from planning.construction.problem.reach_bounds import (
     require_reach,
 )
 from planning.contacts.interference import Overlaps
-from planning.errors import ConstructionError, listed
+from planning.errors import ConstructionError, format_names
 from planning.geometry.scene_checker import SceneChecker
-from planning.geometry.touching import NEAR, Lying, near_to, standing
+from planning.geometry.touching import (
+    NEAR,
+    PlacedObject,
+    nearby_entities,
+    standing_fixtures,
+)
 from planning.transforms import translation
 
 _CLEAR = 1e-4
@@ -49,7 +54,7 @@ def require_grounded(problem: ConstructionProblem) -> None:
     floating = problem.graph.floating()
     if floating:
         raise ConstructionError(
-            f"nothing connects {listed(floating)} to the ground: every part must touch a fixture, or "
+            f"nothing connects {format_names(floating)} to the ground: every part must touch a fixture, or "
             "a part that is connected to one",
             parts=floating,
         )
@@ -60,7 +65,7 @@ def _require_order(problem: ConstructionProblem) -> None:
     waiting = problem.graph.never_placeable(carried=problem.carried)
     if waiting:
         raise ConstructionError(
-            f"{listed(waiting)} cannot be placed in any order: a part must touch the ground or a "
+            f"{format_names(waiting)} cannot be placed in any order: a part must touch the ground or a "
             "part in place, and what it rests on must be in place before; does one hang below "
             "another, or do they rest on each other in a circle?",
             parts=waiting,
@@ -76,11 +81,11 @@ def _require_room(problem: ConstructionProblem) -> None:
     What touches a part in its place is left out, up to NEAR: it may be touched.
     """
     cell, least = problem.cell, problem.cell.clearances.robot_object
-    fixed = standing(cell)
-    there: dict[str, Lying] = {}
+    fixed = standing_fixtures(cell)
+    there: dict[str, PlacedObject] = {}
     for part in problem.parts:
-        lying = (problem.object(part), part.goal)
-        for other, gap in near_to(lying, {**fixed, **there}, least).items():
+        placed = (problem.object(part), part.goal)
+        for other, gap in nearby_entities(placed, {**fixed, **there}, least).items():
             if NEAR < gap < least:
                 raise ConstructionError(
                     f"{part.name} and {other} lie {gap * 1e3:.1f} mm apart where they belong, and "
@@ -88,17 +93,17 @@ def _require_room(problem: ConstructionProblem) -> None:
                     "make the joint wider, or the clearance of robots to objects smaller",
                     parts=[part.name],
                 )
-        there[part.name] = lying
+        there[part.name] = placed
 
 
 def _require_way_in(problem: ConstructionProblem) -> None:
     """Check that a part is clear of all fixtures where its straight way into its place begins."""
     cell = problem.cell
     least = cell.clearances.robot_object + _CLEAR
-    fixed = standing(cell)
+    fixed = standing_fixtures(cell)
     for part in problem.parts:
         before = translation(*(-problem.approach * part.insertion)) @ part.goal
-        for other in near_to((problem.object(part), before), fixed, least):
+        for other in nearby_entities((problem.object(part), before), fixed, least):
             x, y, z = part.insertion
             raise ConstructionError(
                 f"{part.name} goes into its place along ({x:.2f}, {y:.2f}, {z:.2f}), from "
@@ -115,13 +120,13 @@ def require_free_supply(problem: ConstructionProblem) -> None:
         ConstructionError: names the two things that do.
     """
     cell = problem.cell
-    lying: dict[str, Lying] = {
+    placed: dict[str, PlacedObject] = {
         item.name: (item, item.start) for item in cell.objects if not item.later
     }
-    fixed = standing(cell)
-    before: dict[str, Lying] = {}
-    for name, item in lying.items():
-        deep = Overlaps().too_deep(name, item, {**fixed, **before})
+    fixed = standing_fixtures(cell)
+    before: dict[str, PlacedObject] = {}
+    for name, item in placed.items():
+        deep = Overlaps().is_too_deep(name, item, {**fixed, **before})
         for other, depth in deep.items():
             raise ConstructionError(
                 f"{name} and {other} overlap by {depth * 1e3:.3g} mm at the start: change "
@@ -137,6 +142,6 @@ def require_free_supply(problem: ConstructionProblem) -> None:
         if contact is not None:
             raise ConstructionError(
                 f"{robot.name} cannot stand at HOME at the start: {contact}",
-                parts=[name for name in (contact.obstacle,) if name in lying],
+                parts=[name for name in (contact.obstacle,) if name in placed],
                 at_start=True,
             )

@@ -15,7 +15,7 @@ from planning.transforms import (
     Array,
     Transform,
     from_rpy,
-    readonly,
+    read_only_copy,
     rotation,
     translation,
 )
@@ -65,9 +65,9 @@ def tower(
     return tuple(
         ModelPart(
             name=f"beam{k + 1}",
-            size=readonly(size),
+            size=read_only_copy(size),
             mass=mass,
-            goal=readonly(
+            goal=read_only_copy(
                 translation(0.0, 0.0, (k + 0.5) * size[2])
                 @ rotation("z", k % 2 * np.pi / 2)
             ),
@@ -101,9 +101,9 @@ def wall(
             out.append(
                 ModelPart(
                     name=f"block{course + 1}_{column + 1}",
-                    size=readonly(size),
+                    size=read_only_copy(size),
                     mass=mass,
-                    goal=readonly(translation(x, 0.0, (course + 0.5) * size[2])),
+                    goal=read_only_copy(translation(x, 0.0, (course + 0.5) * size[2])),
                     colour=(222, 214, 200) if course % 2 else (196, 186, 170),
                 )
             )
@@ -139,9 +139,9 @@ def well(
             out.append(
                 ModelPart(
                     name=f"stone{course + 1}_{side + 1}",
-                    size=readonly(size),
+                    size=read_only_copy(size),
                     mass=mass,
-                    goal=readonly(goal @ rotation("z", np.pi / 2)),
+                    goal=read_only_copy(goal @ rotation("z", np.pi / 2)),
                     colour=(168, 168, 172) if course % 2 else (142, 142, 148),
                 )
             )
@@ -223,9 +223,9 @@ def _cassette(
     shade = 18.0 * np.sin(3.0 * middle + y)
     return ModelPart(
         name=name,
-        size=readonly((length, depth, thickness)),
+        size=read_only_copy((length, depth, thickness)),
         mass=round(_PLYWOOD * faces, 2),
-        goal=readonly(goal),
+        goal=read_only_copy(goal),
         faces=("-z",) if inside else ("+z",),
         colour=(int(206 + shade), int(160 + shade), int(100 + shade)),
     )

@@ -18,12 +18,17 @@ from planning.cell.standing_rules import StandingRules
 from planning.cell.workcell import CellObject, Workcell
 from planning.construction.problem.balance import SiteBalance
 from planning.contacts.precedence import PartGraph
-from planning.geometry.touching import NEAR, Lying, near_to, standing
+from planning.geometry.touching import (
+    NEAR,
+    PlacedObject,
+    nearby_entities,
+    standing_fixtures,
+)
 from planning.kinematics.kinematics import frame_in_flange
-from planning.statics.standing import Standing, body_at, ground_of
-from planning.steps.skill import Pairs, touching
+from planning.statics.standing import StabilityChecker, body_at, ground_bodies
+from planning.steps.skill import Pairs, contacts_with
 from planning.tasks.task import ExceptionKey, strongest_exception
-from planning.transforms import Array, Transform, inverse, readonly, rotation
+from planning.transforms import Array, Transform, inverse, read_only_copy, rotation
 
 _APART = 0.12
 """Least distance of two pads on one part [m]."""
@@ -73,7 +78,7 @@ def face_grips(
             touch[:3, :3] = _into(axis, sign, along)
             touch[axis, 3] = sign * 0.5 * size[axis]
             touch[along, 3] = offset
-            grips.append(PartGrip(readonly(touch)))
+            grips.append(PartGrip(read_only_copy(touch)))
     return tuple(grips)
 
 
@@ -111,7 +116,7 @@ class Part:
     name: str
     goal: Transform
     grips: tuple[PartGrip, ...]
-    insertion: Array = field(default_factory=lambda: readonly((0.0, 0.0, -1.0)))
+    insertion: Array = field(default_factory=lambda: read_only_copy((0.0, 0.0, -1.0)))
 
     def grips_apart(self, a: int, b: int) -> bool:
         """Tell whether two pads have room on the part, by the numbers of their grips."""
@@ -185,7 +190,9 @@ class ConstructionProblem:
         standing = None
         if self.statics is not None:
             bodies = {p.name: body_at(self.object(p), p.goal) for p in self.parts}
-            standing = Standing(bodies, ground_of(self.cell, bodies), self.statics)
+            standing = StabilityChecker(
+                bodies, ground_bodies(self.cell, bodies), self.statics
+            )
         return SiteBalance(self.graph, carried=self.carried, standing=standing)
 
     @cached_property
@@ -204,28 +211,32 @@ class ConstructionProblem:
     @cached_property
     def start_contacts(self) -> Mapping[str, Pairs]:
         """Part to the pairs of it and what it touches in the supply when it is taken."""
-        fixed = standing(self.cell)
-        starts: dict[str, Lying] = {o.name: (o, o.start) for o in self.cell.objects}
+        fixed = standing_fixtures(self.cell)
+        starts: dict[str, PlacedObject] = {
+            o.name: (o, o.start) for o in self.cell.objects
+        }
         out = {}
         for part in self.parts:
             # What lies on it has been taken before: from then on it is in somebody's hand.
             gone = {part.name, *self.graph.covers.get(part.name, ())}
             others = {k: v for k, v in starts.items() if k not in gone} | fixed
-            near = near_to(starts[part.name], others, NEAR)
-            out[part.name] = touching(part.name, near)
+            near = nearby_entities(starts[part.name], others, NEAR)
+            out[part.name] = contacts_with(part.name, near)
         return out
 
     @cached_property
     def goal_contacts(self) -> Mapping[str, Pairs]:
         """Part to the pairs of it and what it touches in its place."""
-        lying: dict[str, Lying] = {o.name: (o, o.start) for o in self.cell.objects}
-        lying |= {part.name: (self.object(part), part.goal) for part in self.parts}
-        lying |= standing(self.cell)
+        placed: dict[str, PlacedObject] = {
+            o.name: (o, o.start) for o in self.cell.objects
+        }
+        placed |= {part.name: (self.object(part), part.goal) for part in self.parts}
+        placed |= standing_fixtures(self.cell)
         out = {}
         for part in self.parts:
-            others = {k: v for k, v in lying.items() if k != part.name}
-            out[part.name] = touching(
-                part.name, near_to(lying[part.name], others, NEAR)
+            others = {k: v for k, v in placed.items() if k != part.name}
+            out[part.name] = contacts_with(
+                part.name, nearby_entities(placed[part.name], others, NEAR)
             )
         return out
 
@@ -253,4 +264,4 @@ class ConstructionProblem:
     ) -> Transform:
         """Return the pose of a part's centre in the flange frame of the robot that holds it."""
         tool = frame_in_flange(self.cell.robot(robot).model, self.frame)
-        return readonly(tool @ part.grips[grip].held(turn))
+        return read_only_copy(tool @ part.grips[grip].held(turn))

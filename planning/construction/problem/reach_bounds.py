@@ -19,10 +19,10 @@ import numpy as np
 from planning.cell.workcell import Attachment, PlacedRobot, WorldState
 from planning.construction.problem.problem import ConstructionProblem, Hold, Part
 from planning.construction.problem.reach_sampler import ReachSampler
-from planning.errors import ConstructionError, listed
-from planning.geometry.robot_bodies import entity
+from planning.errors import ConstructionError, format_names
+from planning.geometry.robot_bodies import entity_name
 from planning.geometry.scene_checker import SceneChecker
-from planning.grips.tool_grips import overload
+from planning.grips.tool_grips import explain_overload
 from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array, Transform
 
@@ -138,7 +138,9 @@ class ReachBounds:
         The first giver holds it by a grip by which it could have picked it; all others by any.
         """
         item = self.problem.object(part)
-        if overload(self._robot(taker), item) or overload(self._robot(giver), item):
+        if explain_overload(self._robot(taker), item) or explain_overload(
+            self._robot(giver), item
+        ):
             return False
         every = tuple(range(len(part.grips)))
         grips = self.pick_grips(giver, part) if first else every
@@ -250,7 +252,7 @@ class ReachBounds:
     def _grips(
         self, what: str, robot: str, part: Part, at: Transform
     ) -> tuple[int, ...]:
-        if overload(self._robot(robot), self.problem.object(part)) is not None:
+        if explain_overload(self._robot(robot), self.problem.object(part)) is not None:
             return ()
         return tuple(
             k
@@ -281,7 +283,7 @@ class ReachBounds:
         placed, item = self._robot(robot), self.problem.object(part)
         cell = replace(self.problem.cell, robots=(placed,), objects=(item,))
         there = WorldState({robot: placed.home}, {item.name: Attachment(None, at)})
-        pad = frozenset((entity(robot, "tool"), item.name))
+        pad = frozenset((entity_name(robot, "tool"), item.name))
         return SceneChecker(cell, robot, there, frozenset({pad}))
 
     def _robot(self, name: str) -> PlacedRobot:
@@ -318,12 +320,12 @@ def require_reach(bounds: ReachBounds) -> None:
         ConstructionError: names the parts, and the robots that were considered.
     """
     problem = bounds.problem
-    team = listed(problem.team)
+    team = format_names(problem.team)
     for part in problem.parts:
         loads = [
             f"{robot.name}: {words}"
             for robot in problem.cell.robots
-            if (words := overload(robot, problem.object(part))) is not None
+            if (words := explain_overload(robot, problem.object(part))) is not None
         ]
         if len(loads) == len(problem.team):
             raise ConstructionError(
@@ -348,9 +350,9 @@ def require_reach(bounds: ReachBounds) -> None:
     if stuck:
         part = stuck[0]
         raise ConstructionError(
-            f"the team cannot build {listed([p.name for p in stuck])}: "
-            f"{listed(bounds.pickers(part))} can pick {part.name}, only "
-            f"{listed(bounds.placers(part))} can place it, and no handover between them was "
+            f"the team cannot build {format_names([p.name for p in stuck])}: "
+            f"{format_names(bounds.pickers(part))} can pick {part.name}, only "
+            f"{format_names(bounds.placers(part))} can place it, and no handover between them was "
             "found",
             parts=[p.name for p in stuck],
         )

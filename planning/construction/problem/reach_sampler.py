@@ -24,7 +24,7 @@ from planning.cell.workcell import (
     WorldState,
 )
 from planning.errors import RobotModelError
-from planning.geometry.robot_bodies import entity
+from planning.geometry.robot_bodies import entity_name
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.chain import joint_table
 from planning.kinematics.damped_least_squares import solve_from
@@ -38,7 +38,7 @@ from planning.transforms import (
     Transform,
     identity,
     inverse,
-    readonly,
+    read_only_copy,
     translation,
 )
 
@@ -228,12 +228,12 @@ def _arm_table(model: RobotModel, frame: str) -> _ArmTable:
 def _with_probe(robot: PlacedRobot, frame: str) -> SceneChecker:
     """Return a checker of a robot by itself, holding something as small as parts are."""
     tool = frame_in_flange(robot.model, frame)
-    size = readonly(_PROBE)
+    size = read_only_copy(_PROBE)
     pose = tool @ translation(0.0, 0.0, 0.5 * _PROBE[2])
     probe = CellObject("probe", "probe", box_shape("probe", size), pose)
     cell = Workcell((robot,), (), (probe,))
     held = WorldState({robot.name: robot.home}, {"probe": Attachment(robot.name, pose)})
-    touching = frozenset({frozenset((entity(robot.name, "tool"), "probe"))})
+    touching = frozenset({frozenset((entity_name(robot.name, "tool"), "probe"))})
     return SceneChecker(cell, robot.name, held, touching)
 
 

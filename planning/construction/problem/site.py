@@ -8,11 +8,15 @@ from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.construction.problem.models import ModelPart
 from planning.construction.problem.problem import ConstructionProblem, Part, face_grips
-from planning.construction.problem.supply_layout import SupplyLayout, lay_out
-from planning.contacts.precedence import build_part_graph, stacked, with_insertions
+from planning.construction.problem.supply_layout import SupplyLayout, supply_poses
+from planning.contacts.precedence import (
+    build_part_graph,
+    parts_stacked_on,
+    with_insertions,
+)
 from planning.errors import ConstructionError
-from planning.geometry.touching import TOUCH, standing
-from planning.transforms import Array, Transform, readonly, translation
+from planning.geometry.touching import TOUCH, standing_fixtures
+from planning.transforms import Array, Transform, read_only_copy, translation
 
 GROUND = "ground"
 """Name of the floor."""
@@ -27,7 +31,7 @@ def ground_fixture(edge: float = 30.0) -> Fixture:
     Args:
         edge: its length [m].
     """
-    pose = readonly(translation(0.0, 0.0, -_DEPTH / 2.0))
+    pose = read_only_copy(translation(0.0, 0.0, -_DEPTH / 2.0))
     return Fixture(GROUND, box_shape(GROUND, (edge, edge, _DEPTH)), pose)
 
 
@@ -48,13 +52,13 @@ def part_objects(
     """
     poses = dict(starts or {})
     others = [part for part in parts if part.name not in poses]
-    poses |= lay_out(others, layout, near=near)
+    poses |= supply_poses(others, layout, near=near)
     return tuple(
         CellObject(
             name=part.name,
             kind=" x ".join(f"{edge:.4g}" for edge in part.size),
             shape=box_shape(part.name, part.size),
-            start=readonly(poses[part.name]),
+            start=read_only_copy(poses[part.name]),
             mass=part.mass,
             colour=part.colour,
         )
@@ -99,15 +103,15 @@ def build_problem(
                 parts=[part.name],
             )
         inwards = part.goal[:3, :3] @ grips[0].touch[:3, 2]
-        insertion = readonly(given.get(part.name, inwards))
-        out.append(Part(part.name, readonly(part.goal), grips, insertion))
+        insertion = read_only_copy(given.get(part.name, inwards))
+        out.append(Part(part.name, read_only_copy(part.goal), grips, insertion))
     items = {part.name: (cell.object(part.name), part.goal) for part in parts}
     starts = {o.name: (o, o.start) for o in cell.objects if o.name in items}
     graph = build_part_graph(
         items,
-        list(standing(cell).values()),
+        list(standing_fixtures(cell).values()),
         touch=touch,
-        covers=stacked(starts),
+        covers=parts_stacked_on(starts),
     )
     ways = {part.name: part.insertion for part in out}
     return ConstructionProblem(

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from planning.construction.problem.models import ModelPart
-from planning.transforms import Transform, readonly, rotation, translation
+from planning.transforms import Transform, read_only_copy, rotation, translation
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class Spiral:
 
         Where they lie across the radius, y points towards it instead.
         """
-        way = rotation("z", 0.5 * np.pi if self.across else 0.0)
+        turn = rotation("z", 0.5 * np.pi if self.across else 0.0)
         return [
             rotation("z", k * self.turn)
             @ translation(self.radius + k * self.growth, 0.0, 0.0)
-            @ way
+            @ turn
             for k in range(count)
         ]
 
@@ -80,7 +80,7 @@ class Rows:
 SupplyLayout = Spiral | Rows
 
 
-def lay_out(
+def supply_poses(
     parts: Sequence[ModelPart], layout: SupplyLayout, *, near: bool = False
 ) -> dict[str, Transform]:
     """Return the start pose of every part: flat, its first face up.
@@ -99,8 +99,8 @@ def lay_out(
     for stack, spot in zip(stacks, spots, strict=True):
         height = 0.0
         for part in reversed(stack):
-            flat = lying(part)
-            out[part.name] = readonly(spot @ translation(0.0, 0.0, height) @ flat)
+            flat = pose_on_ground(part)
+            out[part.name] = read_only_copy(spot @ translation(0.0, 0.0, height) @ flat)
             height += 2.0 * float(flat[2, 3])
     return out
 
@@ -116,7 +116,7 @@ def _nearest(
     return [int(k) for k in chosen]
 
 
-def lying(part: ModelPart) -> Transform:
+def pose_on_ground(part: ModelPart) -> Transform:
     """Return the pose of a part that lies on the ground with its first face up.
 
     The longer edge of that face points along the x axis of its spot.

@@ -14,7 +14,7 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.construction.problem.problem import ConstructionProblem
-from planning.construction.world.fleet import Carrier
+from planning.construction.world.fleet import LoadedRobot
 from planning.construction.world.timeline import (
     STEP,
     HandChange,
@@ -22,7 +22,7 @@ from planning.construction.world.timeline import (
     RobotTimeline,
     SkillMotion,
     cut_timeline,
-    hands,
+    held_objects_over_time,
 )
 from planning.construction.world.tracks import (
     SweptTrack,
@@ -32,7 +32,7 @@ from planning.construction.world.tracks import (
 )
 from planning.steps.skill import NOTHING, Pairs
 from planning.tasks.task import Handling
-from planning.transforms import Array, Transform, readonly
+from planning.transforms import Array, Transform, read_only_copy
 
 _KEPT = 64
 """Number of cached timelines: a few of each robot of the largest teams."""
@@ -64,7 +64,7 @@ class SweptTracks:
         self.rests: dict[str, tuple[ObjectTimeline, list[_Skills], list[TimedRest]]]
         self.rests = {}
         self._joined: OrderedDict[
-            tuple[float, tuple[_Key, ...]], tuple[list[Carrier], Tracks]
+            tuple[float, tuple[_Key, ...]], tuple[list[LoadedRobot], Tracks]
         ] = OrderedDict()
 
     def joined(
@@ -72,7 +72,7 @@ class SweptTracks:
         start: float,
         robots: Sequence[Follower],
         item: Callable[[str], CellObject],
-    ) -> tuple[list[Carrier], Tracks]:
+    ) -> tuple[list[LoadedRobot], Tracks]:
         """Return the tracks of some robots from a time on, after one other carrier, and their carriers.
 
         Args:
@@ -174,7 +174,7 @@ class FixedWorld:
     @cached_property
     def hands(self) -> Mapping[str, list[HandChange]]:
         """What each robot holds from when on."""
-        held = hands(self.objects)
+        held = held_objects_over_time(self.objects)
         return {name: held.get(name, [(-np.inf, ())]) for name in self.robots}
 
     @property
@@ -185,7 +185,7 @@ class FixedWorld:
     def free_from(self, robot: str) -> float:
         """Return the time at which a robot has done its work: T_r of eq. (2) [s].
 
-        A way out of others' way may follow, see ``without_way_out``.
+        A way out of others' way may follow, see ``without_retreat``.
         """
         return self.robots[robot].busy_until
 
@@ -233,7 +233,7 @@ class FixedWorld:
         self.cell.object(timeline.object)
         return replace(self, objects={**self.objects, timeline.object: timeline})
 
-    def without_way_out(self, robot: str) -> FixedWorld:
+    def without_retreat(self, robot: str) -> FixedWorld:
         """Return the world without a robot's way out of others' way: it gets new work.
 
         Others may have been planned on the strength of it, so the robot must be planned anew from
@@ -270,8 +270,8 @@ class PlannedTask:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        object.__setattr__(self, "time", readonly(self.time))
-        object.__setattr__(self, "path", readonly(np.atleast_2d(self.path)))
+        object.__setattr__(self, "time", read_only_copy(self.time))
+        object.__setattr__(self, "path", read_only_copy(np.atleast_2d(self.path)))
 
     @property
     def start(self) -> float:
@@ -294,7 +294,7 @@ class PlannedTask:
         return self.handlings[0].holder
 
 
-class Keeping(NamedTuple):
+class HeldPlacement(NamedTuple):
     """A part that who placed it keeps hold of until another one is in place.
 
     Attributes:
@@ -311,7 +311,7 @@ class Keeping(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Building:
+class BuildState:
     """A state of the search. Never changed: planning on makes a new one.
 
     Attributes:
@@ -324,7 +324,7 @@ class Building:
     world: FixedWorld
     work: tuple[PlannedTask, ...] = ()
     placed: Mapping[str, float] = field(default_factory=dict)
-    kept: Mapping[str, Keeping] = field(default_factory=dict)
+    kept: Mapping[str, HeldPlacement] = field(default_factory=dict)
 
     @property
     def step(self) -> int:
@@ -333,7 +333,7 @@ class Building:
 
     def moved(
         self, robot: str, time: Array, path: Array, *, work: bool = True
-    ) -> Building:
+    ) -> BuildState:
         """Return the state in which a robot has gone along a path.
 
         Args:
@@ -354,7 +354,7 @@ class Building:
         holder: str | None,
         pose: Transform,
         touching: Pairs,
-    ) -> Building:
+    ) -> BuildState:
         """Return the state in which a robot has done a skill.
 
         Args:
@@ -367,7 +367,7 @@ class Building:
             touching: unordered pairs of entities that may touch meanwhile.
         """
         time, robot = start + motion.time, motion.robot
-        handling = Handling(part, motion.touch, holder, readonly(pose))
+        handling = Handling(part, motion.touch, holder, read_only_copy(pose))
         label = f"{_WORDS[kind]} {part}"
         done = PlannedTask(
             robot,
@@ -385,7 +385,7 @@ class Building:
         placed = dict(self.placed)
         if holder is None:
             placed[part] = done.end
-        return Building(
+        return BuildState(
             self.world.with_robot(line).with_object(item),
             (*self.work, done),
             placed,
@@ -393,12 +393,12 @@ class Building:
         )
 
 
-def nothing_built(problem: ConstructionProblem) -> Building:
+def initial_build_state(problem: ConstructionProblem) -> BuildState:
     """Return the state in which everything is where it starts."""
-    return Building(FixedWorld(problem.cell))
+    return BuildState(FixedWorld(problem.cell))
 
 
-def lying_at(world: FixedWorld, part: str, pose: Transform) -> FixedWorld:
+def with_part_at_rest(world: FixedWorld, part: str, pose: Transform) -> FixedWorld:
     """Return the world in which a part lies in some place at all times."""
     line = ObjectTimeline(part).then(float("-inf"), None, pose)
     return world.with_object(line)

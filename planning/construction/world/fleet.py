@@ -15,7 +15,7 @@ from planning.packed import packed, packed_at
 from planning.transforms import Array, Indices
 
 
-class Carrier(NamedTuple):
+class LoadedRobot(NamedTuple):
     """A robot with something in its hand.
 
     Attributes:
@@ -27,13 +27,13 @@ class Carrier(NamedTuple):
     hulls: HullTable
 
 
-def make_carrier(robot: PlacedRobot, held: Sequence[Held] = ()) -> Carrier:
+def make_loaded_robot(robot: PlacedRobot, held: Sequence[Held] = ()) -> LoadedRobot:
     """Return a robot with what it holds."""
     bodies = robot_bodies(robot, held)
-    return Carrier(bodies, bodies.hulls.on_a_motion())
+    return LoadedRobot(bodies, bodies.hulls.on_a_motion())
 
 
-class Fleet(NamedTuple):
+class RobotFleet(NamedTuple):
     """Many carriers. It keeps none of them alive.
 
     Attributes:
@@ -47,17 +47,17 @@ class Fleet(NamedTuple):
     body_first: Indices
 
 
-def make_fleet(carriers: Sequence[Carrier]) -> Fleet:
+def make_fleet(carriers: Sequence[LoadedRobot]) -> RobotFleet:
     """Return carriers, at least one, for compiled code; they must outlive what is returned."""
     hulls = [carrier.hulls for carrier in carriers]
     addresses = np.array([h.address for h in hulls], dtype=np.int64)  # type: ignore[attr-defined]
     return packed(
-        Fleet(addresses, hulls[0], np.cumsum([0, *(len(h.joint) for h in hulls)]))
+        RobotFleet(addresses, hulls[0], np.cumsum([0, *(len(h.joint) for h in hulls)]))
     )
 
 
 @inner_kernel
-def bodies_of(fleet: Fleet, v: int) -> HullTable:
+def bodies_of(fleet: RobotFleet, v: int) -> HullTable:
     """Return the bodies of a carrier."""
     hulls: HullTable = packed_at(fleet.hulls, v, fleet.one)
     return hulls

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from planning.cell.workcell import Attachment, PlacedRobot
 from planning.errors import PlanInvariantError
 from planning.kinematics.kinematics import follow_poses, frame_pose
-from planning.transforms import Array, Transform, readonly
+from planning.transforms import Array, Transform, read_only_copy
 
 SAME = 1e-9
 """Times that differ by less are the same time [s]; likewise joint values [rad or m]."""
@@ -65,7 +65,7 @@ class RobotTimeline:
         Raises:
             PlanInvariantError: shapes do not fit or times fall.
         """
-        time, path = readonly(self.time), readonly(self.path)
+        time, path = read_only_copy(self.time), read_only_copy(self.path)
         if path.ndim != 2 or len(path) == 0 or time.shape != (len(path),):
             raise PlanInvariantError(
                 f"timeline of robot {self.robot!r}: {time.shape} times for a path of"
@@ -189,11 +189,13 @@ class ObjectTimeline:
                 f"object {self.object!r} changes hands at {time:.3f} s, before its last"
                 f" change at {self.changes[-1].time:.3f} s"
             )
-        change = ObjectChange(time, holder, readonly(pose))
+        change = ObjectChange(time, holder, read_only_copy(pose))
         return ObjectTimeline(self.object, (*self.changes, change))
 
 
-def hands(objects: Mapping[str, ObjectTimeline]) -> dict[str, list[HandChange]]:
+def held_objects_over_time(
+    objects: Mapping[str, ObjectTimeline],
+) -> dict[str, list[HandChange]]:
     """Return what each robot that ever holds anything holds, see ``hand_changes``."""
     spans: dict[str, list[tuple[float, float, str, bytes]]] = {}
     for name, line in objects.items():
@@ -208,7 +210,7 @@ def hands(objects: Mapping[str, ObjectTimeline]) -> dict[str, list[HandChange]]:
 
 def hand_changes(objects: Mapping[str, ObjectTimeline], robot: str) -> list[HandChange]:
     """Return the objects that a robot holds from each time on, the first from minus infinity."""
-    return hands(objects).get(robot) or _changes([])
+    return held_objects_over_time(objects).get(robot) or _changes([])
 
 
 def _changes(spans: Sequence[tuple[float, float, str, bytes]]) -> list[HandChange]:
@@ -222,7 +224,7 @@ def _changes(spans: Sequence[tuple[float, float, str, bytes]]) -> list[HandChang
     return out
 
 
-def pose_of(hand: bytes) -> Transform:
+def decode_pose(hand: bytes) -> Transform:
     """Return a pose from its bytes."""
     return np.frombuffer(hand, dtype=np.float64).reshape(4, 4)
 
@@ -390,8 +392,8 @@ def skill_motion(
         seconds: nominal duration of the skill; more where the joints need more for the ways [s].
     """
     at = frame_pose(robot, touch, frame)
-    into = follow(robot, frame, at, touch, -ways[0])
-    out = follow(robot, frame, at, touch, ways[1])
+    into = follow_straight_line(robot, frame, at, touch, -ways[0])
+    out = follow_straight_line(robot, frame, at, touch, ways[1])
     if into is None or out is None:
         return None
     path = np.vstack([into[::-1], out[1:]])
@@ -401,16 +403,16 @@ def skill_motion(
     # The stand is a waypoint twice: the part changes hands at its end.
     path = np.insert(path, k, path[k], axis=0)
     time = np.concatenate([[0.0], np.cumsum(np.insert(moving, k, stand))])
-    return SkillMotion(robot.name, readonly(path), k + 1, readonly(time))
+    return SkillMotion(robot.name, read_only_copy(path), k + 1, read_only_copy(time))
 
 
-def follow(
-    robot: PlacedRobot, frame: str, at: Transform, q: Array, way: Array
+def follow_straight_line(
+    robot: PlacedRobot, frame: str, at: Transform, q: Array, displacement: Array
 ) -> Array | None:
     """Return configurations along a straight way of the tool, shape (k + 1, n), ``q`` first."""
-    count = max(int(np.ceil(float(np.linalg.norm(way)) / SPACING - 1e-9)), 1)
+    count = max(int(np.ceil(float(np.linalg.norm(displacement)) / SPACING - 1e-9)), 1)
     targets = np.repeat(np.asarray(at)[None], count + 1, axis=0)
-    targets[:, :3, 3] += np.linspace(0.0, 1.0, count + 1)[:, None] * way
+    targets[:, :3, 3] += np.linspace(0.0, 1.0, count + 1)[:, None] * displacement
     found = list(follow_poses(robot, [frame] * (count + 1), targets, q, restarts=0))
     if found[-1] is None:
         return None

@@ -9,18 +9,18 @@ import numpy as np
 
 from planning.cell.workcell import Attachment, CellObject, PlacedRobot
 from planning.construction.world.fleet import (
-    Carrier,
-    Fleet,
+    LoadedRobot,
+    RobotFleet,
     bodies_of,
-    make_carrier,
     make_fleet,
+    make_loaded_robot,
 )
-from planning.construction.world.timeline import HandChange, MotionPieces, pose_of
+from planning.construction.world.timeline import HandChange, MotionPieces, decode_pose
 from planning.geometry.swept import (
     SweepRoom,
     Sweeps,
-    no_sweeps,
-    room_to_sweep,
+    empty_sweeps,
+    make_sweep_room,
     sweep_piece,
 )
 from planning.kernels import inner_kernel, kernel
@@ -39,7 +39,7 @@ class SweptTrack(NamedTuple):
     """
 
     pieces: MotionPieces
-    carriers: tuple[Carrier, ...]
+    carriers: tuple[LoadedRobot, ...]
     hand: Indices
     sweeps: Sweeps
 
@@ -82,25 +82,30 @@ def sweep_track(
     at = np.searchsorted(times, pieces.moment + 1e-9, side="right") - 1
     used, hand = np.unique(at, return_inverse=True)
     carriers = [
-        make_carrier(
+        make_loaded_robot(
             robot,
-            [(item(n), Attachment(robot.name, pose_of(pose))) for n, pose in held],
+            [(item(n), Attachment(robot.name, decode_pose(pose))) for n, pose in held],
         )
         for held in (changes[k][1] for k in used.tolist())
     ]
     bodies = np.array([len(c.hulls.joint) for c in carriers])[hand]
     capsules = np.array([len(c.hulls.radius) for c in carriers])[hand]
-    sweeps = no_sweeps(bodies, capsules)
+    sweeps = empty_sweeps(bodies, capsules)
     hand = hand.astype(np.int64)
     q_a, q_b = pieces.q_a, pieces.q_b
-    room = room_to_sweep(q_a.shape[1], int(capsules.max(initial=0)))
+    room = make_sweep_room(q_a.shape[1], int(capsules.max(initial=0)))
     _sweep_pieces(make_fleet(carriers), q_a, q_b, hand, packed(sweeps), room)
     return SweptTrack(pieces, tuple(carriers), hand, sweeps)
 
 
 @kernel
 def _sweep_pieces(
-    fleet: Fleet, q_a: Array, q_b: Array, hand: Indices, sweeps: Sweeps, room: SweepRoom
+    fleet: RobotFleet,
+    q_a: Array,
+    q_b: Array,
+    hand: Indices,
+    sweeps: Sweeps,
+    room: SweepRoom,
 ) -> None:
     for p in range(len(hand)):
         sweep_piece(bodies_of(fleet, hand[p]), q_a[p], q_b[p], p, sweeps, room)
@@ -136,7 +141,7 @@ def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
     none, still = np.empty(0), np.empty((0, most))
     pieces = [MotionPieces(none, none, still, still, none.astype(np.bool_), none)]
     pieces += [_padded(s.pieces, most) for s in swept]
-    sweeps = [no_sweeps(first[:0], first[:0]), *(s.sweeps for s in swept)]
+    sweeps = [empty_sweeps(first[:0], first[:0]), *(s.sweeps for s in swept)]
     joined = Sweeps._make(map(np.concatenate, zip(*sweeps, strict=True)))
     tracks = Tracks(
         first,

@@ -45,7 +45,7 @@ def side_studs(brick: BrickType, side: int) -> int:
     return w if side in (1, 4) else h
 
 
-def offsets(brick: BrickType, side: int) -> range:
+def legal_offsets(brick: BrickType, side: int) -> range:
     """Return the legal offsets along a side.
 
     The tool covers studs ``offset`` and ``offset + 1``. Along a side of a single stud there is
@@ -54,12 +54,12 @@ def offsets(brick: BrickType, side: int) -> range:
     return range(max(side_studs(brick, side) - 1, 1))
 
 
-def presses(brick: BrickType) -> tuple[Press, ...]:
+def legal_presses(brick: BrickType) -> tuple[Press, ...]:
     """Return all legal grips of a brick, at most 4 sides x 7 offsets, those of two studs first.
 
     Grips of one stud are listed only where the brick has no side of two.
     """
-    every = [(side, off) for side in SIDES for off in offsets(brick, side)]
+    every = [(side, off) for side in SIDES for off in legal_offsets(brick, side)]
     wide = [(s, o) for s, o in every if side_studs(brick, s) >= 2]
     return tuple(Press(side, off) for side, off in (wide or every))
 
@@ -70,7 +70,7 @@ def check_press(brick: BrickType, press: Press) -> None:
     Raises:
         ScenarioError: the side or the offset does not exist; lists those that do.
     """
-    legal = offsets(brick, press.side)
+    legal = legal_offsets(brick, press.side)
     if press.offset not in legal:
         raise ScenarioError(
             f"press offset {press.offset} does not exist on side {press.side} of a "

@@ -28,10 +28,10 @@ from planning.lego.bricks.assembly import (
     Press,
     StockBrick,
 )
-from planning.lego.bricks.brick_grips import MOST_OFFSETS, presses
+from planning.lego.bricks.brick_grips import MOST_OFFSETS, legal_presses
 from planning.lego.bricks.brick_tiles import BrickTiles
 from planning.lego.bricks.grid import box_pose, box_size, bricks_above, top_pose
-from planning.transforms import Transform, readonly, translation
+from planning.transforms import Transform, read_only_copy, translation
 
 STORAGE = "storage-plate"
 """Name of the plate of the stock as a fixture, where it is another than ``"plate"``."""
@@ -59,7 +59,7 @@ def copy_name(station: str, number: int) -> str:
     return f"{station}.{number}"
 
 
-def source_of(name: str, stations: Collection[str]) -> str:
+def station_of(name: str, stations: Collection[str]) -> str:
     """Return the station that an object comes from; for any other object its own name."""
     station, _, number = name.rpartition(".")
     return station if number.isdecimal() and station in stations else name
@@ -86,7 +86,7 @@ def stock_objects(assembly: LegoAssembly) -> tuple[CellObject, ...]:
             name=copy_name(item.name, 1) if item.station else item.name,
             kind=item.brick.name,
             shape=box_shape(item.name, box_size(item.brick)),
-            start=readonly(box_pose(assembly.plate_of(item), item)),
+            start=read_only_copy(box_pose(assembly.plate_of(item), item)),
             mass=item.brick.mass,
             fixed=item.fixed,
             colour=_FIXED if item.fixed else brick_colour(item.brick),
@@ -99,7 +99,7 @@ def plate_fixture(plate: Plate, name: str = "plate") -> Fixture:
     """Return the base plate as a box whose top face is the surface that bricks rest on."""
     size = np.array([*(n * STUD_PITCH for n in plate.studs), PLATE_THICKNESS])
     pose = plate.pose @ translation(0.0, 0.0, -PLATE_THICKNESS / 2)
-    return Fixture(name, box_shape(name, size), readonly(pose))
+    return Fixture(name, box_shape(name, size), read_only_copy(pose))
 
 
 def goal_name(step: int) -> str:
@@ -112,7 +112,7 @@ def grasp_number(press: Press) -> int:
     return (press.side - 1) * MOST_OFFSETS + press.offset
 
 
-def press_of(grasp: int) -> Press:
+def press_from_number(grasp: int) -> Press:
     """Return the grip of a number: the inverse of ``grasp_number``."""
     return Press(grasp // MOST_OFFSETS + 1, grasp % MOST_OFFSETS)
 
@@ -139,7 +139,7 @@ class BrickWorld:
         """All stock bricks where they stand at the start, a station's under its name."""
         out = {}
         for item in self.cell.objects:
-            name = source_of(item.name, self.stations)
+            name = station_of(item.name, self.stations)
             out[name] = (replace(item, name=name), Attachment(None, item.start))
         return out
 
@@ -189,7 +189,7 @@ class BrickWorld:
     def _goals(self) -> tuple[Placed, ...]:
         goals = []
         for item in self.goal_bricks:
-            pose = readonly(box_pose(self.assembly.plate, item))
+            pose = read_only_copy(box_pose(self.assembly.plate, item))
             shape = box_shape(item.name, box_size(item.brick))
             thing = CellObject(item.name, item.brick.name, shape, pose)
             goals.append((thing, Attachment(None, pose)))
@@ -271,7 +271,7 @@ class BrickWorld:
     def grasps(self, number: int) -> list[int]:
         """Return the grips of a step to choose from, the prescribed one alone, or all."""
         step = self.step(number)
-        some = step.presses or presses(step.brick)
+        some = step.presses or legal_presses(step.brick)
         return [grasp_number(press) for press in some]
 
     def go_together(self, number: int, grasp: int, support: int) -> bool:

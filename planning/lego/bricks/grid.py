@@ -79,7 +79,7 @@ def bricks_above(item: OnGrid, others: Mapping[str, OnGrid]) -> tuple[str, ...]:
     return tuple(sorted(k for k, one in others.items() if item.span.carries(one.span)))
 
 
-def joined_to_plate(
+def bricks_joined_to_plate(
     places: Mapping[Key, frozenset[GridPlace]], base: Collection[GridPlace] = ()
 ) -> set[Key]:
     """Return the bricks that are joined to the plate, or to others that are, one on the other.

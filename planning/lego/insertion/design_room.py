@@ -28,7 +28,7 @@ from planning.lego.insertion.tool_room import (
     PLATE,
     Approach,
     BrickBoxes,
-    blocking,
+    blocking_bricks,
     brick_box,
     tool_room,
 )
@@ -115,20 +115,20 @@ class DesignRoom:
         if found or up:
             return found
         first: Names | None = None
-        for way in _APPROACHES:
-            found = self._blockers(brick, press, up, way) & there
+        for approach in _APPROACHES:
+            found = self._blockers(brick, press, up, approach) & there
             if not found:
                 return found
             first = first or found
         return first or _NONE
 
     def _find_blockers(
-        self, brick: str, press: Press, up: bool, way: Approach | None = None
+        self, brick: str, press: Press, up: bool, approach: Approach | None = None
     ) -> Names:
         """Return the obstacles in the design to a press, or to one way to come to it."""
         item, others = self._bricks[brick], self._others(brick)
-        if way is not None:
-            return frozenset(self._tool.approach_blocked(item, press, others, way))
+        if approach is not None:
+            return frozenset(self._tool.approach_blocked(item, press, others, approach))
         return frozenset(self._tool.place_blocked(item, press, others, up=up))
 
     def support(self, support: Support) -> SupportPlace:
@@ -139,9 +139,11 @@ class DesignRoom:
             touches = self._touches(support, room.face)
             known = SupportPlace(support, touches)
             if touches:
-                blockers = frozenset(blocking(room.boxes, self._boxes))
+                blockers = frozenset(blocking_bricks(room.boxes, self._boxes))
                 others = self._boxes.without(touches.keys())
-                near = frozenset(blocking(room.boxes, others, clearance=_CLEARANCE))
+                near = frozenset(
+                    blocking_bricks(room.boxes, others, clearance=_CLEARANCE)
+                )
                 known = SupportPlace(support, touches, blockers, near - blockers)
             self._supports[support] = known
         return known
@@ -160,19 +162,23 @@ class DesignRoom:
         return found
 
     def holds_anywhere(
-        self, brick: str, touchable: Iterable[str], obstacles: Names, way: InsertionWay
+        self,
+        brick: str,
+        touchable: Iterable[str],
+        obstacles: Names,
+        approach: InsertionWay,
     ) -> tuple[ToolHold, ...]:
         """Return pushes that are worth any supporting tool that has room, and all of them at once.
 
         Wherever a tool touches a brick, it does no more than pushes on the corners of its face. No
         tool may touch the brick that is pressed on, or run into obstacles.
         """
-        top = way.holds_from_above
+        top = approach.holds_from_above
         return tuple(
             hold
             for other in touchable
             if other != brick
-            and _extent(self._corners[brick], self._corners[other]) >= way.apart
+            and _extent(self._corners[brick], self._corners[other]) >= approach.apart
             and any(
                 brick not in place.touches and place.blockers.isdisjoint(obstacles)
                 for place in self.touching(other, from_above=top)
@@ -281,16 +287,16 @@ class SupportSpots:
     inserted: str
 
     def found(
-        self, way: InsertionWay, contact: Cell, at: Point
+        self, approach: InsertionWay, contact: Cell, at: Point
     ) -> Iterator[SupportSpot]:
         """Yield the spots: those beside the press first, then the others by distance.
 
         Args:
-            way: how the brick is pressed on.
+            approach: how the brick is pressed on.
             contact: cell of the press.
             at: middle of the press, in the plate's frame [m].
         """
-        levels, top = _LEVELS[way], way.holds_from_above
+        levels, top = _LEVELS[approach], approach.holds_from_above
         nearby = [
             Support(
                 Cell.at_level(contact.x + dx, contact.y + dy, contact.level + k),
@@ -309,7 +315,7 @@ class SupportSpots:
         for support in self._anywhere(at, from_above=top):
             if support not in tried:
                 spot = self._spot(support)
-                if spot is not None and spot.away(at) >= way.apart:
+                if spot is not None and spot.away(at) >= approach.apart:
                     yield spot
 
     def _spot(self, support: Support) -> SupportSpot | None:

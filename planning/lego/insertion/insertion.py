@@ -28,7 +28,7 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.brick_grips import press_cell, presses
+from planning.lego.bricks.brick_grips import legal_presses, press_cell
 from planning.lego.bricks.grid import level_height
 from planning.lego.insertion.design_room import (
     DesignRoom,
@@ -108,21 +108,23 @@ class Insertions:
         """What the whole design, taken as weightless, bears of presses, by what was asked."""
         return {}
 
-    def last(self, names: Names, brick: str, way: InsertionWay) -> Insertion | None:
+    def last(
+        self, names: Names, brick: str, insertion_way: InsertionWay
+    ) -> Insertion | None:
         """Return how a brick of a partial structure is put in as its last one, None if it cannot."""
-        site = self.at(names, brick, up=way.up)
+        site = self.at(names, brick, up=insertion_way.up)
         if site.obstacle() is not None or not site.roomy:
             return None
         if not self.structures.stands(names - {brick}):
             return None
-        return site.insertion(way)
+        return site.insertion(insertion_way)
 
     def perhaps(self, parts: Names, brick: str) -> bool:
         """Tell whether a brick might be the last one in beside others (and what is fixed)."""
         names = parts | self.fixed
         bearings = (
-            self.at(names, brick, up=way.up).prospect(way)
-            for way in self.rules.ways_of(brick)
+            self.at(names, brick, up=insertion_way.up).prospect(insertion_way)
+            for insertion_way in self.rules.ways_of(brick)
         )
         return any(bearing is not None and bearing.stable for bearing in bearings)
 
@@ -151,24 +153,26 @@ class InsertionSite:
     item: PlacedBrick
     up: bool
 
-    def insertion(self, way: InsertionWay) -> Insertion | None:
+    def insertion(self, insertion_way: InsertionWay) -> Insertion | None:
         """Return the first insertion that suffices, by the order of presses and spots."""
-        if way.held and not self._might(way):
+        if insertion_way.held and not self._might(insertion_way):
             return None
         for press in self.roomy_presses:
-            found = next(self.insertions(press, way), None)
+            found = next(self.insertions(press, insertion_way), None)
             if found is not None:
                 return found
         return None
 
-    def insertions(self, press: Press, way: InsertionWay) -> Iterator[Insertion]:
+    def insertions(
+        self, press: Press, insertion_way: InsertionWay
+    ) -> Iterator[Insertion]:
         """Yield the insertions with one press: alone, or held at each spot that suffices."""
-        if not way.held:
+        if not insertion_way.held:
             bearing = self.bears(press)
             if bearing.stable:
-                yield Insertion(way, press, None, bearing)
+                yield Insertion(insertion_way, press, None, bearing)
             return
-        spots = list(self.spots(press, way))
+        spots = list(self.spots(press, insertion_way))
         every = tuple(dict.fromkeys(hold for spot in spots for hold in spot.holds))
         # What the structure does not bear held at all spots at once, it bears held at none.
         if not every or not self._pressed(press, every).stable:
@@ -176,9 +180,9 @@ class InsertionSite:
         for spot in spots:
             bearing = self._pressed(press, spot.holds)
             if bearing.stable:
-                yield Insertion(way, press, spot.support, bearing)
+                yield Insertion(insertion_way, press, spot.support, bearing)
 
-    def prospect(self, way: InsertionWay) -> PressBearing | None:
+    def prospect(self, insertion_way: InsertionWay) -> PressBearing | None:
         """Return what any structure with these bricks, or fewer, might bear at most of a press.
 
         Its force is the least that pressing can take: onto one other brick alone.
@@ -190,10 +194,10 @@ class InsertionSite:
         whole = replace(self, names=frozenset(design.structures.bricks))
         if self._over or not whole._onto or not self.roomy:
             return None
-        holds = self._holds_anywhere(way, whole.names)
-        if way.held and not holds:
+        holds = self._holds_anywhere(insertion_way, whole.names)
+        if insertion_way.held and not holds:
             return None
-        question = (name, way, self.roomy, holds)
+        question = (name, insertion_way, self.roomy, holds)
         if question not in design.borne:
             force = min(design.force_onto(name, (k,)) for k in whole._onto)
             load = press_load(self.item, *self.roomy, up=self.up, force=force)
@@ -229,7 +233,9 @@ class InsertionSite:
     @cached_property
     def roomy(self) -> tuple[Press, ...]:
         """The presses of the brick that leave the tool room."""
-        return tuple(p for p in presses(self.item.brick) if self._blocker(p) is None)
+        return tuple(
+            p for p in legal_presses(self.item.brick) if self._blocker(p) is None
+        )
 
     @cached_property
     def roomy_presses(self) -> tuple[Press, ...]:
@@ -250,7 +256,7 @@ class InsertionSite:
 
     def blocker(self) -> str:
         """Return the obstacle to the first press of the brick."""
-        found = map(self._blocker, presses(self.item.brick))
+        found = map(self._blocker, legal_presses(self.item.brick))
         return next((name for name in found if name is not None), "nothing")
 
     def load(self, *presses: Press) -> Load:
@@ -275,11 +281,13 @@ class InsertionSite:
             attack=self.design.room.attack(item.name, press, self.names, up=self.up),
         )
 
-    def spots(self, press: Press, way: InsertionWay) -> Iterator[SupportSpot]:
+    def spots(self, press: Press, insertion_way: InsertionWay) -> Iterator[SupportSpot]:
         """Yield where the other arm may hold the structure, a bounded number of them."""
         contact = press_cell(self.item, press, up=self.up)
         spots = SupportSpots(self.design.room, self.names, self.item.name)
-        return islice(spots.found(way, contact, self._press_point(press)), MOST_SPOTS)
+        return islice(
+            spots.found(insertion_way, contact, self._press_point(press)), MOST_SPOTS
+        )
 
     @property
     def _onto(self) -> tuple[str | None, ...]:
@@ -304,17 +312,17 @@ class InsertionSite:
         return PLATE if PLATE in found else min(found, default=None)
 
     def _holds_anywhere(
-        self, way: InsertionWay, touchable: Names
+        self, insertion_way: InsertionWay, touchable: Names
     ) -> tuple[ToolHold, ...]:
         """Return all pushes at once by which the other arm may hold some bricks, none without it."""
-        if not way.held:
+        if not insertion_way.held:
             return ()
         room, name = self.design.room, self.item.name
-        return room.holds_anywhere(name, sorted(touchable), self.names, way)
+        return room.holds_anywhere(name, sorted(touchable), self.names, insertion_way)
 
-    def _might(self, way: InsertionWay) -> bool:
+    def _might(self, insertion_way: InsertionWay) -> bool:
         """Tell whether the structure bears all presses together, held wherever it can be."""
-        holds = self._holds_anywhere(way, self.names) if self.roomy else ()
+        holds = self._holds_anywhere(insertion_way, self.names) if self.roomy else ()
         load = self.load(*self.roomy_presses)
         pressed = self.design.structures.pressed
         return bool(holds) and pressed(self.names, load, holds).stable

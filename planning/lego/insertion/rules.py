@@ -118,13 +118,17 @@ class SequencingRules:
             InsertionWay.UP: self.place_up,
             InsertionWay.DOWN_HELD_ABOVE: self.hold_down,
         }
-        return tuple(way for way in InsertionWay if choices[way])
+        return tuple(
+            insertion_way for insertion_way in InsertionWay if choices[insertion_way]
+        )
 
     def ways_of(self, brick: str) -> tuple[InsertionWay, ...]:
         """The ways that are allowed for one brick."""
         if brick not in self.alone:
             return self.allowed
-        return tuple(way for way in self.allowed if not way.held)
+        return tuple(
+            insertion_way for insertion_way in self.allowed if not insertion_way.held
+        )
 
     def press_force(self, engaged: float) -> float:
         """Return the force that presses a brick on [N].

@@ -14,8 +14,8 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from planning.caches import KeptAnswers
-from planning.cell.cover import cut_across
+from planning.caches import BoundedCache
+from planning.cell.cover import cut_along_axis
 from planning.kernels import kernel
 from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
@@ -37,7 +37,7 @@ from planning.lego.skills.targets import (
 )
 from planning.robots.registry import robot_model
 from planning.steps.skill import SkillTargets, Subgoal
-from planning.transforms import Array, Transform, inverse, readonly, translation
+from planning.transforms import Array, Transform, inverse, read_only_copy, translation
 
 _THICK = 0.0045
 """Pieces of a tapering body are no thicker than this along the tool [m]."""
@@ -62,7 +62,7 @@ Approach = tuple[int, float]
 
 
 def _box(corners: Array) -> Array:
-    return readonly([corners.min(axis=0), corners.max(axis=0)])
+    return read_only_copy([corners.min(axis=0), corners.max(axis=0)])
 
 
 def _cut(corners: Array) -> list[Array]:
@@ -76,7 +76,7 @@ def _cut(corners: Array) -> list[Array]:
         atol=_SAME,
     )
     count = 1 if same else int(np.ceil(np.ptp(z) / _THICK))
-    return cut_across(corners, 2, count)
+    return cut_along_axis(corners, 2, count)
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,9 @@ def brick_box(item: PlacedBrick) -> Array:
     return np.stack([top - half - [0.0, 0.0, height], top + half])
 
 
-def blocking(boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0) -> list[str]:
+def blocking_bricks(
+    boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0
+) -> list[str]:
     """Return the bricks that any of the boxes meets, and ``PLATE`` for the plate.
 
     Args:
@@ -184,8 +186,8 @@ def tool_room(robot: str) -> ToolRoom:
     lever = max(bodies, key=lambda corners: float(corners[:, 2].max()))
     tip = min(bodies, key=lambda corners: abs(float(corners[:, 2].max())))
     end = lever[lever[:, 2] > lever[:, 2].max() - _SAME]
-    supports = KeptAnswers[SupportRoom](20_000)
-    return ToolRoom(model.frames, readonly(rows), _box(tip), _box(end), supports)
+    supports = BoundedCache[SupportRoom](20_000)
+    return ToolRoom(model.frames, read_only_copy(rows), _box(tip), _box(end), supports)
 
 
 @dataclass(frozen=True)
@@ -208,7 +210,7 @@ class ToolRoom:
     pieces: Array
     tip: Array
     lever_end: Array
-    supports: KeptAnswers[SupportRoom]
+    supports: BoundedCache[SupportRoom]
 
     def boxes_at(self, *poses: Transform) -> Array:
         """Return boxes along the world's axes around the pieces, pose by pose, shape (k, 2, 3) [m].
@@ -229,26 +231,30 @@ class ToolRoom:
             boxes = self._boxes(goals)
             # Only what stands beside the brick may be touched; from the others planning keeps off.
             aloof = others.without(_side_neighbours(item, others))
-            found = blocking(boxes, others) + blocking(boxes, aloof, clearance=KEPT)
-            return found + blocking(_moved(item, goals[3].pose, goals[:2]), others)
-        found = blocking(self._boxes(goals[1:]), others)
+            found = blocking_bricks(boxes, others) + blocking_bricks(
+                boxes, aloof, clearance=KEPT
+            )
+            return found + blocking_bricks(
+                _moved(item, goals[3].pose, goals[:2]), others
+            )
+        found = blocking_bricks(self._boxes(goals[1:]), others)
         if lever_reaches_below(item.brick):
-            found += blocking(self._below_lever(item, press), others)
-        return found + blocking(_above(item), others)
+            found += blocking_bricks(self._below_lever(item, press), others)
+        return found + blocking_bricks(_above(item), others)
 
     def approach_blocked(
-        self, item: PlacedBrick, press: Press, others: BrickBoxes, way: Approach
+        self, item: PlacedBrick, press: Press, others: BrickBoxes, approach: Approach
     ) -> list[str]:
         """Return the obstacles to bringing a brick to where it is pressed on from above.
 
         Planning keeps off all bricks there, those beside its place included.
         """
-        attack, height = way
+        attack, height = approach
         targets = self._targets(item, press, up=False, attack=attack, height=height)
         start = targets.subgoals[:1]
         moved = _moved(item, targets.subgoals[2].pose, start)
-        found = blocking(self._boxes(start), others, clearance=KEPT)
-        return found + blocking(moved, others, clearance=KEPT)
+        found = blocking_bricks(self._boxes(start), others, clearance=KEPT)
+        return found + blocking_bricks(moved, others, clearance=KEPT)
 
     def support(self, support: Support) -> SupportRoom:
         """Return the room of a supporting tool."""
@@ -260,7 +266,7 @@ class ToolRoom:
         (x0, y0, z0), (x1, y1, z1) = self.lever_end if top else self.tip
         ends = [[x0, y0, z1], [x1, y1, z1]] if top else [[x1, y0, z0], [x1, y1, z1]]
         face = _box(np.array(ends) @ pose[:3, :3].T + pose[:3, 3])
-        return SupportRoom(readonly(self._boxes(subgoals)), face)
+        return SupportRoom(read_only_copy(self._boxes(subgoals)), face)
 
     def attack_side(
         self, item: PlacedBrick, press: Press, others: BrickBoxes, *, up: bool
@@ -269,7 +275,9 @@ class ToolRoom:
         for attack in (1, -1):
             targets = self._targets(item, press, up=up, attack=attack)
             at, goals = targets.change_at or 0, targets.subgoals
-            if not blocking(_moved(item, goals[at].pose, goals[at - 2 : at]), others):
+            if not blocking_bricks(
+                _moved(item, goals[at].pose, goals[at - 2 : at]), others
+            ):
                 return attack
         return 1
 
@@ -317,12 +325,12 @@ def _above(item: PlacedBrick) -> Array:
     return box[None]
 
 
-def _moved(item: PlacedBrick, goal: Transform, way: Iterable[Subgoal]) -> Array:
+def _moved(item: PlacedBrick, goal: Transform, approach: Iterable[Subgoal]) -> Array:
     """Return a box around a brick on its straight way to its goal, shape (1, 2, 3).
 
     The frame that carries it comes to the goal along subgoals with the same axes.
     """
     boxes = brick_box(item) + np.array(
-        [(g.pose[:3, 3] - goal[:3, 3])[None] for g in way]
+        [(g.pose[:3, 3] - goal[:3, 3])[None] for g in approach]
     )
     return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])[None]

@@ -20,7 +20,7 @@ import numpy as np
 from planning.cell.workcell import Workcell
 from planning.errors import TwinError
 from planning.lego.bricks.assembly import LegoAssembly, PlacedBrick, Plate, Press
-from planning.lego.bricks.brick_world import goal_name, press_of
+from planning.lego.bricks.brick_world import goal_name, press_from_number
 from planning.lego.bricks.grid import top_pose
 from planning.lego.insertion.rules import ArmLimits, Grip, SequencingRules
 from planning.lego.sequencing.blocking import check_reach
@@ -32,7 +32,7 @@ from planning.lego.skills.targets import (
     BrickGrip,
     place_targets,
 )
-from planning.steps.skill import Obstruction, in_some_posture
+from planning.steps.skill import Obstruction, is_possible_in_some_posture
 
 _MOST_TRIES = 12
 """Sequences that are tried."""
@@ -74,7 +74,7 @@ class GripReach:
     def _find(self, some: BrickGrip, up: bool) -> bool:
         heights = (APPROACH_HEIGHT,) if up else (APPROACH_HEIGHT, HIGH_APPROACH)
         return any(
-            in_some_posture(
+            is_possible_in_some_posture(
                 robot,
                 place_targets(
                     replace(some, frames=robot.model.frames),
@@ -185,7 +185,7 @@ def _beside(
     """
     world, skills = candidates.world, candidates.skills
     goals = {name: names[k - 1] for name, k in world.goal_numbers.items()}
-    grasp = next(g for g in world.grasps(number) if press_of(g) == press)
+    grasp = next(g for g in world.grasps(number) if press_from_number(g) == press)
     found: set[str | None] = set()
     for robot in skills.home:
         place = skills.place(robot, number, grasp, None)

@@ -21,7 +21,7 @@ from textwrap import indent
 from typing import TypeVar
 
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.errors import InfeasibleStepError, told
+from planning.errors import InfeasibleStepError, format_faults
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.insertion.insertion import Insertions
@@ -35,7 +35,7 @@ Part = TypeVar("Part")
 _Attempt = tuple[PlacedRobot, SkillTargets]
 
 
-def remaining(
+def blocked_parts(
     parts: Iterable[Part], perhaps: Callable[[frozenset[Part], Part], bool]
 ) -> frozenset[Part]:
     """Return the parts that remain when all that are perhaps insertable are set aside.
@@ -63,14 +63,14 @@ def smallest_blocking_set(
 
     Args:
         parts: of the finished product, those first that should rather not be named.
-        perhaps: see ``remaining``.
+        perhaps: see ``blocked_parts``.
     """
     order = list(parts)
-    core = remaining(order, perhaps)
+    core = blocked_parts(order, perhaps)
     for part in order:
         if part in core:
             core = (
-                remaining((p for p in order if p in core and p != part), perhaps)
+                blocked_parts((p for p in order if p in core and p != part), perhaps)
                 or core
             )
     return core
@@ -117,7 +117,7 @@ class Refusal:
 
         ordered = sorted(whys, key=order)
         lines = [f"{self.place(name)}: {reason}" for (_, reason), name in ordered]
-        return indent(told(lines), "  ")
+        return indent(format_faults(lines), "  ")
 
     def _why_never(self, core: Names, name: str) -> tuple[int, str]:
         """Return why a brick cannot go in beside others, whatever else is there."""
@@ -143,8 +143,8 @@ class Refusal:
         site = self._insertions.at(names, name, up=up)
         if not site.roomy:
             return f"{way} {_no_room(site.blocker())}"
-        ways = [each for each in self._rules.ways_of(name) if each.up == up]
-        bearings = [b for b in map(site.prospect, ways) if b is not None]
+        alternatives = [each for each in self._rules.ways_of(name) if each.up == up]
+        bearings = [b for b in map(site.prospect, alternatives) if b is not None]
         if not bearings:
             return f"{way} no spot for the other arm has room"
         best = max(bearings, key=lambda b: b.bears)
@@ -215,7 +215,8 @@ def check_reach(
     faults = find_reach_faults(cell, assembly, names)
     if faults:
         raise InfeasibleStepError(
-            told([words for _, words in faults]), steps=[step for step, _ in faults]
+            format_faults([words for _, words in faults]),
+            steps=[step for step, _ in faults],
         )
 
 

@@ -16,15 +16,15 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules
-from planning.lego.sequencing.blocking import remaining, smallest_blocking_set
-from planning.lego.sequencing.removal import ShutIn, shut_in
+from planning.lego.sequencing.blocking import blocked_parts, smallest_blocking_set
+from planning.lego.sequencing.removal import UnremovableBrick, find_unremovable_bricks
 from planning.lego.stability.partial_structures import Names, PartialStructures
 
 _MOST_COLUMNS = 40
 """So many places for a column are tried at once."""
 
 
-def columns_below(
+def supporting_columns(
     item: PlacedBrick,
     filled: Mapping[GridPlace, str],
     types: Collection[BrickType],
@@ -107,7 +107,7 @@ def _column(
     return column
 
 
-def on_plinth(
+def raise_on_plinth(
     structure: Sequence[PlacedBrick], layers: int
 ) -> tuple[tuple[PlacedBrick, ...], tuple[PlacedBrick, ...]]:
     """Return a structure raised by layers, and the temporary bricks that it then stands on.
@@ -164,14 +164,14 @@ class Design:
         return self.insertions.structures
 
     @cached_property
-    def shut_in(self) -> tuple[ShutIn, ...]:
+    def shut_in(self) -> tuple[UnremovableBrick, ...]:
         """Temporary bricks that cannot be taken out again."""
         names = frozenset(item.name for item in self.temporary)
-        return shut_in((*self.structure, *self.temporary), names)
+        return find_unremovable_bricks((*self.structure, *self.temporary), names)
 
     def on_plinth(self) -> Design:
         """Return it raised on the plinth that the rules ask for."""
-        raised, plinth = on_plinth(self.structure, self.rules.plinth)
+        raised, plinth = raise_on_plinth(self.structure, self.rules.plinth)
         return replace(self, structure=raised, temporary=plinth) if plinth else self
 
     def order(self) -> list[str]:
@@ -223,7 +223,7 @@ class Design:
     @cached_property
     def blocked(self) -> Names:
         """Return the bricks that remain when all that might go in last are set aside."""
-        return remaining(self.order(), self.insertions.perhaps)
+        return blocked_parts(self.order(), self.insertions.perhaps)
 
     def blocking_set(self) -> Names:
         """Return a smallest set of bricks of which none can be the last one in."""
@@ -291,7 +291,7 @@ class Design:
         self, item: PlacedBrick, beyond: Collection[tuple[int, int]] = ()
     ) -> Iterator[tuple[PlacedBrick, ...]]:
         types = self.rules.types or tuple(BRICKS.values())
-        return columns_below(item, self.structures.filled, types, beyond=beyond)
+        return supporting_columns(item, self.structures.filled, types, beyond=beyond)
 
     def _with_carriers(self, front: list[str]) -> Iterator[PlacedBrick]:
         """Yield bricks, then what is below them, then what is below that."""

@@ -23,7 +23,7 @@ _NAMED = 4
 
 
 @dataclass(frozen=True)
-class ShutIn:
+class UnremovableBrick:
     """A helper that cannot be taken out any more.
 
     Attributes:
@@ -43,9 +43,9 @@ class ShutIn:
         return f"{_place(self.brick)} is shut in behind {', '.join(named)}"
 
 
-def shut_in(
+def find_unremovable_bricks(
     bricks: Iterable[PlacedBrick], helpers: frozenset[str]
-) -> tuple[ShutIn, ...]:
+) -> tuple[UnremovableBrick, ...]:
     """Return the helpers that cannot be taken out of a finished structure, the lowest first.
 
     Args:
@@ -69,7 +69,8 @@ def shut_in(
             break
         left = kept
     return tuple(
-        ShutIn(known[name], tuple(known[n] for n in ways[name].hits)) for name in left
+        UnremovableBrick(known[name], tuple(known[n] for n in ways[name].hits))
+        for name in left
     )
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from textwrap import indent
 
-from planning.errors import InfeasibleStepError, UndecidedError, told
+from planning.errors import InfeasibleStepError, UndecidedError, format_faults
 from planning.lego.bricks.assembly import LegoStep, PlacedBrick
 from planning.lego.insertion.insertion import MOST_SPOTS, Insertion
 from planning.lego.insertion.rules import InsertionWay, SequencingRules
@@ -24,7 +24,7 @@ from planning.lego.sequencing.disassembly_search import (
     find_assembly_sequence,
 )
 from planning.lego.sequencing.remedies import Design
-from planning.lego.sequencing.removal import ShutIn
+from planning.lego.sequencing.removal import UnremovableBrick
 from planning.lego.stability.partial_structures import Names
 from planning.progress import Progress, no_progress
 
@@ -95,7 +95,7 @@ class SequencedStructure:
     sequence: tuple[SequencedStep, ...]
     visited: int
     programs: int
-    shut_in: tuple[ShutIn, ...] = ()
+    shut_in: tuple[UnremovableBrick, ...] = ()
 
     @property
     def steps(self) -> tuple[LegoStep, ...]:
@@ -176,7 +176,7 @@ def sequence_structure(
         raise InfeasibleStepError(
             "temporary bricks cannot be taken out again, which the rules ask for (scaffold:"
             " removable)\n"
-            + indent(told([item.words for item in design.shut_in]), "  ")
+            + indent(format_faults([item.words for item in design.shut_in]), "  ")
         )
     return SequencedStructure(
         tuple(_described(design, found)),

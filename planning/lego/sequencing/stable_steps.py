@@ -13,12 +13,12 @@ from dataclasses import asdict, dataclass, replace
 from itertools import islice, product
 from typing import Any
 
-from planning.errors import InfeasibleStepError, told
+from planning.errors import InfeasibleStepError, format_faults
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press, Support
-from planning.lego.bricks.brick_grips import presses
+from planning.lego.bricks.brick_grips import legal_presses
 from planning.lego.insertion.insertion import Insertions, InsertionSite
 from planning.lego.insertion.rules import InsertionWay, SequencingRules
-from planning.lego.sequencing.removal import ShutIn, shut_in
+from planning.lego.sequencing.removal import UnremovableBrick, find_unremovable_bricks
 from planning.lego.stability.partial_structures import PartialStructures
 from planning.statics.equilibrium import StabilityReport
 
@@ -69,17 +69,17 @@ def stable_steps(
         else:
             steps.append(stable)
     if rules.removable:
-        faults += [item.words for item in shut_in_steps(assembly)]
+        faults += [item.words for item in unremovable_steps(assembly)]
     if faults:
-        raise InfeasibleStepError(told(faults, what=" steps"), steps=weak)
+        raise InfeasibleStepError(format_faults(faults, what=" steps"), steps=weak)
     return replace(assembly, steps=tuple(steps))
 
 
-def shut_in_steps(assembly: LegoAssembly) -> tuple[ShutIn, ...]:
+def unremovable_steps(assembly: LegoAssembly) -> tuple[UnremovableBrick, ...]:
     """Return the temporary bricks of an assembly's steps that cannot be taken out again."""
     built = zip(assembly.structure, assembly.steps, strict=True)
     helpers = frozenset(item.name for item, step in built if step.temporary)
-    return shut_in(assembly.structure, helpers)
+    return find_unremovable_bricks(assembly.structure, helpers)
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class StepChoices:
     @property
     def grips(self) -> tuple[Press, ...]:
         """The grips to choose from."""
-        return self.step.presses or presses(self.site.item.brick)
+        return self.step.presses or legal_presses(self.site.item.brick)
 
     @property
     def supports(self) -> tuple[Support | None, ...]:
@@ -149,7 +149,7 @@ class StepChoices:
     def _better_grips(self) -> list[str]:
         found = (
             _entry(asdict(press))
-            for press in presses(self.site.item.brick)
+            for press in legal_presses(self.site.item.brick)
             if press not in self.grips and self._bears(press, self.supports[0])
         )
         return list(islice(found, _HINTS))

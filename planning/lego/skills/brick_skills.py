@@ -16,21 +16,26 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from planning.cell.workcell import Attachment
 from planning.kinematics.kinematics import inverse_kinematics
-from planning.lego.bricks.brick_world import BrickWorld, Placed, goal_name, press_of
-from planning.lego.skills.handovers import brick_meetings, giver_rest
+from planning.lego.bricks.brick_world import (
+    BrickWorld,
+    Placed,
+    goal_name,
+    press_from_number,
+)
+from planning.lego.skills.handovers import brick_meetings, giver_rest_poses
 from planning.lego.skills.targets import (
     APPROACH_HEIGHT,
     HIGH_APPROACH,
     PRESSED,
     BrickGrip,
-    contacts_at_rest,
-    leaned_on,
+    neighbours_leaned_on,
     pick_targets,
     place_targets,
-    room_at_rest,
+    resting_contacts,
+    resting_room,
+    support_contacts,
     support_targets,
     supported_span,
-    supporting,
 )
 from planning.steps.handovers import Handover, find_handover
 from planning.steps.skill import (
@@ -43,7 +48,7 @@ from planning.steps.skill import (
     SkillTargets,
     Subgoal,
     ToolContact,
-    gripped,
+    grip_contact,
     joint_distance,
     skill_postures,
 )
@@ -114,20 +119,20 @@ class BrickSkills:
         item, grip = world.stock[stock], self._picked(robot, stock, grasp)
         near = world.stock_neighbours(stock)
         pose, fixtures = world.stock_at_rest[stock][1].pose, world.cell.fixtures
-        touching = contacts_at_rest(robot, item, pose, grip.press, near, fixtures)
+        touching = resting_contacts(robot, item, pose, grip.press, near, fixtures)
         above = world.above[stock]
         scene = SkillScene(
             world.cell,
             {stock: world.stock_at_rest[stock]},
             self.home,
-            SkillContacts(NOTHING, touching, gripped(robot, stock)),
+            SkillContacts(NOTHING, touching, grip_contact(robot, stock)),
             (stock, Attachment(robot, grip.held())),
             self._refill(stock),
             world.all_standing.without([*above, stock]),
             ToolContact(
                 world.cell.clearances.contact_tolerance,
                 PRESSED,
-                leaned_on(item, near),
+                neighbours_leaned_on(item, near),
             ),
         )
         # What may be gone, or not be there yet, when the brick is picked.
@@ -175,7 +180,7 @@ class BrickSkills:
         """Return a robot's grip of a stock brick where it is picked."""
         item, top = self.world.stock[stock], self.world.start_top(stock)
         frames = self.world.cell.robot(robot).model.frames
-        return BrickGrip(frames, item.brick, top, press_of(grasp))
+        return BrickGrip(frames, item.brick, top, press_from_number(grasp))
 
     def place_targets(
         self,
@@ -211,7 +216,7 @@ class BrickSkills:
         """Return a robot's grip of the brick of a step in its place."""
         kind, top = self.world.step(step).brick, self.world.goal_top(step)
         frames = self.world.cell.robot(robot).model.frames
-        return BrickGrip(frames, kind, top, press_of(grasp))
+        return BrickGrip(frames, kind, top, press_from_number(grasp))
 
     @_once
     def place(
@@ -223,9 +228,9 @@ class BrickSkills:
         """
         world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)
-        item, near = world.goal_bricks[step - 1], room_at_rest(work)
-        press, others = press_of(grasp), world.cells_near(near, step)
-        touching = contacts_at_rest(
+        item, near = world.goal_bricks[step - 1], resting_room(work)
+        press, others = press_from_number(grasp), world.cells_near(near, step)
+        touching = resting_contacts(
             robot, item, at_goal.pose, press, others, world.cell.fixtures
         )
         standing = dict(self.home)
@@ -239,16 +244,18 @@ class BrickSkills:
             world.cell,
             {name: (goal, Attachment(robot, held))},
             standing,
-            SkillContacts(gripped(robot, name), touching, NOTHING),
+            SkillContacts(grip_contact(robot, name), touching, NOTHING),
             (name, at_goal),
             standing=world.standing(step),
             tool=self._tool,
         )
-        ways = (
+        alternatives = (
             self.place_targets(robot, step, grasp, attack, height)
             for height, attack in product(*self._ways_to_place(step, grasp))
         )
-        return resolve_skill(world.cell.robot(robot), ways, scene, world.loose_stock)
+        return resolve_skill(
+            world.cell.robot(robot), alternatives, scene, world.loose_stock
+        )
 
     @_once
     def least_pick(self, robot: str, stock: str, grasp: int) -> float:
@@ -268,12 +275,12 @@ class BrickSkills:
     @_once
     def least_place(self, robot: str, step: int, grasp: int) -> float:
         """Return the least joint distance from HOME to where a place lets go, whatever is in the way."""
-        ways = product(*self._ways_to_place(step, grasp))
+        alternatives = product(*self._ways_to_place(step, grasp))
         return self._least(
             robot,
             [
                 self.place_targets(robot, step, grasp, attack, height)
-                for height, attack in ways
+                for height, attack in alternatives
             ],
         )
 
@@ -297,7 +304,7 @@ class BrickSkills:
         """Return the heights of the approach, and the sides it comes from, in the order to try."""
         work = self.world.step(step)
         # The side given belongs to the step's own press.
-        other = () if work.press == press_of(grasp) else (-work.attack,)
+        other = () if work.press == press_from_number(grasp) else (-work.attack,)
         heights = (APPROACH_HEIGHT,) if work.up else (APPROACH_HEIGHT, HIGH_APPROACH)
         return heights, (work.attack, *other)
 
@@ -307,7 +314,7 @@ class BrickSkills:
         support = world.step(step).supports[choice]
         bricks = world.cells_near(supported_span(support), step)
         own = {goal_name(step): world.step(step)}
-        return supporting(robot, support, {**bricks, **own})
+        return support_contacts(robot, support, {**bricks, **own})
 
     @_once
     def support(self, robot: str, step: int, choice: int) -> Found:
@@ -322,11 +329,15 @@ class BrickSkills:
         held = self.supported(robot, step, choice)
         contacts = SkillContacts(NOTHING, held, held)
         standing = world.standing(step)
-        ways = support_targets(world.assembly.plate, world.step(step).supports[choice])
+        alternatives = support_targets(
+            world.assembly.plate, world.step(step).supports[choice]
+        )
         scene = SkillScene(
             world.cell, {}, self.home, contacts, standing=standing, tool=self._tool
         )
-        further = (_drawn_back(way, back) for back, way in product(_DRAWN_BACK, ways))
+        further = (
+            _drawn_back(way, back) for back, way in product(_DRAWN_BACK, alternatives)
+        )
         return resolve_skill(world.cell.robot(robot), further, scene, world.loose_stock)
 
     @_once
@@ -336,7 +347,7 @@ class BrickSkills:
         """Return how the brick of a step is handed over, at the first place that works."""
         cell = self.world.cell
         robots = source, _ = cell.robot(giver), cell.robot(receiver)
-        resting = giver_rest(source.base)
+        resting = giver_rest_poses(source.base)
         rests = inverse_kinematics(source, resting.frame, resting.pose, source.home)
         if not rests:
             return Obstruction(f"{resting.name} of {giver} is out of reach")
@@ -344,7 +355,7 @@ class BrickSkills:
         around = {**self.world.stock_at_rest, **goals}
         reason: Obstruction | None = None
         for meeting in brick_meetings(
-            self.world, robots, step, press_of(grasp), rests[0]
+            self.world, robots, step, press_from_number(grasp), rests[0]
         ):
             found = find_handover(cell, around, meeting)
             if isinstance(found, Handover):

@@ -10,7 +10,7 @@ from itertools import permutations, product
 from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import LegoAssembly
-from planning.lego.bricks.brick_world import BrickWorld, press_of
+from planning.lego.bricks.brick_world import BrickWorld, press_from_number
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import Obstruction, joint_distance
@@ -65,11 +65,11 @@ def find_candidates(
     Raises:
         ScenarioError: a step cannot be understood.
     """
-    nothing = no_candidates(cell, assembly, alternatives=alternatives)
+    nothing = empty_candidates(cell, assembly, alternatives=alternatives)
     return candidates_up_to(nothing, len(assembly.steps))
 
 
-def no_candidates(
+def empty_candidates(
     cell: Workcell, assembly: LegoAssembly, *, alternatives: int | None = None
 ) -> LegoCandidates:
     """Return the candidates of no step yet; see ``find_candidates`` for the arguments and errors."""
@@ -306,5 +306,5 @@ class BrickCollector(CandidateCollector):
 
 
 def _grip(grasp: int) -> str:
-    press = press_of(grasp)
+    press = press_from_number(grasp)
     return f"grip {press.side}/{press.offset}"

@@ -6,23 +6,23 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 
 from planning.cell.workcell import CellObject
-from planning.geometry.robot_bodies import entity
+from planning.geometry.robot_bodies import entity_name
 from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import GridSpan, OnGrid, PlacedBrick
 from planning.lego.bricks.brick_world import (
     BrickWorld,
     copy_name,
     next_copy,
-    press_of,
-    source_of,
+    press_from_number,
+    station_of,
 )
 from planning.lego.skills.candidates import LegoCandidates
 from planning.lego.skills.targets import (
     Bricks,
-    contacts_at_rest,
-    room_at_rest,
+    resting_contacts,
+    resting_room,
+    support_contacts,
     supported_span,
-    supporting,
 )
 from planning.steps.handovers import Handover
 from planning.steps.placement import (
@@ -32,7 +32,13 @@ from planning.steps.placement import (
     PlannedSupport,
     write_placement,
 )
-from planning.steps.skill import NOTHING, Obstruction, Pairs, gripped, touching
+from planning.steps.skill import (
+    NOTHING,
+    Obstruction,
+    Pairs,
+    contacts_with,
+    grip_contact,
+)
 from planning.steps.skill_trial import ResolvedSkill
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import TaskPlan
@@ -87,7 +93,7 @@ def _waits(
         if task.kind in PLACES:
             history.put("placed", "the brick before", task)
         if task.kind == "pick" and task.object is not None:
-            source = source_of(task.object, world.stations)
+            source = station_of(task.object, world.stations)
             yield from history.before(task, "picked", *world.above[source])
             history.put("picked", source, task)
             if task.object in brought:
@@ -111,7 +117,7 @@ def _bricks_taken(
     """
     number = dict.fromkeys(stations, 1)
     for name in plan.there:
-        if (source := source_of(name, stations)) != name:
+        if (source := station_of(name, stations)) != name:
             number[source] = max(number[source], int(name.rpartition(".")[2]))
     names: list[str] = []
     for choice in plan.choices[:step]:
@@ -186,7 +192,7 @@ class _ChosenBrickStep:
     def _place(self, option: ResolvedSkill) -> PlannedSkill:
         path = option.path
         goal = self.world.goal(self.choice.step)[1].pose
-        others = self._standing_near(room_at_rest(self.work))
+        others = self._standing_near(resting_room(self.work))
         touched, grazed = self._touched(option)
         below = " from below" if self.work.up else ""
         return PlannedSkill(
@@ -202,7 +208,7 @@ class _ChosenBrickStep:
         path, support = option.path, self.work.supports[choice]
         bricks = self._standing_near(supported_span(support))
         bricks[self.brick] = self.work
-        pressed = supporting(path.robot, support, bricks)
+        pressed = support_contacts(path.robot, support, bricks)
         touched, grazed = self._touched(option)
         words = f"support step {self.choice.step}"
         skill = PlannedSkill(path, "to its support", words, None, touched, grazed)
@@ -212,7 +218,7 @@ class _ChosenBrickStep:
             "back from its support",
             pressed,
             # What the placing robot brings touches the standing tool as well.
-            pressed & gripped(path.robot, self.brick),
+            pressed & grip_contact(path.robot, self.brick),
             straight=False,
         )
 
@@ -221,17 +227,17 @@ class _ChosenBrickStep:
     ) -> Pairs:
         """Return the contacts of the brick where it is picked or placed."""
         item = PlacedBrick(self.brick, at.brick, at.cell)
-        press, fixtures = press_of(self.choice.grasp), self.world.cell.fixtures
-        return contacts_at_rest(robot, item, pose, press, others, fixtures)
+        press, fixtures = press_from_number(self.choice.grasp), self.world.cell.fixtures
+        return resting_contacts(robot, item, pose, press, others, fixtures)
 
     def _touched(self, option: ResolvedSkill) -> tuple[Pairs, Pairs]:
         """Return what the tool leans on in a skill, and grazes, as far as it is there by then."""
-        tool = entity(option.path.robot, "tool")
+        tool = entity_name(option.path.robot, "tool")
         later = self.world.goal_numbers
         found = {True: NOTHING, False: NOTHING}
         for known, leans in option.touched.items():
             if later.get(known, 0) < self.choice.step:
-                found[leans] |= touching(tool, self._standing({known: self.work}))
+                found[leans] |= contacts_with(tool, self._standing({known: self.work}))
         return found[True], found[False]
 
     def _standing(self, near: Bricks) -> dict[str, OnGrid]:

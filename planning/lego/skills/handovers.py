@@ -78,7 +78,7 @@ def receive_poses(
     return tuple(out)
 
 
-def giver_rest(giver: Transform) -> Subgoal:
+def giver_rest_poses(giver: Transform) -> Subgoal:
     """Return where a giver of a base pose is before and after a handover: flange pointing down."""
     pose = giver @ translation(*REST) @ rotation("x", np.pi)
     return Subgoal("handover rest", "flange", pose)

@@ -18,7 +18,7 @@ import numpy as np
 
 from planning.cell.workcell import Fixture
 from planning.errors import RobotModelError
-from planning.geometry.robot_bodies import entity
+from planning.geometry.robot_bodies import entity_name
 from planning.lego.bricks.assembly import (
     BRICKS,
     LAYER_HEIGHT,
@@ -33,7 +33,13 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.brick_grips import grip_pose, lever_cell, side_contact_pose
 from planning.lego.bricks.grid import box_from_top, brick_height, plate_corner, top_pose
-from planning.steps.skill import Pairs, SkillTargets, Subgoal, gripped, touching
+from planning.steps.skill import (
+    Pairs,
+    SkillTargets,
+    Subgoal,
+    contacts_with,
+    grip_contact,
+)
 from planning.transforms import Transform, inverse, rotation, translation
 
 DEFAULT_TWIST: Mapping[str, float] = {
@@ -339,7 +345,7 @@ def _support(
     return SkillTargets(skill, subgoals)
 
 
-def contacts_at_rest(
+def resting_contacts(
     robot: str,
     item: PlacedBrick,
     pose: Transform,
@@ -359,7 +365,7 @@ def contacts_at_rest(
         item: the brick where it is then.
         pose: of the centre of its box in the world.
         press: the grip.
-        others: all other bricks at rest near ``room_at_rest``, or more.
+        others: all other bricks at rest near ``resting_room``, or more.
         fixtures: of the cell.
     """
     name, span = item.name, item.span
@@ -374,13 +380,13 @@ def contacts_at_rest(
             if not lever.shares_studs(others[other].span)
         ]
     return (
-        gripped(robot, name)
-        | touching(name, [*around, *under])
-        | touching(entity(robot, "tool"), beside)
+        grip_contact(robot, name)
+        | contacts_with(name, [*around, *under])
+        | contacts_with(entity_name(robot, "tool"), beside)
     )
 
 
-def leaned_on(item: OnGrid, others: Bricks) -> frozenset[str]:
+def neighbours_leaned_on(item: OnGrid, others: Bricks) -> frozenset[str]:
     """Return the bricks beside a brick that is picked, one stud away from it.
 
     The tool reaches one stud over the edge that it grips: it stands a tenth of a millimetre beside
@@ -393,21 +399,21 @@ def leaned_on(item: OnGrid, others: Bricks) -> frozenset[str]:
     return frozenset(around) - frozenset(near)
 
 
-def room_at_rest(item: OnGrid) -> GridSpan:
+def resting_room(item: OnGrid) -> GridSpan:
     """Return the room of a brick at its pick or place, the tool's wall beside a plate included.
 
-    Whatever contacts_at_rest names is near to it.
+    Whatever resting_contacts names is near to it.
     """
     return item.span.widened(1) if lever_reaches_below(item.brick) else item.span
 
 
-def supporting(robot: str, support: Support, bricks: Bricks) -> Pairs:
+def support_contacts(robot: str, support: Support, bricks: Bricks) -> Pairs:
     """Return the contacts of a supporting tool with the bricks it holds, and those beside it.
 
     A support-top presses on layer z - 1, a support-bottom on z + 1.
     """
     tip = supported_span(support)
-    return touching(entity(robot, "tool"), _bordering(tip, bricks, levels=1))
+    return contacts_with(entity_name(robot, "tool"), _bordering(tip, bricks, levels=1))
 
 
 def _bordering(span: GridSpan, bricks: Bricks, *, levels: int) -> list[str]:

@@ -59,7 +59,7 @@ class KnobJoint:
     studs: tuple[tuple[int, int], ...]
 
 
-def by_name(structure: Iterable[PlacedBrick]) -> dict[str, PlacedBrick]:
+def bricks_by_name(structure: Iterable[PlacedBrick]) -> dict[str, PlacedBrick]:
     """Return the bricks of a structure by name.
 
     Raises:
@@ -97,7 +97,7 @@ def stud_height(level: float) -> float:
     return level / BRICK_LEVELS * LAYER
 
 
-def joints(
+def find_joints(
     bricks: Mapping[str, PlacedBrick], filled: Mapping[GridPlace, str]
 ) -> tuple[KnobJoint, ...]:
     """Return the joints of a structure, the plate's included, in the order of the bricks."""
@@ -139,7 +139,7 @@ def side_contacts(
                 yield ContactForce(name, other, at, LEVEL[axis])
 
 
-def centre(item: PlacedBrick) -> Array:
+def brick_centre(item: PlacedBrick) -> Array:
     """Return a brick's centre of mass, that of its box, shape (3,) [studs]."""
     nx, ny = item.span.size
     cell = item.cell
@@ -228,7 +228,7 @@ def joint_contacts(
             yield ContactForce(*ends, axis, direction, within=sideways)
 
 
-def in_studs(load: Load) -> Load:
+def load_in_studs(load: Load) -> Load:
     """Return a load of a tool as the program of equilibrium takes it."""
     return replace(load, points=tuple(map(_in_studs, load.points)))
 

@@ -24,13 +24,13 @@ from planning.lego.stability.contacts import (
     JointStrength,
     KnobJoint,
     ToolHold,
-    by_name,
-    centre,
+    brick_centre,
+    bricks_by_name,
     filled_places,
-    in_studs,
+    find_joints,
     joint_contacts,
-    joints,
     knob_points,
+    load_in_studs,
     side_contacts,
     tool_push,
 )
@@ -70,12 +70,12 @@ def resting_region(
         for joint in joints
         for stud in joint.studs
         for x, y in knob_points(item, stud)
-        if joint.lower is None or contains(regions[joint.lower], (x, y))
+        if joint.lower is None or contains_point(regions[joint.lower], (x, y))
     ]
     return convex_hull(points)
 
 
-def contains(region: Region, point: Point) -> bool:
+def contains_point(region: Region, point: Point) -> bool:
     """Return True when a point lies in a convex region or on its edge."""
     if not region:
         return False
@@ -130,10 +130,10 @@ class PartialStructures:
     """
 
     def __init__(self, design: Iterable[PlacedBrick]) -> None:
-        self.bricks = by_name(design)
+        self.bricks = bricks_by_name(design)
         self.filled = filled_places(self.bricks)
         """The brick in each place of the grid."""
-        self._joints = joints(self.bricks, self.filled)
+        self._joints = find_joints(self.bricks, self.filled)
         self._under: dict[str, list[KnobJoint]] = defaultdict(list)
         self._over: dict[str, list[KnobJoint]] = defaultdict(list)
         for joint in self._joints:
@@ -143,7 +143,7 @@ class PartialStructures:
         self._middle = {
             name: (float(x), float(y))
             for name, item in self.bricks.items()
-            for x, y, _ in [centre(item)]
+            for x, y, _ in [brick_centre(item)]
         }
         self._from_low = sorted(self.bricks, key=lambda n: self.bricks[n].cell.level)
         self._shapes: dict[object, tuple[int, Region]] = {}
@@ -161,7 +161,7 @@ class PartialStructures:
         bricks = self.bricks
         knobs = (joint_contacts(j, bricks[j.upper], _STRENGTH) for j in self._joints)
         return Equilibrium(
-            {name: centre(item) for name, item in bricks.items()},
+            {name: brick_centre(item) for name, item in bricks.items()},
             {name: i.brick.mass * STANDARD_GRAVITY for name, i in bricks.items()},
             [*chain.from_iterable(knobs), *side_contacts(bricks, self.filled)],
         )
@@ -191,7 +191,7 @@ class PartialStructures:
         known = self._standing.get(names)
         if known is None:
             regions = self._regions_of(names)
-            known = all(contains(regions[n], self._middle[n]) for n in names)
+            known = all(contains_point(regions[n], self._middle[n]) for n in names)
             known = known or self._program.bears(LoadCase(names)) >= 0.0
             self._standing[names] = known
         return known
@@ -240,7 +240,7 @@ class PartialStructures:
         for px, py, _ in load.points:
             x = (weight * mx + push * px / STUD_PITCH) / (weight + push)
             y = (weight * my + push * py / STUD_PITCH) / (weight + push)
-            if contains(region, (x, y)):
+            if contains_point(region, (x, y)):
                 return True
         return False
 
@@ -272,5 +272,5 @@ def _case(names: Names, load: Load | None, holds: Sequence[ToolHold]) -> LoadCas
     pushes = tuple(map(tool_push, holds))
     if load is None:
         return LoadCase(names, pushes=pushes)
-    spread = in_studs(load)
+    spread = load_in_studs(load)
     return LoadCase(names, loose=load.body, pushes=pushes, load=spread)

@@ -89,7 +89,7 @@ def _meshes(model: RobotModel, purpose: str) -> Iterator[tuple[str, Path]]:
             yield name.removeprefix("file://").removeprefix("package://"), found
 
 
-def keep_description(root: Element, name: str) -> Path:
+def store_description(root: Element, name: str) -> Path:
     """Write a description to a file, with its meshes beside it; the same goes to the same file.
 
     Args:
@@ -110,7 +110,7 @@ def keep_description(root: Element, name: str) -> Path:
     for source in meshes:
         stat = os.stat(source)
         digest.update(f"{source} {stat.st_mtime_ns} {stat.st_size}".encode())
-    folder = kept_folder() / digest.hexdigest()[:16]
+    folder = session_folder() / digest.hexdigest()[:16]
     path = folder / f"{name}.urdf"
     if not path.exists():
         (folder / "meshes").mkdir(parents=True, exist_ok=True)
@@ -124,7 +124,7 @@ def keep_description(root: Element, name: str) -> Path:
 
 
 @cache
-def kept_folder() -> Path:
+def session_folder() -> Path:
     """Return a folder that is there as long as the program runs."""
     folder, owner = Path(tempfile.mkdtemp(prefix="assembly-twin-")), os.getpid()
 

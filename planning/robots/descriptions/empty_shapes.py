@@ -14,7 +14,7 @@ from planning.robots.descriptions.xml_files import (
     SHAPES,
     SIZES,
     find_mesh_of_package,
-    vector,
+    parse_vector,
 )
 
 EMPTY = "empty"
@@ -24,15 +24,15 @@ _OBJ_LINE = re.compile(rb"(#.*|(v|vn|vt|vp|l|p|o|g|s|mtllib|usemtl)\b.*)?\s*")
 """A line of an OBJ file that is no face."""
 
 
-def leave_out_empty_shapes(root: Element, dirs: Sequence[Path]) -> None:
+def remove_empty_shapes(root: Element, dirs: Sequence[Path]) -> None:
     """Remove shapes without a volume, and write the kinds of those that collide at their links."""
-    for link, shape, form in empty_shapes(root, dirs):
+    for link, shape, form in find_empty_shapes(root, dirs):
         link.remove(shape)
         if shape.tag == "collision":
             link.set(EMPTY, f"{link.get(EMPTY, '')} {form.tag}".strip())
 
 
-def empty_shapes(
+def find_empty_shapes(
     root: Element, dirs: Sequence[Path]
 ) -> list[tuple[Element, Element, Element]]:
     """Return link, collision or visual, and form of each shape of a URDF without a volume."""
@@ -52,7 +52,7 @@ def _is_empty(form: Element, dirs: Sequence[Path]) -> bool:
     for key in SIZES.keys() & form.attrib.keys():
         least, most, count = SIZES[key]
         try:
-            values = vector(form.get(key, ""), key, count)
+            values = parse_vector(form.get(key, ""), key, count)
         except RobotModelError:
             return False
         sizes += [abs(v) if key == "scale" else v for v in values]

@@ -20,11 +20,11 @@ from planning.robots.descriptions.urdf_file import GivenLimits, UrdfOptions
 from planning.robots.descriptions.urdf_geometry import (
     TURNING,
     joint_motion,
-    pose_of,
+    origin_pose,
     write_pose,
 )
-from planning.robots.descriptions.xml_files import number, vector
-from planning.transforms import Array, Transform, identity, readonly
+from planning.robots.descriptions.xml_files import parse_number, parse_vector
+from planning.transforms import Array, Transform, identity, read_only_copy
 
 _ELEMENT = "assembly_twin"
 _INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -129,34 +129,38 @@ def written_options(root: Element) -> UrdfOptions | None:
     tool, grip = notes.find("tool"), notes.find("grip")
     payload, home = notes.get("payload_kg"), notes.get("home")
     frames = {
-        frame.get("name", ""): readonly(pose_of(frame.find("origin"), "a <frame>"))
+        frame.get("name", ""): read_only_copy(
+            origin_pose(frame.find("origin"), "a <frame>")
+        )
         for frame in notes.findall("frame")
     }
     return UrdfOptions(
         home=None
         if home is None
-        else vector(home, "home of a description", len(home.split())),
+        else parse_vector(home, "home of a description", len(home.split())),
         flange_link=notes.get("flange"),
         tool_links=None
         if tool is None
         else tuple(part.get("link", "") for part in tool.findall("part")),
         frames=frames or None,
         grip=None if grip is None else _grip(grip),
-        payload=None if payload is None else number(payload, "payload_kg"),
+        payload=None if payload is None else parse_number(payload, "payload_kg"),
     )
 
 
 def _grip(element: Element) -> ToolGrip:
     text, tool = element.get("opening_m"), element.get("tool", "tool")
     force = element.get("force_n")
-    presses = None if force is None else number(force, "force_n of a <grip>")
+    presses = None if force is None else parse_number(force, "force_n of a <grip>")
     if text is None:
         return ToolGrip(None, tool, presses)
-    least, most = vector(text, "opening_m of a <grip>", 2)
+    least, most = parse_vector(text, "opening_m of a <grip>", 2)
     return ToolGrip((least, most), tool, presses)
 
 
-def weigh(body: Element, link: str, mass: float, centre: Array, length: float) -> None:
+def set_total_mass(
+    body: Element, link: str, mass: float, centre: Array, length: float
+) -> None:
     """Let the links of a description weigh so much together.
 
     Links that have masses keep their shares of it. Where none has, all of it is in one link, and
@@ -175,14 +179,14 @@ def weigh(body: Element, link: str, mass: float, centre: Array, length: float) -
     told = [
         (mass, mass.get("value", "0")) for mass in body.findall("link/inertial/mass")
     ]
-    masses = [number(value, "mass of a link") for _, value in told]
+    masses = [parse_number(value, "mass of a link") for _, value in told]
     if sum(masses) > 0.0:
         share = mass / sum(masses)
         for (element, _), own in zip(told, masses, strict=True):
             element.set("value", repr(own * share))
         for inertia in body.findall("link/inertial/inertia"):
             for key in _INERTIAS:
-                own = number(inertia.get(key, "0"), "inertia of a link")
+                own = parse_number(inertia.get(key, "0"), "inertia of a link")
                 inertia.set(key, repr(own * share))
         return
     for element in body.findall("link"):
@@ -224,7 +228,7 @@ def hold_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
         _fix(joints[name], value, f"{path}: joint {name!r}")
 
 
-def hold_all(root: Element, path: Path, values: Mapping[str, float]) -> None:
+def hold_all_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
     """Fix all joints: those without a value at zero, or at the limit that is nearest to it."""
     held = dict(values)
     for joint in root.findall("joint"):
@@ -273,8 +277,8 @@ def _with_followers(
         if name in followed:
             raise RobotModelError(f"{path}: joint {name!r} mimics itself")
         where = f"{path}: joint {name!r}, <mimic>"
-        factor = number(mimic.get("multiplier", "1"), f"{where} multiplier")
-        offset = number(mimic.get("offset", "0"), f"{where} offset")
+        factor = parse_number(mimic.get("multiplier", "1"), f"{where} multiplier")
+        offset = parse_number(mimic.get("offset", "0"), f"{where} offset")
         leader = value_of(str(mimic.get("joint")), (*followed, name))
         return None if leader is None else factor * leader + offset
 
@@ -286,8 +290,8 @@ def _range(joint: Element, where: str) -> tuple[float, float]:
     limit = joint.find("limit")
     if limit is None or joint.get("type") == "continuous":
         return -math.inf, math.inf
-    lower = number(limit.get("lower", "0"), f"{where}, lower limit")
-    upper = number(limit.get("upper", "0"), f"{where}, upper limit")
+    lower = parse_number(limit.get("lower", "0"), f"{where}, lower limit")
+    upper = parse_number(limit.get("upper", "0"), f"{where}, upper limit")
     if lower > upper:
         raise RobotModelError(f"{where} has an empty range: {lower:g} to {upper:g}")
     return lower, upper
@@ -305,7 +309,7 @@ def _require_within(joint: Element, value: float, where: str) -> None:
 
 def _fix(joint: Element, value: float, where: str) -> None:
     kind = joint.get("type")
-    pose = pose_of(joint.find("origin"), where)
+    pose = origin_pose(joint.find("origin"), where)
     if kind in (*TURNING, "prismatic"):
         pose = pose @ joint_motion(joint, value, where)
     elif value != 0.0:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from planning.errors import RobotModelError
-from planning.robots.descriptions.xml_files import vector
+from planning.robots.descriptions.xml_files import parse_vector
 from planning.transforms import Transform, from_quat_wxyz, identity
 
 _TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
@@ -110,18 +110,18 @@ class MjcfSettings:
         """Return the pose that attributes of an element stand for."""
         where = f"{self.path}: {where}"
         out = self._turned(given, where)
-        out[:3, 3] = vector(given.get("pos", "0 0 0"), f"{where}, pos")
+        out[:3, 3] = parse_vector(given.get("pos", "0 0 0"), f"{where}, pos")
         return out
 
     def _turned(self, given: Mapping[str, str], where: str) -> Transform:
         key = next((key for key in _TURNS if key in given), "")
         text = given.get(key, "")
         if key == "quat":
-            return from_quat_wxyz((0, 0, 0), vector(text, f"{where}, quat", 4))
+            return from_quat_wxyz((0, 0, 0), parse_vector(text, f"{where}, quat", 4))
         if key == "zaxis":
-            return turn_from_z(np.array(vector(text, f"{where}, zaxis")))
+            return turn_from_z(np.array(parse_vector(text, f"{where}, zaxis")))
         if key == "xyaxes":
-            sides = np.array(vector(text, f"{where}, xyaxes", 6)).reshape(2, 3)
+            sides = np.array(parse_vector(text, f"{where}, xyaxes", 6)).reshape(2, 3)
             if np.linalg.matrix_rank(sides) < 2:
                 raise RobotModelError(f"{where}, xyaxes are along one line: {text!r}")
             x = sides[0] / np.linalg.norm(sides[0])
@@ -130,13 +130,13 @@ class MjcfSettings:
             return _with_axes(np.column_stack([x, y, np.cross(x, y)]))
         turned = Rotation.identity()
         if key == "euler":
-            angles = vector(text, f"{where}, euler")
+            angles = parse_vector(text, f"{where}, euler")
             for axis, angle in zip(self._sequence, angles, strict=True):
                 step = Rotation.from_euler(axis.lower(), angle * self._angle)
                 # Small letters turn with the frame, capital ones do not.
                 turned = turned * step if axis.islower() else step * turned
         elif key == "axisangle":
-            *along, angle = vector(text, f"{where}, axisangle", 4)
+            *along, angle = parse_vector(text, f"{where}, axisangle", 4)
             length = float(np.linalg.norm(along))
             if length == 0.0:
                 raise RobotModelError(f"{where}, axisangle has no axis: {text!r}")
@@ -155,7 +155,7 @@ class MjcfSettings:
             return MjcfJoint(name, kind, None, 0.0)
         # What slides is in metres, whatever angles are in.
         unit = self._angle if kind == "hinge" else 1.0
-        drawn = vector(given.get("ref", "0"), f"{where}, ref", 1)[0] * unit
+        drawn = parse_vector(given.get("ref", "0"), f"{where}, ref", 1)[0] * unit
         limited, text = given.get("limited", "auto"), given.get("range")
         if limited == "auto" and text is not None and not self._auto:
             raise RobotModelError(
@@ -164,7 +164,7 @@ class MjcfSettings:
             )
         if limited != "true" and (limited != "auto" or text is None):
             return MjcfJoint(name, kind, None, drawn)
-        low, high = vector(text or "", f"{where} is limited: its range", 2)
+        low, high = parse_vector(text or "", f"{where} is limited: its range", 2)
         if low >= high:
             raise RobotModelError(
                 f"{where} is limited: its range must rise, is {text!r}"
@@ -190,9 +190,9 @@ def _on_top(low: Mapping[str, str], high: Mapping[str, str]) -> dict[str, str]:
     return kept | dict(high)
 
 
-def turn_from_z(way: npt.NDArray[np.float64]) -> Transform:
+def turn_from_z(direction: npt.NDArray[np.float64]) -> Transform:
     """Return the least turn that takes the z axis to a direction, shape (3,)."""
-    x, y, z = (way / max(float(np.linalg.norm(way)), 1e-300)).tolist()
+    x, y, z = (direction / max(float(np.linalg.norm(direction)), 1e-300)).tolist()
     flat = math.hypot(x, y)
     axis = np.array([-y, x, 0.0]) / flat if flat > 0.0 else np.array([1.0, 0.0, 0.0])
     return _with_axes(Rotation.from_rotvec(math.atan2(flat, z) * axis).as_matrix())

@@ -19,14 +19,14 @@ from scipy.spatial import ConvexHull
 from planning.cell.shape import Box, Capsule, Cylinder, Form, Mesh, Shape
 from planning.cell.shape import Element as PlacedForm
 from planning.errors import FittingError, RobotModelError, ShapeError
-from planning.robots.descriptions.description_files import kept_folder
+from planning.robots.descriptions.description_files import session_folder
 from planning.robots.descriptions.fitting import (
     Fitting,
     Tool,
     free_kinds,
-    hold_all,
+    hold_all_joints,
     hold_joints,
-    weigh,
+    set_total_mass,
     write_options,
     written_options,
 )
@@ -41,16 +41,16 @@ from planning.robots.descriptions.urdf_file import (
     tip_link,
 )
 from planning.robots.descriptions.urdf_geometry import (
+    format_numbers,
     joint_link,
-    numbers_text,
+    origin_pose,
     pose_in_root,
-    pose_of,
     write_pose,
 )
 from planning.robots.descriptions.xml_files import (
     find_mesh_of_package,
     search_folders,
-    without_prefixes,
+    strip_prefixes,
 )
 from planning.transforms import (
     Array,
@@ -69,7 +69,7 @@ Piece = tuple[str, dict[str, str], Transform]
 _KEPT = ("link", "joint", "material")
 
 
-def urdf_of_shapes(name: str, shapes: Sequence[PlacedForm]) -> Element:
+def shapes_to_urdf(name: str, shapes: Sequence[PlacedForm]) -> Element:
     """Return the description of a thing of one link.
 
     Args:
@@ -108,7 +108,7 @@ def cut_meshes(root: Element, within: float) -> None:
                 continue  # a hull is what is left for what is stretched
             form = mesh_form(Path(mesh.get("filename", "")), scale[0], within)
             where = f"link {link.get('name')!r}"
-            pose = pose_of(collision.find("origin"), where)
+            pose = origin_pose(collision.find("origin"), where)
             link.remove(collision)
             for tag, keys, own in _collisions(form):
                 _write(link, "collision", (tag, keys, pose @ own))
@@ -122,7 +122,7 @@ def _collisions(form: Form) -> Iterator[Piece]:
             yield "mesh", {"filename": _obj(hull, faces)}, here
         return
     if isinstance(form, Box):
-        yield "box", {"size": numbers_text(form.size)}, here
+        yield "box", {"size": format_numbers(form.size)}, here
         return
     radius = repr(float(form.radius))
     if isinstance(form, Cylinder) or form.length > 0.0:
@@ -155,7 +155,7 @@ def _obj(vertices: Array, faces: Indices | Array) -> str:
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in np.asarray(vertices).tolist()]
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in np.asarray(faces).tolist()]
     text = "\n".join(lines) + "\n"
-    path = kept_folder() / f"{sha256(text.encode()).hexdigest()[:16]}.obj"
+    path = session_folder() / f"{sha256(text.encode()).hexdigest()[:16]}.obj"
     if not path.exists():
         draft = path.with_suffix(".new")
         draft.write_text(text)
@@ -238,7 +238,7 @@ def _tidy(root: Element) -> None:
             inertial.find("mass") is None or inertial.find("inertia") is None
         ):
             link.remove(inertial)
-    without_prefixes(root)
+    strip_prefixes(root)
 
 
 def _write_limits(
@@ -330,22 +330,24 @@ def _mount(
     """Add a tool to an arm; return its links and its frames in the frame of the flange."""
     path = tool.description or Path(tool.name)
     if tool.description is None:
-        body = urdf_of_shapes(tool.name, tool.shapes)
+        body = shapes_to_urdf(tool.name, tool.shapes)
     else:
         body = read_description(path)
     dirs = search_folders(path)
     tree = checked_tree(body, path, dirs, free_kinds(body))
-    hold_all(body, path, tool.held)
+    hold_all_joints(body, path, tool.held)
     _meshes_in_full(body, dirs)
     if tool.within is not None:
         _cut(body, path, tool.within)
-    without_prefixes(body)
+    strip_prefixes(body)
     tcp = _tcp(body, tree.root, tool)
     if tool.mass is not None:
         centre = 0.5 * tcp[:3, 3]
         if tool.shapes:
             centre = Shape(tool.shapes, ()).centre_of_mass
-        weigh(body, tree.root, tool.mass, centre, float(np.linalg.norm(tcp[:3, 3])))
+        set_total_mass(
+            body, tree.root, tool.mass, centre, float(np.linalg.norm(tcp[:3, 3]))
+        )
     _rename(body, f"{tool.name}.")
     for child in body:
         if child.tag in ("link", "joint", "material"):

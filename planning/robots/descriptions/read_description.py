@@ -19,22 +19,22 @@ import numpy as np
 from planning.errors import RobotModelError
 from planning.files import is_file, read_file
 from planning.robots.descriptions.empty_shapes import (
-    empty_shapes,
-    leave_out_empty_shapes,
+    find_empty_shapes,
+    remove_empty_shapes,
 )
 from planning.robots.descriptions.mjcf_settings import MjcfSettings, turn_from_z
 from planning.robots.descriptions.urdf_geometry import (
+    format_numbers,
     joint_motion,
-    numbers_text,
-    pose_of,
+    origin_pose,
     write_pose,
 )
 from planning.robots.descriptions.xml_files import (
     find_mesh,
-    number,
+    parse_number,
+    parse_vector,
     read_xml,
     search_folders,
-    vector,
 )
 from planning.transforms import Transform, identity, translation
 
@@ -52,7 +52,7 @@ _LOOKS = 3
 _URDF_KINDS = {"slide": "prismatic", "hinge": "revolute"}
 
 
-def urdf_of_mjcf(root: Element, path: Path) -> Element:
+def mjcf_to_urdf(root: Element, path: Path) -> Element:
     """Return the bodies, joints and geoms of an MJCF file as URDF.
 
     A joint that an equality ties to another mimics it. Planes are left out: they are floors.
@@ -100,7 +100,7 @@ def _check_values(root: Element, path: Path) -> None:
             name = element.get("name") or element.get("class") or ""
             where = f"{path}: {key} of <{element.tag}> {name!r}"
             text = element.get(key, "")
-            values = [number(part, where) for part in text.split()]
+            values = [parse_number(part, where) for part in text.split()]
             if not values or any(abs(value) > _LARGEST for value in values):
                 raise RobotModelError(
                     f"{where} must be numbers of at most {_LARGEST:g}, is {text[:60]!r}"
@@ -140,7 +140,7 @@ def _meshes(root: Element, settings: MjcfSettings) -> dict[str, dict[str, str]]:
                 f" {settings.mesh_folder}"
             )
         where = f"{settings.path}: scale of mesh {name!r}"
-        scale = numbers_text(vector(given.get("scale", "1 1 1"), where))
+        scale = format_numbers(parse_vector(given.get("scale", "1 1 1"), where))
         found[_mesh_name(mesh)] = {"filename": str(file.resolve()), "scale": scale}
     return found
 
@@ -214,7 +214,9 @@ class _UrdfWriter:
     ) -> tuple[Element, Transform]:
         """Write the joint of a body; return the link that it moves, and where the body is in that."""
         joint = self.settings.joint(given, f"{name}Joint_0")
-        pivot = vector(given.get("pos", "0 0 0"), f"{self.path}: joint {joint.name!r}")
+        pivot = parse_vector(
+            given.get("pos", "0 0 0"), f"{self.path}: joint {joint.name!r}"
+        )
         moved = name if not any(pivot) else f"{name}.moved"
         placed = pose @ translation(*pivot)
         kind = _URDF_KINDS.get(joint.kind, "floating")
@@ -223,9 +225,11 @@ class _UrdfWriter:
         link = self._hang(parent, joint.name, moved, placed, kind)
         element = self.urdf[-1]
         if kind != "floating":
-            axis = vector(given.get("axis", "0 0 1"), f"{self.path}: {joint.name!r}")
+            axis = parse_vector(
+                given.get("axis", "0 0 1"), f"{self.path}: {joint.name!r}"
+            )
             unit = np.array(axis) / np.linalg.norm(axis)
-            SubElement(element, "axis", xyz=numbers_text(unit))
+            SubElement(element, "axis", xyz=format_numbers(unit))
         if kind != "floating" and joint.limits is not None:
             low, high = joint.limits
             SubElement(element, "limit", lower=repr(low), upper=repr(high))
@@ -253,7 +257,7 @@ class _UrdfWriter:
     def _geom(self, link: Element, given: Mapping[str, str], pose: Transform) -> None:
         where = f"{self.path}: geom {given.get('name', '')!r}"
         group, *masks = (
-            number(given.get(key, usual), f"{where}, {key}")
+            parse_number(given.get(key, usual), f"{where}, {key}")
             for key, usual in (("group", "0"), ("contype", "1"), ("conaffinity", "1"))
         )
         touched = any(masks)
@@ -277,9 +281,9 @@ class _UrdfWriter:
             write_pose(element, pose @ place)
             SubElement(SubElement(element, "geometry"), kind, keys)
             if tag == "visual":
-                rgba = vector(given.get("rgba", "1 1 1 1"), f"{where}, rgba", 4)
+                rgba = parse_vector(given.get("rgba", "1 1 1 1"), f"{where}, rgba", 4)
                 material = SubElement(element, "material", name="")
-                SubElement(material, "color", rgba=numbers_text(rgba))
+                SubElement(material, "color", rgba=format_numbers(rgba))
 
     def _shape(
         self, kind: str, given: Mapping[str, str], where: str
@@ -290,13 +294,14 @@ class _UrdfWriter:
                 raise RobotModelError(f"{where} has no mesh")
             return self.settings.pose(given, where), self.meshes[given["mesh"]]
         size = [
-            number(part, f"{where}, size") for part in given.get("size", "").split()
+            parse_number(part, f"{where}, size")
+            for part in given.get("size", "").split()
         ]
         if "fromto" in given and kind != "sphere":
-            ends = np.array(vector(given["fromto"], f"{where}, fromto", 6))
-            way = ends[3:] - ends[:3]
-            pose = translation(*(ends[:3] + 0.5 * way)) @ turn_from_z(way)
-            half = 0.5 * float(np.linalg.norm(way))
+            ends = np.array(parse_vector(given["fromto"], f"{where}, fromto", 6))
+            axis = ends[3:] - ends[:3]
+            pose = translation(*(ends[:3] + 0.5 * axis)) @ turn_from_z(axis)
+            half = 0.5 * float(np.linalg.norm(axis))
             size = [*size[:1] * (2 if kind == "box" else 1), half]
         else:
             pose = self.settings.pose(given, where)
@@ -306,7 +311,7 @@ class _UrdfWriter:
                 f"{where}: a {kind} needs {count} sizes, has {len(size)}"
             )
         if kind == "box":
-            return pose, {"size": numbers_text(2.0 * np.array(size[:3]))}
+            return pose, {"size": format_numbers(2.0 * np.array(size[:3]))}
         keys = {"radius": repr(size[0])}
         return pose, keys if kind == "sphere" else keys | {
             "length": repr(2.0 * size[1])
@@ -342,14 +347,14 @@ def read_description(path: Path) -> Element:
     """
     root = read_xml(path)
     if root.tag == "mujoco":
-        root = urdf_of_mjcf(root, path)
+        root = mjcf_to_urdf(root, path)
     if root.tag != "robot":
         raise RobotModelError(
             f"{path} is neither URDF nor MJCF: its root element is <{root.tag}>",
             choices=("robot", "mujoco"),
         )
     _take_capsules_apart(root, path)
-    leave_out_empty_shapes(root, search_folders(path))
+    remove_empty_shapes(root, search_folders(path))
     return root
 
 
@@ -362,8 +367,8 @@ def _take_capsules_apart(root: Element, path: Path) -> None:
                 continue
             where = f"{path}: link {link.get('name')!r}: a <capsule>"
             radius, length = capsule.get("radius", ""), capsule.get("length", "0")
-            place = pose_of(shape.find("origin"), where)
-            half = 0.5 * number(length, where)
+            place = origin_pose(shape.find("origin"), where)
+            half = 0.5 * parse_number(length, where)
             link.remove(shape)
             for kind, at in (("cylinder", 0.0), ("sphere", -half), ("sphere", half)):
                 if half == 0.0 and at == 0.0 and kind == "cylinder":
@@ -392,7 +397,7 @@ def is_plain_urdf(path: Path) -> bool:
     return (
         root.tag == "robot"
         and root.find("link/collision/geometry/capsule") is None
-        and not empty_shapes(root, dirs)
+        and not find_empty_shapes(root, dirs)
         and all(
             find_mesh(mesh.get("filename", ""), dirs) is not None
             for mesh in root.findall("link/collision//mesh")

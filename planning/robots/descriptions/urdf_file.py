@@ -14,10 +14,10 @@ from planning.cell.robot_model import ToolGrip
 from planning.errors import FittingError, RobotModelError
 from planning.robots.descriptions.urdf_geometry import joint_axis, joint_link
 from planning.robots.descriptions.xml_files import (
-    attribute,
     check_meshes,
     check_numbers,
-    number,
+    parse_number,
+    required_attribute,
     search_folders,
 )
 from planning.transforms import Transform, identity
@@ -204,14 +204,16 @@ def checked_tree(
     _reject_xacro(root, path)
     check_numbers(root, path)
     check_meshes(root, path, dirs)
-    names = [attribute(element, "name", path) for element in root.findall("link")]
+    names = [
+        required_attribute(element, "name", path) for element in root.findall("link")
+    ]
     links = set(_unique(names, "link", path))
     _unique([str(e.get("name")) for e in root.findall("joint")], "joint", path)
     parents: dict[str, tuple[str, str]] = {}
     moving: dict[str, Element] = {}
     fixed: set[str] = set()
     for element in root.findall("joint"):
-        name = attribute(element, "name", path)
+        name = required_attribute(element, "name", path)
         parent, child = (
             _joined(element, tag, links, f"{path}: joint {name!r}")
             for tag in ("parent", "child")
@@ -334,7 +336,7 @@ def _joint(element: Element, name: str, path: Path) -> UrdfJoint:
         if kind != "continuous":
             raise RobotModelError(message)
         raise FittingError(message, key="limits")
-    velocity = number(limit.get("velocity", "0"), f"{where}, velocity limit")
+    velocity = parse_number(limit.get("velocity", "0"), f"{where}, velocity limit")
     if velocity <= 0.0:
         raise FittingError(
             f"{where} needs a velocity limit above zero, has {velocity:g}; give the robot"
@@ -350,8 +352,12 @@ def _joint(element: Element, name: str, path: Path) -> UrdfJoint:
     lower, upper = -_CONTINUOUS_LIMIT, _CONTINUOUS_LIMIT
     if kind != "continuous":
         # Some files write 1e16 for a joint without limits.
-        lower = max(number(limit.get("lower", "0"), f"{where}, lower limit"), -FARTHEST)
-        upper = min(number(limit.get("upper", "0"), f"{where}, upper limit"), FARTHEST)
+        lower = max(
+            parse_number(limit.get("lower", "0"), f"{where}, lower limit"), -FARTHEST
+        )
+        upper = min(
+            parse_number(limit.get("upper", "0"), f"{where}, upper limit"), FARTHEST
+        )
     if not lower < upper:
         raise RobotModelError(f"{where} has an empty range: {lower:g} to {upper:g}")
     drive = [_drive(limit, key, where) for key in ("acceleration", "jerk", "effort")]
@@ -362,7 +368,7 @@ def _drive(limit: Element, key: str, where: str) -> float:
     """Return what a drive can do, infinite where nothing, or no limit, is said; any prefix will do."""
     for name, text in limit.items():
         if name.rpartition(":")[2] == key:
-            value = number(text, f"{where}, {key} limit")
+            value = parse_number(text, f"{where}, {key} limit")
             if key != "effort" and 0.0 < value < SLOWEST:
                 raise RobotModelError(
                     f"{where} has {key} limit {value:g}, must be at least {SLOWEST:g}"
@@ -398,7 +404,7 @@ def flange_link(description: UrdfFile, wanted: str | None) -> str:
     return last
 
 
-def links_on(description: UrdfFile, flange: str) -> tuple[str, ...]:
+def links_on_flange(description: UrdfFile, flange: str) -> tuple[str, ...]:
     """Return the links that hang on the flange: the tool, where nobody says otherwise.
 
     What hangs on ``flange`` hangs on ``tool0`` too: they are two frames of one face.

@@ -11,24 +11,24 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from planning.errors import RobotModelError
-from planning.robots.descriptions.xml_files import vector
+from planning.robots.descriptions.xml_files import parse_vector
 from planning.transforms import Array, Transform, from_rpy
 
 TURNING = ("revolute", "continuous")
 """Kinds of joints that turn; others that move slide."""
 
 
-def numbers_text(values: Iterable[float]) -> str:
+def format_numbers(values: Iterable[float]) -> str:
     """Return numbers as descriptions have them."""
     return " ".join(repr(float(value)) for value in values)
 
 
-def pose_of(element: Element | None, where: str) -> Transform:
+def origin_pose(element: Element | None, where: str) -> Transform:
     """Return the pose that an ``<origin>`` stands for; none stands for no offset."""
     if element is None:
         return np.eye(4)
-    xyz = vector(element.get("xyz", "0 0 0"), f"{where}, xyz of <origin>")
-    rpy = vector(element.get("rpy", "0 0 0"), f"{where}, rpy of <origin>")
+    xyz = parse_vector(element.get("xyz", "0 0 0"), f"{where}, xyz of <origin>")
+    rpy = parse_vector(element.get("rpy", "0 0 0"), f"{where}, rpy of <origin>")
     return from_rpy(xyz, rpy)
 
 
@@ -41,14 +41,14 @@ def write_pose(parent: Element, pose: Transform) -> None:
     with warnings.catch_warnings(action="ignore"):  # where two angles say the same
         rpy = np.zeros(3) if level else Rotation.from_matrix(turned).as_euler("xyz")
     xyz = np.asarray(pose)[:3, 3]
-    SubElement(parent, "origin", xyz=numbers_text(xyz), rpy=numbers_text(rpy))
+    SubElement(parent, "origin", xyz=format_numbers(xyz), rpy=format_numbers(rpy))
 
 
 def joint_axis(joint: Element, where: str) -> Array:
     """Return the unit axis of a joint in its own frame, shape (3,)."""
     element = joint.find("axis")
     text = "1 0 0" if element is None else element.get("xyz", "1 0 0")
-    axis = np.array(vector(text, f"{where}, axis"))
+    axis = np.array(parse_vector(text, f"{where}, axis"))
     length = math.hypot(*axis)
     if length == 0.0:
         raise RobotModelError(f"{where} has no direction: axis {text!r}")
@@ -88,6 +88,6 @@ def pose_in_root(
         name = str(joint.get("name"))
         if name in values:
             pose = joint_motion(joint, values[name], f"{where}: joint {name!r}") @ pose
-        pose = pose_of(joint.find("origin"), f"{where}: joint {name!r}") @ pose
+        pose = origin_pose(joint.find("origin"), f"{where}: joint {name!r}") @ pose
         link = joint_link(joint, "parent")
     return pose

@@ -58,7 +58,7 @@ def read_xml(path: Path) -> Element:
         raise RobotModelError(f"{path} is not XML: {error}") from None
 
 
-def without_prefixes(root: Element) -> None:
+def strip_prefixes(root: Element) -> None:
     """Take elements and attributes with a prefix out: they are notes to other programs."""
     for element in list(root.iter()):
         for child in list(element):
@@ -127,7 +127,7 @@ def check_meshes(root: Element, path: Path, dirs: Sequence[Path]) -> None:
     """Require the mesh of every collision shape to be there."""
     for link in root.findall("link"):
         for element in link.findall("collision//mesh"):
-            name = attribute(element, "filename", path)
+            name = required_attribute(element, "filename", path)
             if find_mesh_of_package(name, dirs) is None:
                 raise RobotModelError(
                     f"{path}: link {link.get('name')!r}: mesh {name!r} was not found in "
@@ -154,7 +154,7 @@ def _check_values(
     for key in sorted(ranges.keys() & set(element.keys())):
         least, most, count = ranges[key]
         where, text = f"{owner}: {key} of a <{element.tag}>", element.get(key, "")
-        for value in vector(text, where, count):
+        for value in parse_vector(text, where, count):
             # A mirrored mesh has a negative scale.
             size = abs(value) if key in ("scale", "xyz", "rpy") else value
             if not least <= size <= most:
@@ -163,7 +163,7 @@ def _check_values(
                 )
 
 
-def number(text: str, where: str) -> float:
+def parse_number(text: str, where: str) -> float:
     """Return a number of a description; ``where`` says which one, for messages."""
     try:
         value = float(text)
@@ -174,15 +174,15 @@ def number(text: str, where: str) -> float:
     return value
 
 
-def vector(text: str, where: str, count: int = 3) -> tuple[float, ...]:
+def parse_vector(text: str, where: str, count: int = 3) -> tuple[float, ...]:
     """Return so many numbers of a description."""
-    values = tuple(number(part, where) for part in text.split())
+    values = tuple(parse_number(part, where) for part in text.split())
     if len(values) != count:
         raise RobotModelError(f"{where} must be {count} numbers, is {text[:60]!r}")
     return values
 
 
-def attribute(element: Element, key: str, path: Path) -> str:
+def required_attribute(element: Element, key: str, path: Path) -> str:
     """Return an attribute that an element must have."""
     value = element.get(key)
     if not value:

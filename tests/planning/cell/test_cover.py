@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from planning.cell import cover
 from planning.cell.body import Capsules
-from planning.cell.cover import box_body, capsule_cover, cut_across, hull_vertices
+from planning.cell.cover import box_body, capsule_cover, cut_along_axis, hull_vertices
 from planning.transforms import Array
 
 
@@ -162,10 +162,10 @@ def test_edges_of_a_hull_cut_it_as_all_segments_do(
     ball *= np.array([0.9, 0.5, 0.2]) / np.linalg.norm(ball, axis=1)[:, None]
     points = hull_vertices(ball)
     for axis in range(3):
-        found = cut_across(points, axis, 2)
+        found = cut_along_axis(points, axis, 2)
         with monkeypatch.context() as patched:
             patched.setattr(cover, "_MANY", 10**9)
-            wanted = cut_across(points, axis, 2)
+            wanted = cut_along_axis(points, axis, 2)
         for a, b in zip(found, wanted, strict=True):
             np.testing.assert_allclose(a, b, atol=1e-12)
 

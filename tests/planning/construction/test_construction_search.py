@@ -17,20 +17,25 @@ from hypothesis import strategies as st
 from benchmarks.construction.fine_check.check import check_construction
 from benchmarks.construction.fixed_time import FixedTimeSolver
 from planning.construction.candidates import (
+    earliest_placement_time,
     rank_parts,
-    ready_at,
     robot_groups,
     skeletons,
 )
 from planning.construction.motion_plan_export import motion_plan
-from planning.construction.planner import Round, Rounds, plan_construction, plan_with
+from planning.construction.planner import (
+    PlacementRound,
+    PlacementRounds,
+    plan_construction,
+    plan_with_solver,
+)
 from planning.construction.problem.models import tower
 from planning.construction.problem.problem import Part
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.problem.settings import PlannerSettings, SearchSettings
 from planning.construction.problem.supply_layout import Spiral
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
-from planning.construction.world.fixed_world import Building, nothing_built
+from planning.construction.world.fixed_world import BuildState, initial_build_state
 from planning.contacts.precedence import PartGraph
 from planning.errors import ConstructionError
 from tests.planning.construction.toy_sites import (
@@ -58,7 +63,9 @@ class _Able(ReachBounds):
 
 def test_one_robot_comes_before_two_and_each_has_the_part_once() -> None:
     problem = toy_problem(CHEST, 3)
-    found = list(skeletons(_Able(problem), nothing_built(problem), problem.parts[0]))
+    found = list(
+        skeletons(_Able(problem), initial_build_state(problem), problem.parts[0])
+    )
     assert found[:3] == [(robot,) for robot in problem.team]
     assert sorted(found[3:]) == sorted(permutations(problem.team, 2))
 
@@ -95,7 +102,10 @@ def test_order_of_parts_is_that_of_eq_6(seed: int) -> None:
     counts = [sum(p in near[n] for p in placed) for n in ranked]
     assert counts == sorted(counts, reverse=True)
     for n in ranked:
-        assert all(ready_at(problem, n, placed) >= placed[c] for c in carriers[n])
+        assert all(
+            earliest_placement_time(problem, n, placed) >= placed[c]
+            for c in carriers[n]
+        )
 
 
 def test_parts_that_would_wall_others_in_wait() -> None:
@@ -109,7 +119,7 @@ def test_parts_that_would_wall_others_in_wait() -> None:
 
 def test_robots_that_are_free_earliest_come_first() -> None:
     problem = toy_problem(CHEST, 3)
-    world = nothing_built(problem)
+    world = initial_build_state(problem)
     busy = world.moved(
         "robot1", np.array([0.0, 4.0]), np.tile(problem.cell.robots[0].home, (2, 1))
     )
@@ -163,7 +173,7 @@ def test_a_handover_is_found_where_nobody_can_do_it_alone(approach: float) -> No
 
 
 def test_of_two_that_may_give_the_one_that_is_free_earlier_does() -> None:
-    world = nothing_built(toy_problem(CHEST, 3))
+    world = initial_build_state(toy_problem(CHEST, 3))
     for robot, end in (("robot1", 4.0), ("robot2", 5.0), ("robot3", 2.0)):
         home = world.world.cell.robot(robot).home
         world = world.moved(robot, np.array([0.0, end]), np.tile(home, (2, 1)))
@@ -200,7 +210,7 @@ def test_a_way_that_loses_too_much_is_of_no_use(fixed: bool) -> None:
     bounds = ReachBounds(problem)
     args = (bounds, PlannerSettings().subproblem)
     solver = FixedTimeSolver(*args) if fixed else SubproblemSolver(*args)
-    building = nothing_built(problem)
+    building = initial_build_state(problem)
     for part, robot in zip(problem.parts, problem.team, strict=True):
         attempt = Attempt(part, (robot,), [1])
         found = solver.solve(building, attempt)
@@ -227,7 +237,7 @@ def test_parts_without_joints_come_one_after_another_where_they_touch() -> None:
             assert second.start >= first.end - 1e-9
     # Whenever what touches it was planned to come.
     solver = SubproblemSolver(ReachBounds(problem), PlannerSettings().subproblem)
-    late = replace(nothing_built(problem), placed={"p1": 100.0})
+    late = replace(initial_build_state(problem), placed={"p1": 100.0})
     ready = [solver.earliest_times(late, part).place for part in problem.parts]
     assert ready == [100.0, 100.0, 100.0, 0.0]
 
@@ -281,12 +291,12 @@ class _Told(SubproblemSolver):
     """Whether ways are in fact only looked for where they are easy to find."""
 
     def tell(
-        self, building: Building, part: Part, robot: str, found: Solution | None
+        self, building: BuildState, part: Part, robot: str, found: Solution | None
     ) -> Solution | None:
         """Return what is said in place of what was found."""
         raise AssertionError("each test has its own")
 
-    def solve(self, building: Building, attempt: Attempt) -> Solution | None:
+    def solve(self, building: BuildState, attempt: Attempt) -> Solution | None:
         assert attempt.low_effort
         found = super().solve(
             building, replace(attempt, low_effort=self.low_effort, lost=np.inf)
@@ -303,7 +313,7 @@ class _Late(_Told):
     asked: dict[str, dict[str, float]]
 
     def tell(
-        self, building: Building, part: Part, robot: str, found: Solution | None
+        self, building: BuildState, part: Part, robot: str, found: Solution | None
     ) -> Solution | None:
         ends = self.asked.setdefault(part.name, {})
         ends[robot] = np.inf
@@ -319,7 +329,7 @@ def test_where_a_robot_is_late_others_are_asked_and_the_soonest_does_it() -> Non
     solver = _Late(bounds, settings.subproblem)
     solver.asked = {}
     once = replace(settings.search, tries=1)
-    plan = plan_with(solver, once, lambda done, total: None)
+    plan = plan_with_solver(solver, once, lambda done, total: None)
     who = {w.object: w.robot for w in plan.building.work if w.holder is None}
     for part, ends in solver.asked.items():
         assert who[part] == min(ends, key=lambda r: ends[r])
@@ -333,7 +343,7 @@ def test_where_a_robot_is_late_others_are_asked_and_the_soonest_does_it() -> Non
 class _Jealous(SubproblemSolver):
     """Of two parts whichever comes first keeps the other from its place."""
 
-    def solve(self, building: Building, attempt: Attempt) -> Solution | None:
+    def solve(self, building: BuildState, attempt: Attempt) -> Solution | None:
         return None if building.placed else super().solve(building, attempt)
 
 
@@ -346,7 +356,7 @@ def test_parts_that_keep_each_other_from_their_places_end_the_search() -> None:
     bounds, settings = ReachBounds(problem), PlannerSettings()
     solver = _Jealous(bounds, settings.subproblem)
     with pytest.raises(ConstructionError, match=r"to place both (left|right) and"):
-        plan_with(
+        plan_with_solver(
             solver,
             replace(settings.search, tries=1, returns=2),
             lambda done, total: None,
@@ -361,7 +371,7 @@ class _Lossy(_Told):
     tried: dict[int, list[str]]
 
     def tell(
-        self, building: Building, part: Part, robot: str, found: Solution | None
+        self, building: BuildState, part: Part, robot: str, found: Solution | None
     ) -> Solution | None:
         if part.name != "p0":
             assert robot == min(self.problem.team, key=building.world.free_from)
@@ -383,7 +393,7 @@ def test_where_a_robot_loses_time_it_places_the_part_with_which_it_loses_least()
     solver.losses = {"p0": 50.0, "p1": 1.0, "p2": 5.0, "p3": 4.0, "p4": 7.0}
     solver.tried = {}
     once = replace(settings.search, tries=1)
-    plan = plan_with(solver, once, lambda done, total: None)
+    plan = plan_with_solver(solver, once, lambda done, total: None)
     placed = [w.object for w in plan.building.work if w.holder is None]
     assert placed[-1] == "p0"
     for step, tried in solver.tried.items():
@@ -418,11 +428,11 @@ class Told:
         self.spent = 0
         self.spent_again = 0
 
-    def next_parts(self, building: Building) -> list[Part]:
+    def next_parts(self, building: BuildState) -> list[Part]:
         return list(PROBLEM.parts[len(building.placed) :])
 
     def place_next(
-        self, building: Building, parts: list[Part], turn: int, most_loss: float
+        self, building: BuildState, parts: list[Part], turn: int, most_loss: float
     ) -> Solution | None:
         self.spent += 1
         self.spent_again += turn > 0
@@ -433,9 +443,9 @@ class Told:
         return Solution(replace(building, placed=placed), 0.0, loss)
 
 
-def planned(told: Told, search: SearchSettings) -> list[Round]:
+def planned(told: Told, search: SearchSettings) -> list[PlacementRound]:
     """All rounds, up to one in which a part could not be placed."""
-    rounds, now, out = Rounds(told, search), nothing_built(PROBLEM), []
+    rounds, now, out = PlacementRounds(told, search), initial_build_state(PROBLEM), []
     while len(now.placed) < PARTS:
         out.append(rounds.next(now))
         if out[-1].stuck is not None:
@@ -495,9 +505,9 @@ def test_no_more_is_spent_on_tries_than_allowed(seed: int, again: float) -> None
 def test_robots_with_nothing_left_to_do_lose_time() -> None:
     stand = np.array([0.0, 4.0])
     home = np.tile(PROBLEM.cell.robots[0].home, (2, 1))
-    start = nothing_built(PROBLEM).moved(PROBLEM.team[0], stand, home)
+    start = initial_build_state(PROBLEM).moved(PROBLEM.team[0], stand, home)
     told = Told(np.zeros((PARTS, 1)))
-    rounds = Rounds(told, SearchSettings(tries=1))
+    rounds = PlacementRounds(told, SearchSettings(tries=1))
     first = rounds.next(start)
     assert first.lost == 0.0
     last = rounds.next(first.states[-1])

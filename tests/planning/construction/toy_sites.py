@@ -20,7 +20,7 @@ from planning.construction.problem.site import (
 )
 from planning.construction.problem.supply_layout import Spiral, SupplyLayout
 from planning.robots.registry import robot_model
-from planning.transforms import identity, readonly, translation
+from planning.transforms import identity, read_only_copy, translation
 
 
 def toy_problem(
@@ -35,7 +35,9 @@ def toy_problem(
         at = 2.0 * np.pi * k / robots
         home = np.array(model.home)
         home[:3] = 5.0 * np.cos(at), 5.0 * np.sin(at), at
-        team.append(PlacedRobot(f"robot{k + 1}", model, identity(), readonly(home)))
+        team.append(
+            PlacedRobot(f"robot{k + 1}", model, identity(), read_only_copy(home))
+        )
     cell = Workcell(
         tuple(team), (ground_fixture(),), part_objects(parts, supply or Spiral())
     )
@@ -43,7 +45,7 @@ def toy_problem(
 
 
 def toy_part(name: str, size: tuple[float, ...], at: tuple[float, ...]) -> ModelPart:
-    return ModelPart(name, readonly(size), 1.0, readonly(translation(*at)))
+    return ModelPart(name, read_only_copy(size), 1.0, read_only_copy(translation(*at)))
 
 
 CHEST = (
@@ -81,11 +83,11 @@ def handover_plan(approach: float = 0.05) -> ConstructionPlan:
     at[:3] = 3.5, 0.0, np.pi
     # What an arm can reach is below this, what the crane reaches is above the floor.
     height = 1.152
-    size = readonly((0.7, 0.2, height))
+    size = read_only_copy((0.7, 0.2, height))
     plinth = Fixture(
         "plinth",
         box_shape("plinth", size),
-        readonly(translation(0.0, 0.0, 0.5 * height)),
+        read_only_copy(translation(0.0, 0.0, 0.5 * height)),
     )
     beam = toy_part("beam", (0.7, 0.2, 0.096), (0.0, 0.0, height + 0.048))
     cell = Workcell(
@@ -93,10 +95,10 @@ def handover_plan(approach: float = 0.05) -> ConstructionPlan:
             PlacedRobot(
                 "crane",
                 crane,
-                readonly(translation(-1.9, 0.0, 0.0)),
-                readonly((1.57, 2.2, 0.0, 0.0)),
+                read_only_copy(translation(-1.9, 0.0, 0.0)),
+                read_only_copy((1.57, 2.2, 0.0, 0.0)),
             ),
-            PlacedRobot("arm", arm, identity(), readonly(at)),
+            PlacedRobot("arm", arm, identity(), read_only_copy(at)),
         ),
         (ground_fixture(), plinth),
         part_objects((beam,), Spiral(2.4, turn=0.5)),

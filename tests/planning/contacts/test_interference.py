@@ -26,13 +26,13 @@ from planning.contacts.interference import (
     ROUNDING,
     Overlaps,
     bore_around,
-    depth,
     mesh_bodies,
+    overlap_depth,
     round_solid,
 )
-from planning.contacts.play import ISO_9283, Play, play
-from planning.contacts.surface_depth import ConvexSolid, deepest_point, winding
-from planning.geometry.touching import Lying, near_to
+from planning.contacts.play import ISO_9283, Play, play_in_place
+from planning.contacts.surface_depth import ConvexSolid, deepest_point, winding_number
+from planning.geometry.touching import PlacedObject, nearby_entities
 from planning.transforms import Array, Transform, from_rpy, translation
 
 edges = st.tuples(*[st.floats(0.02, 0.3)] * 3)
@@ -65,7 +65,7 @@ def test_it_is_the_distance_of_the_boxes(
     at_b: tuple[float, float, float],
 ) -> None:
     expected = gap_of_upright(size_a, at_a, size_b, at_b)
-    found = near_to(
+    found = nearby_entities(
         (box(size_a), translation(*at_a)),
         {"b": (box(size_b), translation(*at_b))},
         0.05,
@@ -83,7 +83,7 @@ def test_a_rod_leaning_on_an_edge_touches_it_and_one_beside_does_not() -> None:
     edge = 0.05 - 0.01 * np.sqrt(2)
     post = box((0.02, 0.02, 0.1))
     touching = translation(0.06, 0, edge - 0.05 - 0.0005)
-    found = near_to(
+    found = nearby_entities(
         (rod, leaning),
         {"post": (post, touching), "other": (post, translation(0.06, 0.1, 0))},
         0.002,
@@ -95,7 +95,7 @@ def test_a_rod_leaning_on_an_edge_touches_it_and_one_beside_does_not() -> None:
 UPRIGHT = np.eye(4)
 
 
-def thing(form: Form | Shape, pose: Transform = UPRIGHT) -> Lying:
+def thing(form: Form | Shape, pose: Transform = UPRIGHT) -> PlacedObject:
     if isinstance(form, Mesh):
         own = Shape((Element(form, UPRIGHT),), mesh_bodies(form))
     else:
@@ -164,7 +164,10 @@ def test_a_round_peg_is_in_a_bore_of_a_mesh_as_deep_as_radii_and_axes_say(
     peg = Cylinder(max(radius - play, 3e-4), 0.03)
     pose = translation(off * math.cos(turn), off * math.sin(turn), 0.0)
     expected = peg.radius + off - radius
-    found = depth(thing(peg, pose), block), depth(block, thing(peg, pose))
+    found = (
+        overlap_depth(thing(peg, pose), block),
+        overlap_depth(block, thing(peg, pose)),
+    )
     # What is within rounding may be told as rounding or as nothing, whichever is named first.
     if max(expected, *found) > ROUNDING + 2e-6:
         assert found == pytest.approx((expected, expected), abs=2e-6)
@@ -177,13 +180,13 @@ def test_a_bore_has_an_end_and_a_hexagon_is_none() -> None:
     floor = Element(Box((0.04, 0.04, 0.01)), translation(0.0, 0.0, -0.01))
     blind = shape_of("blind", [whole, floor])
     for sunk in (-1e-5, 4e-5, 1e-4):  # less than the polygon is inside of its circle
-        found = depth(thing(peg, translation(0, 0, 0.005 - sunk)), thing(blind))
+        found = overlap_depth(thing(peg, translation(0, 0, 0.005 - sunk)), thing(blind))
         assert found == pytest.approx(sunk if sunk > 0 else 0.0, abs=1.1e-5)
     nut = Element(bored(0.005, 6, 0.02, 0.01), UPRIGHT)
     assert bore_around(peg, UPRIGHT, nut) is None
     assert bore_around(peg, UPRIGHT, whole) is not None
     flats = 0.005 * math.cos(math.pi / 6)
-    assert depth(thing(peg), thing(nut.form)) == pytest.approx(
+    assert overlap_depth(thing(peg), thing(nut.form)) == pytest.approx(
         peg.radius - flats, abs=2e-6
     )
 
@@ -196,7 +199,7 @@ def test_boxes_and_meshes_of_boxes_are_alike(
     size = np.array([0.03, 0.04, 0.05])
     at = translation(*(shift * np.eye(3)[axis]))
     other: Form = box_mesh(*size) if both else Box((0.03, 0.04, 0.05))
-    found = depth(thing(box_mesh(*size)), thing(other, at))
+    found = overlap_depth(thing(box_mesh(*size)), thing(other, at))
     deep = size[axis] - abs(shift)
     if deep <= ROUNDING:
         assert found <= ROUNDING + 1e-6
@@ -210,10 +213,10 @@ def test_what_goes_through_a_surface_is_as_deep_as_it_goes() -> None:
     block = thing(box_mesh(0.04, 0.04, 0.04))
     pin = Cylinder(0.0005, 0.02)
     ahead = thing(pin, translation(0, 0, 0.025))
-    assert depth(ahead, block) == pytest.approx(0.005, abs=1e-5)
-    assert depth(thing(pin), block) > 0.02  # wholly inside: no surface is in it
+    assert overlap_depth(ahead, block) == pytest.approx(0.005, abs=1e-5)
+    assert overlap_depth(thing(pin), block) > 0.02  # wholly inside: no surface is in it
     ball = Capsule(0.005, 0.0)
-    assert depth(thing(ball, translation(0.024, 0, 0)), block) == pytest.approx(
+    assert overlap_depth(thing(ball, translation(0.024, 0, 0)), block) == pytest.approx(
         0.001, abs=2e-6
     )
 
@@ -236,7 +239,7 @@ def test_a_hollow_that_a_piece_fills_is_still_hollow() -> None:
     channel = thing(mesh_of([vertices], np.asarray(body.faces), vertices))
     key = Box((0.0198, 0.02, 0.02))
     for x, deep in ((0.0, 0.0), (1e-4, 0.0), (2e-4, 1e-4), (0.0015, 0.0014)):
-        found = depth(thing(key, translation(x, 0, 0.0151)), channel)
+        found = overlap_depth(thing(key, translation(x, 0, 0.0151)), channel)
         assert max(found, 0.0) == pytest.approx(deep, abs=2e-6)
 
 
@@ -302,7 +305,7 @@ def test_a_surface_goes_around_what_is_inside(point: tuple[float, ...]) -> None:
     beyond = np.abs(point) - np.array([0.015, 0.02, 0.025])
     if np.abs(beyond).min() > 1e-6:
         inside = bool(np.all(beyond < 0.0))
-        assert winding(np.array(point), triangles) == pytest.approx(
+        assert winding_number(np.array(point), triangles) == pytest.approx(
             float(inside), abs=1e-6
         )
 
@@ -311,7 +314,7 @@ def test_a_turned_peg_is_measured_in_its_own_frame() -> None:
     block = bored(0.005, 48, 0.02, 0.01)
     turned = from_rpy((0.2, -0.1, 0.3), (0.4, 0.5, 0.6))
     peg = thing(Cylinder(0.0051, 0.03), turned)
-    assert depth(peg, thing(block, turned)) == pytest.approx(1e-4, abs=2e-6)
+    assert overlap_depth(peg, thing(block, turned)) == pytest.approx(1e-4, abs=2e-6)
 
 
 def test_what_may_be_is_what_was_said_and_rounding() -> None:
@@ -322,7 +325,7 @@ def test_what_may_be_is_what_was_said_and_rounding() -> None:
         ("pin", {}),
         ("other", {"plate": pytest.approx(2.5e-5, abs=2e-6)}),
     ):
-        assert overlaps.too_deep(name, thing(pin), {"plate": plate}) == deep
+        assert overlaps.is_too_deep(name, thing(pin), {"plate": plate}) == deep
     words = Overlaps().words("pin", "plate", 3e-5)
     assert "0.03 mm" in words
     assert "fits: [{parts: [pin, plate], press_m: 3e-05}]" in words
@@ -331,7 +334,7 @@ def test_what_may_be_is_what_was_said_and_rounding() -> None:
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-def slot(width: float, walls: tuple[str, ...] = ("left", "right")) -> Lying:
+def slot(width: float, walls: tuple[str, ...] = ("left", "right")) -> PlacedObject:
     """Return walls of 20 mm beside a slot around the origin."""
     places = {
         "left": (-1.0, 0.0),
@@ -359,7 +362,7 @@ def test_a_peg_in_a_bore_can_go_as_far_as_the_circle_of_its_axis_reaches(
     block = thing(bored(0.005, 48, 0.02, 0.02), at)
     off = share * room * np.array([math.cos(turn), math.sin(turn), 0.0])
     peg = thing(Cylinder(0.005 - room, 0.03), at @ translation(*off))
-    found = play(peg, {"block": block}, at[:3, :3] @ DOWN)
+    found = play_in_place(peg, {"block": block}, at[:3, :3] @ DOWN)
     assert found is not None
     assert found.beside == ("block",)
     assert found.free.max() <= room * (1.0 + share) + 1e-6
@@ -376,19 +379,19 @@ def test_play_is_that_between_walls_and_words_say_which() -> None:
         (("left", "right"), "0.40 mm from side to side"),
         (("left", "right", "front", "back"), "0.20 mm on all sides"),
     ):
-        found = play(key, {"slot": slot(0.0204, walls)}, DOWN)
+        found = play_in_place(key, {"slot": slot(0.0204, walls)}, DOWN)
         assert found is not None
         assert found.words == words
     for walls in (("left",), ("left", "front")):
-        assert play(key, {"slot": slot(0.0204, walls)}, DOWN) is None
-    assert play(key, {"slot": slot(0.0304)}, DOWN) is None
+        assert play_in_place(key, {"slot": slot(0.0204, walls)}, DOWN) is None
+    assert play_in_place(key, {"slot": slot(0.0304)}, DOWN) is None
 
 
 def test_what_it_rests_on_does_not_hold_it_and_a_press_has_no_play() -> None:
     key = thing(Box((0.02, 0.02, 0.02)))
     table = thing(Box((1.0, 1.0, 0.02)), translation(0.0, 0.0, -0.02))
-    assert play(key, {"table": table}, DOWN) is None
-    found = play(key, {"table": table, "slot": slot(0.01996)}, DOWN)
+    assert play_in_place(key, {"table": table}, DOWN) is None
+    found = play_in_place(key, {"table": table, "slot": slot(0.01996)}, DOWN)
     assert found is not None
     assert found.words == "pressed in by 0.02 mm"
     assert found.beside == ("slot",)
@@ -407,7 +410,7 @@ def test_the_chance_is_the_share_of_drawn_positions_that_fit(
     assert stated == pytest.approx(repeatability, rel=0.01)
     room, off = 0.0003, np.array([0.0001, 0.00005])
     peg = thing(Cylinder(0.005 - room, 0.03), translation(*off, 0.0))
-    found = play(peg, {"block": thing(bored(0.005, 48, 0.02, 0.02))}, DOWN)
+    found = play_in_place(peg, {"block": thing(bored(0.005, 48, 0.02, 0.02))}, DOWN)
     assert found is not None
     fits = np.linalg.norm(drawn[:, :2] + off, axis=1) <= room
     assert found.chance(repeatability) == pytest.approx(fits.mean(), abs=0.006)

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from planning.cell.shape import Element, Mesh, shape_of
 from planning.cell.workcell import CellObject
-from planning.contacts.interference import depth, forms_depth
-from planning.contacts.play import _across, _free_of_surface, play
-from planning.contacts.surface_gap import free_way, surface_gap
+from planning.contacts.interference import forms_overlap_depth, overlap_depth
+from planning.contacts.play import _across, _free_of_surface, play_in_place
+from planning.contacts.surface_gap import free_distance, surface_gap
 from planning.meshes.mesh_form import mesh_form
 from planning.transforms import Array, Transform, from_rpy, translation
 
@@ -117,11 +117,11 @@ def test_what_is_inside_or_meets_has_no_gap() -> None:
     )
     away = Element(ball, translation(0.0, 0.0, 0.025))
     assert surface_gap(Element(ball, here), away) == pytest.approx(0.005)
-    assert forms_depth(Element(ball, here), Element(large, here)) > 0.0
-    assert free_way(Element(ball, here), away, -DOWN, 0.1) == pytest.approx(
+    assert forms_overlap_depth(Element(ball, here), Element(large, here)) > 0.0
+    assert free_distance(Element(ball, here), away, -DOWN, 0.1) == pytest.approx(
         0.005, abs=2e-6
     )
-    assert free_way(Element(ball, here), away, DOWN, 0.1) == math.inf
+    assert free_distance(Element(ball, here), away, DOWN, 0.1) == math.inf
 
 
 def written(path: Path, vertices: Array, faces: Array) -> Mesh:
@@ -148,8 +148,8 @@ def test_a_round_peg_of_many_sides_has_the_play_of_its_corners(
         return CellObject(name, name, own, np.eye(4)), at
 
     inside, around = thing("peg", translation(0, 0, 0.002)), thing("socket", np.eye(4))
-    assert depth(inside, around) <= 0.0
-    found = play(inside, {"socket": around}, DOWN)
+    assert overlap_depth(inside, around) <= 0.0
+    found = play_in_place(inside, {"socket": around}, DOWN)
     assert found is not None
     true = min(ray_play(peg, hole, way[:2]) for way in _across(DOWN))
     assert found.least == pytest.approx(true, abs=5e-6)

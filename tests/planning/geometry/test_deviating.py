@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from planning.cell.workcell import PlacedRobot, PoseError
-from planning.geometry.exact import Solid, place
-from planning.geometry.robot_bodies import how_far, robot_bodies, while_deviating
+from planning.geometry.exact import Solid, place_at_middle
+from planning.geometry.robot_bodies import (
+    position_error_bound,
+    robot_bodies,
+    with_deviations,
+)
 from planning.kinematics.kinematics import inverse_kinematics, joint_poses_of
 from planning.robots.registry import robot_model
 from planning.transforms import Array, rotation, translation
@@ -66,7 +70,7 @@ def test_no_body_is_further_off_than_its_bound(model: str, seed: int) -> None:
     robot = placed(model)
     path, rng = a_path(robot, seed), np.random.default_rng(seed)
     solids = list(robot_bodies(robot).solids)
-    bounds = how_far(robot, path, ERROR, solids)
+    bounds = position_error_bound(robot, path, ERROR, solids)
     # The same by the proof's code, which may ask for less, and not for more.
     reference = WitnessRobot(robot)
     frames, tried = reference.joint_frames_along(path), 0
@@ -97,7 +101,7 @@ def test_what_the_flange_carries_goes_with_it() -> None:
     robot = placed("gp4")
     solids = list(robot_bodies(robot).solids)
     path = a_path(robot, 0)
-    bounds = how_far(robot, path, PoseError(0.001, 0.0), solids)
+    bounds = position_error_bound(robot, path, PoseError(0.001, 0.0), solids)
     last = [s.joint == robot.model.dof - 1 for s in solids]
     assert bounds[last] == pytest.approx(0.001)
     base = [s.joint < 0 for s in solids]
@@ -107,15 +111,17 @@ def test_what_the_flange_carries_goes_with_it() -> None:
 def test_bodies_that_deviate_are_that_much_thicker_for_all_but_themselves() -> None:
     robot = placed("gp4")
     path, own = a_path(robot, 1), robot_bodies(robot)
-    wide = while_deviating(own, robot, path, ERROR)
-    bounds = how_far(robot, path, ERROR, own.solids)
+    wide = with_deviations(own, robot, path, ERROR)
+    bounds = position_error_bound(robot, path, ERROR, own.solids)
     for solid, far in zip(wide.solids, bounds, strict=True):
-        pose, _ = place(solid, path[0], path[0])
-        assert solid.strays_with_base(pose) == pytest.approx(far)
-        assert solid.where_planned.strays_with_base(pose) == 0.0
+        pose, _ = place_at_middle(solid, path[0], path[0])
+        assert solid.deviation_bound_with_base(pose) == pytest.approx(far)
+        assert solid.where_planned.deviation_bound_with_base(pose) == 0.0
     assert wide.hulls.deviates == pytest.approx(bounds)
     assert not wide.hulls.seen_from_base().deviates.any()
     off = replace(robot, base_error=PoseError(0.01, 0.0))
-    both = while_deviating(robot_bodies(off), off, path, ERROR)
-    pose, _ = place(both.solids[-1], path[0], path[0])
-    assert both.solids[-1].strays_with_base(pose) == pytest.approx(0.01 + bounds[-1])
+    both = with_deviations(robot_bodies(off), off, path, ERROR)
+    pose, _ = place_at_middle(both.solids[-1], path[0], path[0])
+    assert both.solids[-1].deviation_bound_with_base(pose) == pytest.approx(
+        0.01 + bounds[-1]
+    )

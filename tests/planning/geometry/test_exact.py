@@ -13,12 +13,18 @@ from planning.geometry.distance import (
     BETWEEN,
     FAR,
     TOO_CLOSE,
-    gap_class,
+    classify_gap,
+    is_segment_near_box,
     segment_box,
-    segment_near_box,
     segment_segment,
 )
-from planning.geometry.exact import TOLERANCE, Solid, come_close, distance, place
+from planning.geometry.exact import (
+    TOLERANCE,
+    Solid,
+    hull_distance,
+    may_come_close,
+    place_at_middle,
+)
 from planning.geometry.robot_bodies import robot_bodies
 from planning.transforms import Array, from_rpy
 from tests.kernels import outer
@@ -35,12 +41,12 @@ def _sampled(
         for solid, ends, poses in ((a, a_ends, poses_a), (b, b_ends, poses_b)):
             q0 = ends[0] + t0 * (ends[1] - ends[0])
             q1 = ends[0] + t1 * (ends[1] - ends[0])
-            poses.append(place(solid, q0, q1))
+            poses.append(place_at_middle(solid, q0, q1))
     reach_a = max(moved for _, moved in poses_a)
     reach_b = max(moved for _, moved in poses_b)
     for pose_a, _ in poses_a:
         for pose_b, _ in poses_b:
-            least = min(least, distance(a, pose_a, b, pose_b))
+            least = min(least, hull_distance(a, pose_a, b, pose_b))
     return least, reach_a + reach_b
 
 
@@ -57,7 +63,7 @@ def test_bisection_agrees_with_sampling(
     ends_b = rng.uniform(-0.6, 0.6, 4) + rng.uniform(-0.2, 0.2, (2, 4))
     least, reach = _sampled(a, ends_a, b, ends_b, 24)
     for clearance in (0.0, 0.001, 0.02, 0.1):
-        found = come_close(a, *ends_a, b, *ends_b, clearance)
+        found = may_come_close(a, *ends_a, b, *ends_b, clearance)
         if least < clearance:
             assert found
         if least - reach > clearance + TOLERANCE:
@@ -78,7 +84,7 @@ def test_touching_within_the_tolerance_counts_as_close() -> None:
         (-0.001, 0.0, True),
     ):
         b = resting_solid("b", cube, translation(0.1 + gap, 0.0, 0.0))
-        assert come_close(a, q, q, b, q, q, clearance) is expected
+        assert may_come_close(a, q, q, b, q, q, clearance) is expected
 
 
 def test_hulls_measure_as_coal_boxes_do() -> None:
@@ -100,7 +106,7 @@ def test_hulls_measure_as_coal_boxes_do() -> None:
         assert hull_gap == pytest.approx(box_gap, abs=1e-6)
 
 
-_gap_class = outer(gap_class)
+_gap_class = outer(classify_gap)
 
 _SIGNS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 FLOOR = _SIGNS * (15.0, 15.0, 0.1) - (0.0, 0.0, 0.1)
@@ -144,7 +150,7 @@ def test_what_reaches_into_the_floor_is_never_apart() -> None:
 
 
 _segment_box = outer(segment_box)
-_segment_near_box = outer(segment_near_box)
+_segment_near_box = outer(is_segment_near_box)
 _segment_segment = outer(segment_segment)
 
 numbers = st.integers(0, 2**32 - 1)

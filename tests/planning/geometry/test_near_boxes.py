@@ -23,17 +23,17 @@ from planning.geometry.scene_checker import SceneChecker
 from planning.geometry.standing import stand_boxes
 from planning.geometry.swept import boxes_in_reach, make_swept
 from planning.robots.registry import robot_model
-from planning.transforms import from_rpy, readonly, translation
+from planning.transforms import from_rpy, read_only_copy, translation
 
 MODEL = robot_model("gp4")
-ROBOT = PlacedRobot("arm", MODEL, readonly(np.eye(4)), MODEL.home)
-OTHER = PlacedRobot("other", MODEL, readonly(translation(0.8, 0, 0)), MODEL.home)
+ROBOT = PlacedRobot("arm", MODEL, read_only_copy(np.eye(4)), MODEL.home)
+OTHER = PlacedRobot("other", MODEL, read_only_copy(translation(0.8, 0, 0)), MODEL.home)
 
 
 def brick(name, x, y, z):
-    size = readonly([0.016, 0.032, 0.0096])
+    size = read_only_copy([0.016, 0.032, 0.0096])
     return CellObject(
-        name, "2x4", box_shape(name, size), readonly(translation(x, y, z))
+        name, "2x4", box_shape(name, size), read_only_copy(translation(x, y, z))
     )
 
 
@@ -141,7 +141,7 @@ def test_objects_that_move_are_seen_where_they_are_now():
     places_now = {"near": Attachment(None, item.start)}
     state = WorldState({"arm": MODEL.home, "other": MODEL.home}, places_now)
     assert not SceneChecker(cell, "arm", state).configuration_free(MODEL.home)
-    places_now["near"] = Attachment(None, readonly(translation(0.0, 0.4, 0.1)))
+    places_now["near"] = Attachment(None, read_only_copy(translation(0.0, 0.4, 0.1)))
     assert SceneChecker(cell, "arm", state).configuration_free(MODEL.home)
     del places_now["near"]
     assert SceneChecker(cell, "arm", state).configuration_free(MODEL.home)
@@ -157,7 +157,7 @@ forms = st.one_of(
 )
 angles, near = st.floats(-3.0, 3.0), st.floats(-0.2, 0.2)
 poses = st.builds(
-    lambda *v: readonly(from_rpy(v[:3], v[3:])),
+    lambda *v: read_only_copy(from_rpy(v[:3], v[3:])),
     near,
     near,
     near,
@@ -168,7 +168,7 @@ poses = st.builds(
 elements = st.lists(st.builds(Element, forms, poses), min_size=2, max_size=4)
 steps = st.tuples(*[st.floats(-0.6, 0.6)] * 6).map(np.array)
 spots = st.builds(
-    lambda x, y, z, a: readonly(from_rpy((x, y, z), (0, 0, a))),
+    lambda x, y, z, a: read_only_copy(from_rpy((x, y, z), (0, 0, a))),
     st.floats(0.2, 0.6), st.floats(-0.4, 0.4), st.floats(0.0, 0.6), angles,
 )  # fmt: skip
 

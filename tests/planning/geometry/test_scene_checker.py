@@ -19,7 +19,7 @@ from planning.cell.workcell import (
     Workcell,
     WorldState,
 )
-from planning.geometry.exact import Solid, distance_at, resting_solid
+from planning.geometry.exact import Solid, hull_distance_at, resting_solid
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import frame_pose
@@ -69,11 +69,11 @@ def _least_gap(cell: Workcell, state: WorldState, q: np.ndarray) -> float:
     gaps = []
     for a in mine:
         for b in other:
-            gaps.append(distance_at(a, q, b, q_two) - cell.clearances.robot_robot)
+            gaps.append(hull_distance_at(a, q, b, q_two) - cell.clearances.robot_robot)
     for i in range(len(mine)):
         for j in range(i + 1, len(mine)):
             if (i, j) not in one.model.never_collide:
-                gaps.append(distance_at(mine[i], q, mine[j], q))
+                gaps.append(hull_distance_at(mine[i], q, mine[j], q))
     boxes = [(f.shape.pieces[0], f.pose, 0.0) for f in cell.fixtures]
     hand = None
     between = cell.clearances.robot_robot
@@ -91,11 +91,13 @@ def _least_gap(cell: Workcell, state: WorldState, q: np.ndarray) -> float:
             boxes.append((item.shape.pieces[0], at.pose, 0.0))
     solids = [(resting_solid("box", body, pose), least) for body, pose, least in boxes]
     for solid, least in solids:
-        gaps.extend(distance_at(a, q, solid, q) - least for a in mine)
+        gaps.extend(hull_distance_at(a, q, solid, q) - least for a in mine)
     if hand is not None:
-        gaps.extend(distance_at(hand, q, b, q_two) - between for b in other)
-        gaps.extend(distance_at(hand, q, solid, q) - least for solid, least in solids)
-        gaps.extend(distance_at(a, q, hand, q) for a in mine[:3])
+        gaps.extend(hull_distance_at(hand, q, b, q_two) - between for b in other)
+        gaps.extend(
+            hull_distance_at(hand, q, solid, q) - least for solid, least in solids
+        )
+        gaps.extend(hull_distance_at(a, q, hand, q) for a in mine[:3])
     return min(gaps)
 
 
@@ -239,7 +241,7 @@ def least_gap(
                 pairs.append((solid, held))
             if part.joint >= 0:
                 pairs += [(solid, other) for other in boxes]
-        gaps.append(min(distance_at(a, q, b, q) for a, b in pairs))
+        gaps.append(min(hull_distance_at(a, q, b, q) for a, b in pairs))
         ends.append([rod_end(q, side) for side in (-1, 1)])
     steps = np.linalg.norm(np.diff(np.array(ends), axis=0), axis=2)
     return min(gaps), float(steps.max())

@@ -17,7 +17,7 @@ from planning.cell.workcell import (
 )
 from planning.geometry.hull_table import AT_REST
 from planning.geometry.standing import sort_objects, stand_boxes
-from planning.transforms import from_rpy, readonly, translation
+from planning.transforms import from_rpy, read_only_copy, translation
 
 SIZE = np.array([0.06, 0.12, 0.04])
 
@@ -45,11 +45,12 @@ def test_tables_reach_as_far_as_the_rows_of_a_scene(
     assert np.array_equal(table.corners[first:last], placed)
 
 
-BRICK_SIZE = readonly([0.016, 0.032, 0.0096])
+BRICK_SIZE = read_only_copy([0.016, 0.032, 0.0096])
 SHAPE = box_shape("brick", BRICK_SIZE)
-TABLE = Fixture("table", SHAPE, readonly(np.eye(4)))
+TABLE = Fixture("table", SHAPE, read_only_copy(np.eye(4)))
 OBJECTS = tuple(
-    CellObject(f"b{k}", "2x4", SHAPE, readonly(translation(k, 0, 0))) for k in range(6)
+    CellObject(f"b{k}", "2x4", SHAPE, read_only_copy(translation(k, 0, 0)))
+    for k in range(6)
 )
 
 places = st.none() | st.tuples(
@@ -69,7 +70,7 @@ def test_following_is_sorting_anew(run):
     for count, where, fixtures in run:
         objects = OBJECTS[:count]
         at = {
-            item.name: Attachment(place[0], readonly(translation(0, place[1], 0)))
+            item.name: Attachment(place[0], read_only_copy(translation(0, place[1], 0)))
             for item, place in zip(objects, where, strict=False)
             if place is not None
         }

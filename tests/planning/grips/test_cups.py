@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from planning.cell.robot_model import ToolGrip
 from planning.cell.shape import Box, Cylinder, Element, Form, box_shape, shape_of
 from planning.cell.workcell import PlacedRobot
-from planning.grips.cups import cup_width, too_wide
+from planning.grips.cups import cup_width, describe_too_wide_cups
 from planning.grips.grip import GripRules
-from planning.grips.tool_grips import robot_grips, robot_rules, why_no_grip
+from planning.grips.tool_grips import explain_missing_grip, robot_grips, robot_rules
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
 from planning.transforms import identity, translation
@@ -47,12 +47,12 @@ def test_a_face_takes_a_cup_that_is_no_wider(radius: float, disc: bool) -> None:
     if abs(radius / 0.012 - 1.0) > 0.02:
         assert bool(found) == (radius > 0.012)
     if radius < 0.0115:
-        words = too_wide(shape, HERE, HERE, robot_rules(RULES, ROUND))
+        words = describe_too_wide_cups(shape, HERE, HERE, robot_rules(RULES, ROUND))
         assert words is not None
         assert "24.0 mm wide (by the shapes of the tool)" in words
         told = float(words.rpartition(" takes is ")[2].removesuffix(" mm"))
         assert told == pytest.approx(2e3 * radius, abs=1.1)
-        assert words in why_no_grip(ROUND, shape, RULES, (HERE,))
+        assert words in explain_missing_grip(ROUND, shape, RULES, (HERE,))
 
 
 def test_rules_that_say_how_wide_a_cup_is_are_followed() -> None:

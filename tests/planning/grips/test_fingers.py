@@ -19,8 +19,8 @@ from planning.cell.workcell import (
 )
 from planning.grips.fingers import (
     _middle_and_radius,
+    finger_obstacles,
     firm_grips,
-    in_the_way_of_fingers,
     load_on_pads,
     swept_fingers,
 )
@@ -31,7 +31,7 @@ from planning.parts.part_skills import held_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
 from planning.statics.equilibrium import STANDARD_GRAVITY
-from planning.steps.skill import Obstruction, gripped
+from planning.steps.skill import Obstruction, grip_contact
 from planning.transforms import (
     Array,
     Transform,
@@ -205,8 +205,8 @@ def met(beside: CellObject | None, robot: str = "panda") -> Obstruction | None:
         state[beside.name] = Attachment(None, at)
     cell = Workcell((placed,), (), tuple(objects))
     world = WorldState({"arm": model.home}, state)
-    scene = cell, world, gripped("arm", "peg")
-    return in_the_way_of_fingers(placed, "tool", (peg, grip), model.home, scene)
+    scene = cell, world, grip_contact("arm", "peg")
+    return finger_obstacles(placed, "tool", (peg, grip), model.home, scene)
 
 
 def slat(y: float, thick: float = 0.004) -> CellObject:
@@ -259,7 +259,7 @@ def test_in_hand_the_part_goes_with_the_robot() -> None:
     held = Attachment("arm", held_pose(placed, "tool", DOWN))
     state = WorldState({"arm": model.home}, {"peg": held, "slat": Attachment(None, at)})
     cell = Workcell((placed,), (), (peg, CellObject("slat", "slat", beside.shape, at)))
-    scene = cell, state, gripped("arm", "peg")
-    found = in_the_way_of_fingers(placed, "tool", (peg, DOWN), model.home, scene)
+    scene = cell, state, grip_contact("arm", "peg")
+    found = finger_obstacles(placed, "tool", (peg, DOWN), model.home, scene)
     assert found is not None
     assert found.by == "slat"

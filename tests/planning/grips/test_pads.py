@@ -17,14 +17,14 @@ from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Box, Cylinder, Element, Shape, box_shape, shape_of
 from planning.cell.workcell import PlacedRobot
 from planning.grips.grip import GripRules, box_grips
-from planning.grips.pads import BESIDE, cup_at, finger_sides, pads_at, why_not_held
+from planning.grips.pads import BESIDE, cup_at, explain_not_held, finger_sides, pads_at
 from planning.grips.shape_grips import part_grips
 from planning.grips.tool_grips import (
-    beyond_part,
+    describe_tool_overhang,
+    explain_missing_grip,
     own_grips,
     robot_grips,
     tool_grips,
-    why_no_grip,
 )
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.robots.descriptions.fitting import Fitting, Tool
@@ -151,10 +151,10 @@ def test_pads_touch_when_a_linear_program_says_so(
         pieces = [piece.vertices for piece in shape.pieces]
         room = min(float(((grip[:3, 3] - body) @ closing).min()) for body in bodies)
         most = max(0.0, room) + 0.01
-        ways = [
+        directions = [
             first_touch(body, piece, closing) for body in bodies for piece in pieces
         ]
-        first = min((way for way in ways if way is not None), default=np.inf)
+        first = min((way for way in directions if way is not None), default=np.inf)
         swept = [np.vstack([body, body + most * closing]) for body in bodies]
         gap = min(apart(one, piece) for one in swept for piece in pieces)
         if pad.way is None:
@@ -197,7 +197,7 @@ BLOCK = box_shape("block", (0.03, 0.03, 0.02))
 def test_what_pads_do_not_touch_is_told_by_direction(
     tool: tuple[RobotModel, Transform], grip: Transform, words: str | None
 ) -> None:
-    found = why_not_held(*tool, "block", BLOCK, grip, suction=False)
+    found = explain_not_held(*tool, "block", BLOCK, grip, suction=False)
     assert (found is None) == (words is None), found
     assert words is None or words in str(found)
 
@@ -206,7 +206,7 @@ def test_what_pads_do_not_touch_is_told_by_direction(
 def test_a_thin_part_is_as_far_off_as_a_thick_one(off: float) -> None:
     """Though the pads meet in a plane that it does not reach."""
     thin = box_shape("thin", (0.03, 0.0004, 0.02))
-    words = why_not_held(*hand(off=off), "thin", thin, DOWN, suction=False)
+    words = explain_not_held(*hand(off=off), "thin", thin, DOWN, suction=False)
     assert (words is None) == (off < 0.002), words
 
 
@@ -216,9 +216,9 @@ def test_fingers_drawn_in_a_part_are_followed_from_outside() -> None:
     for off in (0.0, 0.003):
         pads = pads_at(*hand(off=off), wide, DOWN)
         assert pads is not None
-        ways = [pad.way for pad in pads.sides]
-        assert ways == pytest.approx([-0.002 - off, -0.002 + off], abs=1e-5) or (
-            ways == pytest.approx([-0.002 + off, -0.002 - off], abs=1e-5)
+        directions = [pad.way for pad in pads.sides]
+        assert directions == pytest.approx([-0.002 - off, -0.002 + off], abs=1e-5) or (
+            directions == pytest.approx([-0.002 + off, -0.002 - off], abs=1e-5)
         )
         assert abs(pads.off or 0.0) == pytest.approx(off, abs=1e-5)
 
@@ -247,7 +247,7 @@ def test_a_cup_is_on_its_face(
     tool: tuple[RobotModel, Transform], words: str | None
 ) -> None:
     lid = box_shape("lid", (0.2, 0.2, 0.02))
-    found = why_not_held(*tool, "lid", lid, grip_from_above(-0.01), suction=True)
+    found = explain_not_held(*tool, "lid", lid, grip_from_above(-0.01), suction=True)
     assert (found is None) == (words is None), found
     assert words is None or words in str(found)
 
@@ -264,7 +264,9 @@ def test_without_shapes_nothing_tells() -> None:
     bare = replace(robot_model("ur5e"), grip=ToolGrip((0.0, 0.06), "hand"))
     tip = frame_in_last_joint(bare, "tool")
     for suction in (False, True):
-        assert why_not_held(bare, tip, "block", BLOCK, DOWN, suction=suction) is None
+        assert (
+            explain_not_held(bare, tip, "block", BLOCK, DOWN, suction=suction) is None
+        )
 
 
 FINGERS = ToolGrip((0.01, 0.085), "two_finger")
@@ -337,7 +339,9 @@ def test_a_cup_is_on_the_face_and_upright() -> None:
 def test_the_tool_is_named_where_it_cannot_hold(
     grip: ToolGrip | None, size: tuple[float, ...], words: str
 ) -> None:
-    assert words in why_no_grip(robot("r", grip), box_shape("box", size), RULES)
+    assert words in explain_missing_grip(
+        robot("r", grip), box_shape("box", size), RULES
+    )
 
 
 def _with_fingers(ahead: float) -> PlacedRobot:
@@ -365,7 +369,7 @@ def test_fingers_that_reach_beyond_a_part_are_told_with_a_depth_that_helps(
     grips = robot_grips(arm, part, identity(), identity(), rules)
     assert grips
     for grip in grips:
-        words = beyond_part(arm, part, grip, "tool")
+        words = describe_tool_overhang(arm, part, grip, "tool")
         below = 0.5 * thick + grip.pose[2, 3]
         assert bool(words) == (ahead > below + 1e-9), words
         if not words:
@@ -377,7 +381,7 @@ def test_fingers_that_reach_beyond_a_part_are_told_with_a_depth_that_helps(
             continue
         higher = replace(rules, depth=float(told[1]))
         for other in robot_grips(arm, part, identity(), identity(), higher):
-            assert beyond_part(arm, part, other, "tool") == ""
+            assert describe_tool_overhang(arm, part, other, "tool") == ""
 
 
 ROD = np.array([0.3, 0.024, 0.024])

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.robot_model import KinematicChain, RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
@@ -26,7 +26,7 @@ from planning.transforms import (
     Transform,
     from_rpy,
     identity,
-    readonly,
+    read_only_copy,
     rotation,
     translation,
 )
@@ -244,7 +244,7 @@ def test_the_same_question_has_the_same_answer_and_no_one_can_change_it(
         solution[:] = 7.0
     assert np.array_equal(inverse_kinematics(robot, "tool", target, robot.home), kept)
     # Worked out anew, not remembered.
-    monkeypatch.setattr(kinematics, "_SOLVED", KeptAnswers(10))
+    monkeypatch.setattr(kinematics, "_SOLVED", BoundedCache(10))
     assert np.array_equal(inverse_kinematics(robot, "tool", target, robot.home), kept)
 
 
@@ -254,8 +254,8 @@ def test_sliding_joints_are_solved_too() -> None:
     placement = np.tile(np.eye(4), (6, 1, 1))
     placement[:, :3, :3] = np.eye(3)
     chain = KinematicChain(
-        readonly(placement),
-        readonly(np.vstack([np.eye(3), [[0, 0, 1], [0, 1, 0], [1, 0, 0]]])),
+        read_only_copy(placement),
+        read_only_copy(np.vstack([np.eye(3), [[0, 0, 1], [0, 1, 0], [1, 0, 0]]])),
         np.array([True, True, True, False, False, False]),
     )
     model = RobotModel(
@@ -263,15 +263,15 @@ def test_sliding_joints_are_solved_too() -> None:
         urdf=gp4.urdf,
         package_dirs=(),
         joint_names=("x", "y", "z", "yaw", "pitch", "roll"),
-        lower=readonly([-1.0, -1.0, -1.0, -3.0, -1.5, -3.0]),
-        upper=readonly([1.0, 1.0, 1.0, 3.0, 1.5, 3.0]),
-        velocity=readonly(np.ones(6)),
+        lower=read_only_copy([-1.0, -1.0, -1.0, -3.0, -1.5, -3.0]),
+        upper=read_only_copy([1.0, 1.0, 1.0, 3.0, 1.5, 3.0]),
+        velocity=read_only_copy(np.ones(6)),
         chain=chain,
-        flange=readonly(np.eye(4)),
+        flange=read_only_copy(np.eye(4)),
         frames={},
         parts=(),
         never_collide=frozenset(),
-        home=readonly(np.zeros(6)),
+        home=read_only_copy(np.zeros(6)),
     )
     q = np.array([0.5, -0.7, 0.2, 1.1, -0.6, 0.4])
     target = from_rpy((0.5, -0.7, 0.2), (0.4, -0.6, 1.1))

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from hypothesis import strategies as st
 
 from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
-from planning.lego.bricks.brick_grips import presses
+from planning.lego.bricks.brick_grips import legal_presses
 from planning.lego.skills.targets import BrickGrip
 from planning.transforms import Transform, from_rpy
 
@@ -36,7 +36,7 @@ def grips(
 ) -> BrickGrip:
     """Return a grip of any brick that has room for it, anywhere."""
     kind = draw(st.sampled_from([k for k in BRICKS.values() if k.studs != (1, 1)]))
-    press = draw(st.sampled_from(presses(kind)))
+    press = draw(st.sampled_from(legal_presses(kind)))
     return BrickGrip(frames, kind, draw(TOPS), press)
 
 

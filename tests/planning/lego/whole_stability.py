@@ -11,12 +11,12 @@ from planning.lego.bricks.assembly import PlacedBrick
 from planning.lego.stability.contacts import (
     JointStrength,
     ToolHold,
-    by_name,
-    centre,
+    brick_centre,
+    bricks_by_name,
     filled_places,
-    in_studs,
+    find_joints,
     joint_contacts,
-    joints,
+    load_in_studs,
     side_contacts,
     tool_push,
 )
@@ -48,17 +48,17 @@ def stability(
             pull yet.
         strength: what joints bear.
     """
-    bricks = by_name(structure)
+    bricks = bricks_by_name(structure)
     filled = filled_places(bricks)
     if not bricks:
         return StabilityReport(0.0, None)
     contacts = [tool_push(hold) for hold in holds]
-    for joint in joints(bricks, filled):
+    for joint in find_joints(bricks, filled):
         for contact in joint_contacts(joint, bricks[joint.upper], strength):
             free = joint.upper in loose or joint.lower in loose
             contacts.append(replace(contact, pull=0.0) if free else contact)
     contacts += side_contacts(bricks, filled)
-    return _least_pull(bricks, contacts, [in_studs(load) for load in loads])
+    return _least_pull(bricks, contacts, [load_in_studs(load) for load in loads])
 
 
 def _least_pull(
@@ -68,7 +68,7 @@ def _least_pull(
 ) -> StabilityReport:
     """Solve the plain program by scipy: the score, and the brick that it depends on most."""
     number = {name: k for k, name in enumerate(bricks)}
-    centres = np.array([centre(item) for item in bricks.values()])
+    centres = np.array([brick_centre(item) for item in bricks.values()])
     shares = [(load, point) for load in loads for point in load.points]
     matrix = np.zeros((6 * len(bricks) + len(loads), len(contacts) + len(shares) + 1))
 

@@ -22,8 +22,8 @@ from planning.transforms import Array, Indices, from_rpy
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(caches, "WORTH", 0.0)
-    monkeypatch.setattr(module, "_FORMS", caches.KeptAnswers(64))
+    monkeypatch.setattr(caches, "LEAST_SECONDS_TO_CACHE", 0.0)
+    monkeypatch.setattr(module, "_FORMS", caches.BoundedCache(64))
 
 
 def written(mesh, path):
@@ -90,7 +90,7 @@ def test_pieces_of_a_ring_contain_it_and_leave_its_hole_open(tmp_path, monkeypat
         raise AssertionError("cut again")
 
     monkeypatch.setattr(module, "cut_convex", never)
-    monkeypatch.setattr(module, "_FORMS", caches.KeptAnswers(64))
+    monkeypatch.setattr(module, "_FORMS", caches.BoundedCache(64))
     again = mesh_form(written(mesh, tmp_path / "copy.stl"))
     for one, other in zip(form.hulls, again.hulls, strict=True):
         np.testing.assert_array_equal(one, other)

@@ -6,23 +6,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.motion.load_bound import WayLoad, least_load
+from planning.motion.load_bound import AlternativeLoad, least_load
 
 
 @st.composite
-def ways(draw: st.DrawFn) -> list[WayLoad]:
+def ways(draw: st.DrawFn) -> list[AlternativeLoad]:
     out = []
     for step in range(1, draw(st.integers(1, 5)) + 1):
         for number in range(draw(st.integers(1, 3))):
             robots = draw(st.sets(st.sampled_from("abc"), min_size=1))
             seconds = {r: draw(st.floats(0.0, 10.0)) for r in sorted(robots)}
-            out.append(WayLoad(step, f"o{step}-{number}", seconds))
+            out.append(AlternativeLoad(step, f"o{step}-{number}", seconds))
     return out
 
 
 @given(ways())
 @settings(max_examples=60, deadline=None)
-def test_no_choice_is_below_the_bound(found: list[WayLoad]) -> None:
+def test_no_choice_is_below_the_bound(found: list[AlternativeLoad]) -> None:
     steps = sorted({way.step for way in found})
     loads = []
     for chosen in product(*([w for w in found if w.step == s] for s in steps)):
@@ -40,10 +40,10 @@ def test_no_choice_is_below_the_bound(found: list[WayLoad]) -> None:
 
 
 def test_equal_steps_are_shared_evenly_and_an_object_is_used_once() -> None:
-    both = [WayLoad(s, f"{r}{s}", {r: 4.0}) for s in (1, 2, 3) for r in "ab"]
+    both = [AlternativeLoad(s, f"{r}{s}", {r: 4.0}) for s in (1, 2, 3) for r in "ab"]
     assert least_load(both, frozenset()) == pytest.approx(6.0)
     # The quick object can be taken in one step only.
-    scarce = [WayLoad(s, "quick", {"a": 1.0}) for s in (1, 2)]
-    scarce += [WayLoad(s, f"slow{s}", {"a": 5.0}) for s in (1, 2)]
+    scarce = [AlternativeLoad(s, "quick", {"a": 1.0}) for s in (1, 2)]
+    scarce += [AlternativeLoad(s, f"slow{s}", {"a": 5.0}) for s in (1, 2)]
     assert least_load(scarce, frozenset()) == pytest.approx(6.0)
     assert least_load(scarce, frozenset({"quick"})) == pytest.approx(2.0)

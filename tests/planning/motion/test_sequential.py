@@ -16,7 +16,11 @@ from planning.geometry.scene_checker import Contact, SceneChecker
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.full_turns import take_near_turns
 from planning.motion.motion_plan import MotionPlan
-from planning.motion.sequential import MotionSettings, plan_sequential, why_blocked
+from planning.motion.sequential import (
+    MotionSettings,
+    explain_blockage,
+    plan_motions_sequentially,
+)
 from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
 from planning.robots.registry import robot_model
@@ -81,7 +85,7 @@ def _fetch(cell: Workcell, first: int, reach: Array = REACH) -> StepTasks:
 def _plan(cell: Workcell, *reach: Array, seed: int = 0, **changes: Any) -> MotionPlan:
     """The plan of one step, the first of its ways that can be."""
     ways = reach or (REACH,)
-    return plan_sequential(
+    return plan_motions_sequentially(
         cell,
         [lambda first: (_fetch(cell, first, way) for way in ways)],
         _no_links,
@@ -148,13 +152,13 @@ class _Cage:
 
 def test_what_is_in_the_way_of_a_transit_is_said_with_how_near_it_is() -> None:
     start, goal = np.zeros(3), np.array([1.0, 0.2, 0.0])
-    words, contact = why_blocked(_Wall(), start, goal)
+    words, contact = explain_blockage(_Wall(), start, goal)
     assert contact is not None
     assert contact.obstacle == "wall"
     assert words == (
         "straight on, arm/tool:tip and wall come within 95.0 mm after 40 % of the way"
     )
-    words, _ = why_blocked(_Cage(), start, goal)
+    words, _ = explain_blockage(_Cage(), start, goal)
     assert words == (
         "at its start no joint can turn by 0.05 rad or m: then arm/tool:tip and cage"
         " overlap by 5.0 mm"

@@ -16,7 +16,7 @@ from planning.motion.speed import (
     path_duration,
     path_times,
 )
-from planning.motion.transit import RrtConnect, smooth_path
+from planning.motion.transit import RrtConnect, shortcut_polyline
 from planning.transforms import Array
 
 
@@ -141,7 +141,7 @@ def test_smoothing_shortens_and_stays_free() -> None:
     zigzag = np.array([_START, [0.1, 0.95], [0.4, 0.8], [0.6, 0.95], [0.9, 0.9], _GOAL])
     speed = L1Speed()
     rng = np.random.default_rng(0)
-    path = smooth_path(world, zigzag, speed, rng, 200)
+    path = shortcut_polyline(world, zigzag, speed, rng, 200)
     assert all(world.motion_free(a, b) for a, b in zip(path, path[1:], strict=False))
     # Over the disc and back is 0.9 + 2 * 0.2 in L1; the zigzag is 2.15.
     assert path_duration(path, speed) <= 1.1 * 1.3

@@ -12,10 +12,15 @@ from hypothesis import strategies as st
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError
 from planning.grips.grip import GripRules
-from planning.parts.alike import Sharing, find_alike_candidates, renamed, turns
+from planning.parts.alike import (
+    PartAllocation,
+    find_alike_candidates,
+    goal_turns,
+    with_renamed_parts,
+)
 from planning.parts.assembly import PartAssembly, PartHandling, PlacePart
 from planning.parts.candidates import PartCandidates, find_candidates
-from planning.parts.order import find_ordered_candidates, in_found_order
+from planning.parts.order import find_ordered_candidates, order_steps_by_search
 from planning.steps.skill import joint_distance
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.highs_solver import assign_steps
@@ -65,7 +70,7 @@ def oracle(cell: Workcell, assembly: PartAssembly) -> dict[tuple[str, ...], floa
     least: dict[tuple[str, ...], list[dict[str, float]]] = {}
     for names in permutations(group, len(goals)):
         found = find_candidates(
-            cell, renamed(assembly, dict(zip(goals, names, strict=True)))
+            cell, with_renamed_parts(assembly, dict(zip(goals, names, strict=True)))
         )
         costs: list[dict[str, float]] = [{} for _ in goals]
         for item, (pick, place) in found.paths.alone.items():
@@ -117,7 +122,7 @@ def test_the_choice_is_the_best_of_all_ways(
     starts: Sequence[Spot], goals: Sequence[Spot]
 ) -> None:
     cell, assembly = bars(starts, goals)
-    sharing = Sharing(cell, assembly)
+    sharing = PartAllocation(cell, assembly)
     problem, parts = sharing.problem(), sharing.parts()
     known = oracle(cell, assembly)
     assert list(parts) == list(assembly.goals)
@@ -133,7 +138,7 @@ def test_every_goal_is_filled_by_the_arms_in_turns() -> None:
     plan = chosen(find_alike_candidates(cell, assembly, find_candidates))
     assert [c.robot for c in plan.choices] == ["west", "east"] * 3
     assert sorted(c.object for c in plan.choices) == sorted(assembly.goals)
-    listed = [step.name for step in Sharing(cell, assembly).in_turns().steps]
+    listed = [step.name for step in PartAllocation(cell, assembly).in_turns().steps]
     assert listed == [f"to bar.{k}" for k in (1, 4, 2, 5, 3, 6)]
 
 
@@ -151,7 +156,9 @@ def test_what_rests_on_other_goals_comes_after_them_whoever_fills_it() -> None:
     for low, high in (("bar.1", "bar.3"), ("bar.2", "bar.4")):
         assert order.index(names[low]) < order.index(names[high])
     listed = replace(assembly, steps=assembly.steps[::-1])
-    found = find_alike_candidates(cell, listed, find_ordered_candidates, in_found_order)
+    found = find_alike_candidates(
+        cell, listed, find_ordered_candidates, order_steps_by_search
+    )
     order = list(found.assembly.placed)
     for low, high in (("bar.1", "bar.3"), ("bar.2", "bar.4")):
         names = filled(listed, found)
@@ -163,8 +170,11 @@ def test_turns_leave_what_lies_below_before_what_lies_on_it() -> None:
     """The lower goal is nearer to the east arm, whose turn comes after that of the west arm."""
     goals = [(0.03, 0.3, LOW), (-0.03, 0.3, 3 * LOW - 0.0005)]
     cell, assembly = bars(apart(2, -0.2, -0.3, 0.4), goals)
-    sharing = Sharing(cell, assembly)
-    assert turns(np.array([sharing._nearness(k) for k in (1, 2)])) == [(0, 1), (0, 0)]
+    sharing = PartAllocation(cell, assembly)
+    assert goal_turns(np.array([sharing._nearness(k) for k in (1, 2)])) == [
+        (0, 1),
+        (0, 0),
+    ]
     assert sharing.in_turns().steps == assembly.steps
 
 
@@ -196,7 +206,7 @@ def test_goals_may_be_where_others_of_the_kind_lie() -> None:
     """All move up by one place: whoever lies in a goal goes before that is filled."""
     starts = apart(3, -0.1, 0.3, 0.15)
     cell, assembly = bars(starts, [starts[1], starts[2], (0.35, 0.3, LOW)])
-    for item in Sharing(cell, assembly).problem().primaries:
+    for item in PartAllocation(cell, assembly).problem().primaries:
         lying = {1: "bar.2", 2: "bar.3"}.get(item.step, item.object)
         assert lying in {item.object, *item.after}
     found = find_alike_candidates(cell, assembly, find_candidates)
@@ -289,7 +299,7 @@ def test_turns_are_the_cheapest_with_loads_that_rise(ways: list[list[float]]) ->
         counts = [robots.count(r) for r in set(robots)]
         return total + load * sum(n * (n - 1) / 2 for n in counts)
 
-    found = turns(np.array(ways))
+    found = goal_turns(np.array(ways))
     own = tuple(robot for _, robot in found)
     every = product(range(len(ways[0])), repeat=len(ways))
     assert cost(own) == pytest.approx(min(cost(robots) for robots in every))

@@ -11,7 +11,7 @@ from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import PartAssembly
 from planning.parts.balance import PartBalance
-from planning.parts.order import in_found_order
+from planning.parts.order import order_steps_by_search
 from planning.parts.part_steps import part_steps, wide_joints
 from planning.transforms import translation
 from tests.planning.parts.boxes import Three, built, fixture, part, table
@@ -86,11 +86,11 @@ def test_what_a_later_step_joins_is_kept_hold_of_until_then() -> None:
 
 def test_an_order_is_found_in_which_everything_stands() -> None:
     listed = assembly("load", "beam", "prop", "post")
-    found = in_found_order(CELL, listed)
+    found = order_steps_by_search(CELL, listed)
     assert balance(found).fall is None
     order = list(found.placed)
     assert order.index("prop") < order.index("beam") < order.index("load")
-    blind = in_found_order(CELL, replace(listed, balance=None))
+    blind = order_steps_by_search(CELL, replace(listed, balance=None))
     assert set(blind.placed) == set(order)
 
 
@@ -187,13 +187,13 @@ def test_parts_that_need_each_other_are_told_how_far_they_are_from_what_stands()
     goals = {"bar": (0.0, 0.0, 0.05), "tie": (0.0, 0.0, 0.09)}
     loose = joined((), ("tie", "bar"), **goals)
     with pytest.raises(InfeasibleStepError) as caught:
-        in_found_order(GAP_CELL, loose)
+        order_steps_by_search(GAP_CELL, loose)
     text = str(caught.value)
     assert "needs one of these before it" in text
     assert "nearest is bar, 30.0 mm from table (touch_m 0.002)" in text
     assert "(joined: {parts: [bar, table], gap_m: 0.03})" in text
     held = joined((Joint("bar", "table", gap=0.03),), ("tie", "bar"), **goals)
-    found = in_found_order(GAP_CELL, held)
+    found = order_steps_by_search(GAP_CELL, held)
     assert found.placed == ("bar", "tie")
     assert not list(wide_joints(GAP_CELL, found))
 

@@ -21,7 +21,7 @@ from planning.grips.grip import DOWN, UP, GripRules
 from planning.kinematics.kinematics import frame_pose
 from planning.parts.assembly import PartAssembly, PartHandling, Process, Spot, Work
 from planning.parts.candidates import PartCandidates, find_candidates
-from planning.parts.order import find_ordered_candidates, in_found_order
+from planning.parts.order import find_ordered_candidates, order_steps_by_search
 from planning.parts.part_skills import (
     SMALL_STRIDE,
     SMALL_TURN,
@@ -252,7 +252,9 @@ def test_blocks_are_stacked_from_below_whatever_the_list(
         )
     blocks = (part(n, (SIDE, SIDE, SIDE), starts[n], 0.05) for n in names)
     cell = replace(two_arms(), objects=tuple(blocks))
-    order = in_found_order(cell, built(goals, *(names[k] for k in listed))).placed
+    order = order_steps_by_search(
+        cell, built(goals, *(names[k] for k in listed))
+    ).placed
     assert sorted(order) == names
     for column in "ab":
         assert [n for n in order if n[0] == column] == [
@@ -265,7 +267,7 @@ def test_what_cannot_follow_is_explained() -> None:
     south, north, across = assembly.steps
     circle = replace(assembly, steps=(replace(south, after=("across",)), north, across))
     with pytest.raises(InfeasibleStepError, match="across rests on south"):
-        in_found_order(cell, circle)
+        order_steps_by_search(cell, circle)
     hanging = replace(assembly, steps=(across, replace(south, part="aside", name="b")))
     with pytest.raises(InfeasibleStepError, match="in the air"):
         find_ordered_candidates(cell, hanging)
@@ -277,7 +279,9 @@ def test_a_process_comes_after_its_part_and_before_what_covers_it() -> None:
         process=Process("screw"),
         spot=Spot("south/hole", "south", None, translation(0.0, 0.0, 0.012)),
     )
-    order = in_found_order(cell, replace(assembly, steps=(*assembly.steps, hole)))
+    order = order_steps_by_search(
+        cell, replace(assembly, steps=(*assembly.steps, hole))
+    )
     words = [step.words for step in order.steps]
     assert words == [
         "pick and place north",
@@ -302,7 +306,7 @@ def test_a_part_goes_in_before_walls_between_which_no_hand_fits() -> None:
     )
     cell = replace(two_arms(), objects=objects)
     assembly = built(goals, *goals, usual=PartHandling(GripRules(positions=1)))
-    assert in_found_order(cell, assembly).placed == ("left", "right", "low")
+    assert order_steps_by_search(cell, assembly).placed == ("left", "right", "low")
     found = find_ordered_candidates(cell, assembly)
     assert found.problem.impossible == ()
     assert found.problem.steps[0] == "pick and place low"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from planning.robots.load_urdf import frustum
+from planning.robots.load_urdf import frustum_corners
 from planning.transforms import Array
 
 MESHES = Path(__file__).parents[3] / "planning" / "robots" / "urdf" / "meshes"
@@ -113,7 +113,7 @@ def cone_obj() -> str:
     Its radius goes from 38.6 mm to 6.6 mm over 33.9 mm: a twentieth of a millimetre around all
     that was measured.
     """
-    corners = frustum(0.0386, 0.0066, 0.0, 0.0339)
+    corners = frustum_corners(0.0386, 0.0066, 0.0, 0.0339)
     return convex_obj(corners, f"cone of the GP4's dual-arm tool: {_DRAWN}")
 
 

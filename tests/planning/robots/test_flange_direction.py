@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from planning.robots.overview import flange_doubt
+from planning.robots.overview import flange_warning
 from planning.robots.registry import robot_model
 from tests.twin.program import invoke
 
@@ -69,7 +69,7 @@ QUARTER = "0 1.5707963267948966 0"
 def test_what_points_out_of_a_flange(
     tmp_path: Path, axes: list[str], at: str, turn: str, points: str | None
 ) -> None:
-    words = flange_doubt(robot_model(str(arm(tmp_path, axes, at, turn))))
+    words = flange_warning(robot_model(str(arm(tmp_path, axes, at, turn))))
     assert (words or "")[:1] == (points or "")
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from planning.cell.body import ConvexBody
 from planning.cell.cover import box_body, capsule_cover
 from planning.statics.standing import PlacedBody
-from planning.transforms import Transform, identity, readonly, translation
+from planning.transforms import Transform, identity, read_only_copy, translation
 
 Three = tuple[float, float, float]
 
@@ -30,7 +30,7 @@ def bar(name: str, radius: float, length: float, pose: Transform) -> PlacedBody:
         radius / np.cos(np.pi / 24) * np.column_stack([np.cos(angles), np.sin(angles)])
     )
     ends = [np.column_stack([ring, np.full(24, z)]) for z in (-length / 2, length / 2)]
-    corners = readonly(np.vstack(ends))
+    corners = read_only_copy(np.vstack(ends))
     body = ConvexBody(name, corners, capsule_cover(corners))
     mass = 1000.0 * np.pi * radius**2 * length
     return PlacedBody(name, (body,), pose, mass, np.zeros(3))

@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 from planning.cell.standing_rules import Joint
 from planning.statics.build_order import (
     BuildStep,
-    Fall,
-    Stand,
+    StableBuild,
+    UnstableState,
     Waits,
-    waits_for_balance,
+    balance_dependencies,
 )
-from planning.statics.standing import PlacedBody, Standing
+from planning.statics.standing import PlacedBody, StabilityChecker
 from tests.planning.statics.bodies import box, table
 
 
-def world(*bodies: PlacedBody) -> Standing:
-    return Standing({b.name: b for b in bodies}, table())
+def world(*bodies: PlacedBody) -> StabilityChecker:
+    return StabilityChecker({b.name: b for b in bodies}, table())
 
 
 def adds(*names: str) -> list[BuildStep]:
@@ -56,15 +56,20 @@ FIXED = BuildStep(("post",), (BASE,))
 LATE = [BuildStep(("beam",)), BuildStep(joins=(WELD,))]
 HELD = [FREE, BuildStep(("beam",), until=2), *adds("weight")]
 WEAK = BuildStep(("b1",), (Joint("b0", "b1", force=5.0, torque=1.0),))
-NOTHING = Stand(frozenset())
-KEPT = Stand(frozenset({(1, 2)}), {1: 2})
+NOTHING = StableBuild(frozenset())
+KEPT = StableBuild(frozenset({(1, 2)}), {1: 2})
 
 
 @pytest.mark.parametrize(
     ("bodies", "steps", "waits", "expected"),
     [
         # A cantilever falls at its step, and a hold would help.
-        ((POST, beam()), adds("post", "beam"), {(0, 1)}, Fall(1, "beam", ("beam",))),
+        (
+            (POST, beam()),
+            adds("post", "beam"),
+            {(0, 1)},
+            UnstableState(1, "beam", ("beam",)),
+        ),
         # The beam is placed with its weight at once; the tip would pull it over without.
         (
             ON_BEAM,
@@ -77,7 +82,7 @@ KEPT = Stand(frozenset({(1, 2)}), {1: 2})
             SHORT,
             adds("post", "beam", "weight", "tip"),
             {(0, 1), (1, 2), (1, 3)},
-            Stand(frozenset({(2, 3)})),
+            StableBuild(frozenset({(2, 3)})),
         ),
         (SHORT, adds("post", "beam", "tip", "weight"), {(0, 1), (1, 2), (1, 3)}, 2),
         # What stands on its own, and columns side by side, wait for nothing.
@@ -102,7 +107,7 @@ KEPT = Stand(frozenset({(1, 2)}), {1: 2})
             ROW[:3],
             [BuildStep(("b0",)), WEAK, BuildStep(("b2",))],
             set(),
-            Stand(frozenset({(0, 1), (0, 2), (1, 2)})),
+            StableBuild(frozenset({(0, 1), (0, 2), (1, 2)})),
         ),
     ],
 )
@@ -110,21 +115,21 @@ def test_what_waits_for_what_or_falls(
     bodies: tuple[PlacedBody, ...],
     steps: list[BuildStep],
     waits: set[tuple[int, int]],
-    expected: Stand | Fall | int | tuple[int, str],
+    expected: StableBuild | UnstableState | int | tuple[int, str],
 ) -> None:
     """A fall may be given by its step alone, or with what falls."""
-    found = waits_for_balance(world(*bodies), steps, waits)
-    if isinstance(expected, Stand | Fall):
+    found = balance_dependencies(world(*bodies), steps, waits)
+    if isinstance(expected, StableBuild | UnstableState):
         assert found == expected
         return
-    assert isinstance(found, Fall)
+    assert isinstance(found, UnstableState)
     assert expected in (found.step, (found.step, found.body))
 
 
 def test_what_nobody_may_keep_hold_of_falls() -> None:
     steps, waits = [FIXED, *LATE], {(0, 1), (1, 2)}
-    held = waits_for_balance(world(POST, beam()), steps, waits, keepable=())
-    assert held == Fall(1, "beam", ("beam",))
+    held = balance_dependencies(world(POST, beam()), steps, waits, keepable=())
+    assert held == UnstableState(1, "beam", ("beam",))
 
 
 def states(count: int, order: Waits | set[tuple[int, int]]) -> Iterator[set[int]]:
@@ -158,8 +163,8 @@ def test_every_reachable_state_stands(seed: int) -> None:
         return  # two of them in one place
     pairs = combinations(range(6), 2)
     waits |= {(a, b) for a, b in pairs if (f"b{a}", f"b{b}") in standing.patches}
-    found = waits_for_balance(standing, adds(*(body.name for body in bodies)), waits)
-    if isinstance(found, Fall):
+    found = balance_dependencies(standing, adds(*(body.name for body in bodies)), waits)
+    if isinstance(found, UnstableState):
         names = [f"b{k}" for k in range(found.step + 1)]
         assert standing.falling(names) is not None
         return
@@ -202,9 +207,9 @@ def test_every_reachable_state_stands_with_what_hands_hold(seed: int) -> None:
         k = next(n for n, step in enumerate(steps) if step.adds)
         last = int(rng.integers(k + 1, len(steps)))
         steps[k] = BuildStep(steps[k].adds, steps[k].joins, last)
-    found = waits_for_balance(standing, steps, waits)
+    found = balance_dependencies(standing, steps, waits)
     until = {k: s.until for k, s in enumerate(steps) if s.until is not None}
-    if isinstance(found, Fall):
+    if isinstance(found, UnstableState):
         return
     assert until.items() <= found.keeps.items()
     for done in states(len(steps), waits | found.waits | set(found.keeps.items())):
@@ -228,10 +233,10 @@ def test_the_first_fall_is_one() -> None:
         standing = world(POST, box("beam", (0.4, 0.1, 0.02), (x, 0, 0.11)))
         weld = Joint("post", "beam", torque=float(rng.uniform(0.0, 3.0)))
         steps = [FIXED, BuildStep(("beam",)), BuildStep(joins=(weld,))]
-        found = waits_for_balance(standing, steps, {(0, 1), (1, 2)})
+        found = balance_dependencies(standing, steps, {(0, 1), (1, 2)})
         alone = standing.falling(["post", "beam"], joints=(BASE,))
         welded = standing.falling(["post", "beam"], joints=(BASE, weld))
-        if isinstance(found, Fall):
+        if isinstance(found, UnstableState):
             assert found.body == "beam"
             assert welded == "beam"
         else:

@@ -10,15 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.standing_rules import Joint, StandingRules
-from planning.statics.standing import PlacedBody, Standing
+from planning.statics.standing import PlacedBody, StabilityChecker
 from planning.transforms import from_rpy, quat_wxyz
 from tests.planning.statics.bodies import bar, box, table
 
 UPRIGHT = StandingRules(tilt=0.0)
 
 
-def standing(*bodies: PlacedBody, rules: StandingRules | None = None) -> Standing:
-    return Standing({b.name: b for b in bodies}, table(), rules)
+def standing(
+    *bodies: PlacedBody, rules: StandingRules | None = None
+) -> StabilityChecker:
+    return StabilityChecker({b.name: b for b in bodies}, table(), rules)
 
 
 LOW = box("low", (0.1, 0.1, 0.1), (0, 0, 0.05))
@@ -61,7 +63,7 @@ def test_a_box_slides_when_the_slope_is_steeper_than_friction(
     ramp = {"ramp": box("ramp", (2.0, 2.0, 0.1), (0, 0, 0), tilt)}
     up = tilt[:3, :3] @ np.array([0, 0, 0.06])
     block = box("block", (0.2, 0.2, 0.02), tuple(up.tolist()), tilt)
-    world = Standing({"block": block}, ramp, StandingRules(friction, tilt=0.0))
+    world = StabilityChecker({"block": block}, ramp, StandingRules(friction, tilt=0.0))
     # The direction of the slide is an edge of the pyramid of friction or between two of them.
     assert (world.falling(["block"]) is None) == (share < 1.0)
 

@@ -5,7 +5,7 @@ import pytest
 
 from planning.errors import InfeasibleStepError
 from planning.kinematics.kinematics import frame_pose
-from planning.motion.sequential import MotionSettings, plan_sequential
+from planning.motion.sequential import MotionSettings, plan_motions_sequentially
 from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
 from planning.steps.robot_goals import RobotGoal, prepare_goals
@@ -28,7 +28,7 @@ def test_robots_go_where_they_are_told() -> None:
     }
     settings = MotionSettings(transits, dict.fromkeys(transits, speed), 0.05, {})
     steps = StepExpansions(work, assign_steps(work.problem))
-    plan = plan_sequential(CELL, steps.callables(), work.link, settings)
+    plan = plan_motions_sequentially(CELL, steps.callables(), work.link, settings)
     west, east = (motion.path[-1] for motion in plan.motions)
     assert np.allclose(frame_pose(CELL.robots[0], west, "tool"), pose, atol=1e-6)
     assert np.array_equal(east, joints)

@@ -29,20 +29,20 @@ from planning.steps.skill import (
     SkillTargets,
     Subgoal,
     ToolContact,
+    contacts_with,
     skill_postures,
-    touching,
 )
 from planning.steps.skill_trial import (
-    Hindrance,
+    PathObstacle,
     SkillTrial,
     find_obstruction,
     resolve_skill,
 )
-from planning.transforms import readonly, translation
+from planning.transforms import read_only_copy, translation
 
 MODEL = robot_model("gp4")
-ROBOT = PlacedRobot("arm", MODEL, readonly(np.eye(4)), MODEL.home)
-OTHER = PlacedRobot("other", MODEL, readonly(translation(0.9, 0, 0)), MODEL.home)
+ROBOT = PlacedRobot("arm", MODEL, read_only_copy(np.eye(4)), MODEL.home)
+OTHER = PlacedRobot("other", MODEL, read_only_copy(translation(0.9, 0, 0)), MODEL.home)
 CELL = Workcell((ROBOT, OTHER), (), (), Clearances(0.001, 0.0))
 NONE: frozenset[frozenset[str]] = frozenset()
 GRIP = frozenset({frozenset({"arm/tool", "part"})})
@@ -57,10 +57,10 @@ WAY = MODEL.home + np.array(
 
 
 def item(name, pose):
-    size = readonly([0.016, 0.032, 0.0096])
+    size = read_only_copy([0.016, 0.032, 0.0096])
     return (
-        CellObject(name, "2x4", box_shape(name, size), readonly(pose)),
-        Attachment(None, readonly(pose)),
+        CellObject(name, "2x4", box_shape(name, size), read_only_copy(pose)),
+        Attachment(None, read_only_copy(pose)),
     )
 
 
@@ -75,7 +75,10 @@ def scene_on_the_way(where, *, change):
     handed = None
     if change:
         objects["part"] = item("part", frame_pose(ROBOT, WAY[2], "tool"))
-        handed = ("part", Attachment("arm", readonly(translation(0.0, 0.0, 0.12))))
+        handed = (
+            "part",
+            Attachment("arm", read_only_copy(translation(0.0, 0.0, 0.12))),
+        )
     contacts = SkillContacts(NONE, GRIP, GRIP)
     home = {"arm": MODEL.home, "other": MODEL.home}
     path = SkillPath("pick", "arm", WAY[:1], WAY[1:], 2 if change else None)
@@ -114,7 +117,7 @@ def test_going_on_is_starting_all_over_again(where, change, fast):
     trial = SkillTrial(path, scene)
     assert trial.found == find_obstruction(path, scene)
     expected, gone = clear_by_hand(path, scene, loose)
-    assert trial.take_away(loose) == expected
+    assert trial.remove_obstacles(loose) == expected
     assert trial.gone == gone
 
 
@@ -124,8 +127,8 @@ def test_what_is_in_the_way_is_found_and_taken_away(change):
     trial = SkillTrial(path, scene)
     assert isinstance(trial.found, Obstruction)
     assert trial.found.by == "b0"
-    assert trial.take_away({"b0"}) is not None
-    assert trial.take_away({"b0", "b1"}) is None
+    assert trial.remove_obstacles({"b0"}) is not None
+    assert trial.remove_obstacles({"b0", "b1"}) is None
     assert trial.gone == ["b0", "b1"]
 
 
@@ -139,7 +142,8 @@ def resolve_by_trials(ways, scene, loose):
                 p if isinstance(p, Obstruction) else SkillTrial(p, scene) for p in paths
             ]
             left = [
-                t if isinstance(t, Obstruction) else t.take_away(taken) for t in trials
+                t if isinstance(t, Obstruction) else t.remove_obstacles(taken)
+                for t in trials
             ]
             if None in left:
                 return trials[left.index(None)].resolved()
@@ -177,7 +181,7 @@ def test_what_refused_one_path_refuses_no_path_that_is_free(
     where, shifts, fast, meant, leaning
 ):
     scene, _ = scene_on_the_way(where, change=True)
-    during = GRIP | touching("arm/tool", [f"b{k}" for k in meant])
+    during = GRIP | contacts_with("arm/tool", [f"b{k}" for k in meant])
     tool = ToolContact(0.001, 0.003, frozenset(f"b{k}" for k in leaning))
     scene = replace(scene, contacts=SkillContacts(NONE, during, GRIP), tool=tool)
     loose = {f"b{k}" for k in range(6) if k not in fast}
@@ -238,7 +242,7 @@ def test_what_refuses_poses_refuses_every_posture_through_them():
         at_rest = resting_solid("brick", brick[0].shape.pieces[0], brick[1].pose)
         for other in bodies:
             pair = BodyPair(other, at_rest, 0.001, together=False)
-            hindrance = Hindrance(before, 0 if before else -1, pair)
+            hindrance = PathObstacle(before, 0 if before else -1, pair)
             if hindrance.refuses_all(ROBOT, targets):
                 refused.add(other.joint)
                 assert all(hindrance.refuses(path) for path in paths)

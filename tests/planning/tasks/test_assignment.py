@@ -20,10 +20,10 @@ from planning.tasks.assignment import (
     StepChoice,
     SupportCandidate,
     TaskPlan,
-    alternatives,
+    alternative_choices,
 )
 from planning.tasks.highs_solver import assign_steps
-from planning.tasks.rolling_horizon import is_large, solve_in_windows
+from planning.tasks.rolling_horizon import needs_rolling_horizon, solve_in_windows
 from tests.planning.tasks.plan_oracle import objective, plan_violations
 
 ROBOTS = ("ada", "bob", "cy")
@@ -210,7 +210,7 @@ def test_violations_and_alternatives_agree_with_all_plans(
         if other != plan
         and all(a == b or a.step == step for a, b in _pairs(other, plan))
     }
-    offered = alternatives(problem, plan, step)
+    offered = alternative_choices(problem, plan, step)
     assert set(offered) == expected
     for choice in offered:
         assert plan_violations(problem, plan.with_choice(choice)) == []
@@ -449,5 +449,5 @@ def test_competition_is_named_as_before(monkeypatch: pytest.MonkeyPatch) -> None
 def test_endless_supplies_are_assigned_as_a_whole() -> None:
     problem = stacks_problem(0, 60, 60, 1)
     names = frozenset(item.object for item in problem.primaries)
-    assert is_large(problem)
-    assert not is_large(replace(problem, unlimited=names))
+    assert needs_rolling_horizon(problem)
+    assert not needs_rolling_horizon(replace(problem, unlimited=names))

@@ -7,7 +7,7 @@ import pytest
 
 from planning.cell.workcell import WorldState
 from planning.tasks.task import STRAIGHT, TRANSIT, AllowedContact, StepTasks, Task
-from planning.worlds.world import World, leftovers
+from planning.worlds.world import World, unfinished_steps
 
 WAYS = {
     TRANSIT: [[1.0, 0.0]],
@@ -42,7 +42,7 @@ def test_a_robot_leaves_a_straight_way_along_it(
     """Where its step is begun anew; what touches on it does so there, and in nothing that is not done."""
     state = WorldState({"arm": STEP.tasks[complete - 1].path[-1]}, {})
     world = World(state, (STEP,), complete=frozenset(range(complete)), tasks=9)
-    found = leftovers(world, {1: frozenset({"arm"})})
+    found = unfinished_steps(world, {1: frozenset({"arm"})})
     if way is None:
         assert not found
         return

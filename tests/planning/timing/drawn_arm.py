@@ -10,7 +10,7 @@ from planning.cell.shape import box_shape
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.robots.registry import ROBOTS, robot_model
-from planning.timing.torque import ArmDynamics, Payload
+from planning.timing.torque import ArmDynamics, HandPayload
 from planning.transforms import from_rpy
 
 
@@ -75,7 +75,7 @@ class Drawn:
         mass = float(rng.choice([0.0, 1.0, 2.5]))
         box = box_shape("part", rng.uniform(0.02, 0.3, 3))
         pose = from_rpy(rng.uniform(-0.1, 0.1, 3), rng.normal(size=3))
-        self.payload = Payload(mass, box, pose)
+        self.payload = HandPayload(mass, box, pose)
         held = [self.payload] if mass else []
         self.dynamics = ArmDynamics(self.robot, model, held)
         usual = limits_of(model)

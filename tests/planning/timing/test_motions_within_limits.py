@@ -9,9 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.motion_limits import MotionLimits
-from planning.timing.braking import StoppedPath, stopped_path
+from planning.timing.braking import StoppedPath, stop_along_path
 from planning.timing.smooth_path import STRAY, SmoothPath, smooth_path
-from planning.timing.stretch import braked, exit_bound, pass_through, straight_stretch
+from planning.timing.stretch import (
+    brake_within_piece,
+    exit_bound,
+    passage_seconds,
+    straight_stretch,
+)
 
 
 def drawn(
@@ -205,7 +210,7 @@ def stopped(
     def after(t: float) -> tuple[float, float]:
         return next((stop for stop in stops if stop[1] > t), (NEVER, NEVER))
 
-    return stopped_path(limits, motion, slower, 0.0, after)
+    return stop_along_path(limits, motion, slower, 0.0, after)
 
 
 @settings(deadline=None)
@@ -323,7 +328,7 @@ def test_a_piece_is_passed_in_the_least_time(
     entry = data.draw(st.floats(0.0, top))
     slowest = max(0.0, entry * entry - 2.0 * length / ramp) ** 0.5
     bound = data.draw(st.floats(slowest, top))
-    took, leave, peak = pass_through(length, top, entry, bound, ramp)
+    took, leave, peak = passage_seconds(length, top, entry, bound, ramp)
     assert slowest - 1e-9 <= leave <= bound + 1e-12
     assert peak <= max(top, entry) + 1e-12
     # The oracle: at each place as fast as full acceleration from the start, the greatest
@@ -343,7 +348,7 @@ def test_a_piece_is_passed_in_the_least_time(
 def test_braking_ends_at_rest_or_at_the_end_of_the_piece(
     length: float, entry: float, ramp: float
 ) -> None:
-    took, leave, way = braked(length, entry, ramp)
+    took, leave, way = brake_within_piece(length, entry, ramp)
     assert leave == pytest.approx(entry - took / ramp, abs=1e-9)
     assert way == pytest.approx(0.5 * took * (entry + leave), abs=1e-9)
     assert leave == 0.0 or way == length

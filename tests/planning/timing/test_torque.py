@@ -13,7 +13,12 @@ from planning.cell.workcell import PlacedRobot
 from planning.robots.registry import robot_model
 from planning.timing.smooth_path import smooth_path
 from planning.timing.stretch import Stretch, straight_stretch
-from planning.timing.torque import ArmDynamics, Payload, borne_stretch, why_unchecked
+from planning.timing.torque import (
+    ArmDynamics,
+    HandPayload,
+    explain_unchecked_efforts,
+    torque_limited_stretch,
+)
 from tests.planning.timing.drawn_arm import ARMS, MODELS, Drawn
 from twin.run.cubic_motion import cubic_at
 
@@ -47,7 +52,7 @@ def test_a_stretch_is_slowed_as_much_as_need_be(name: str, seed: int) -> None:
     found = drawn.dynamics.along_stretch(start, way, stretch)
     assume(found.overloaded < 0)
     assert corners(drawn, start, way, slower(stretch, found.factor)) <= 1.0 + 1e-6
-    borne = borne_stretch(stretch, found)
+    borne = torque_limited_stretch(stretch, found)
     assert corners(drawn, start, way, borne) <= 1.0 + 1e-6
     assert borne.seconds <= slower(stretch, found.factor).seconds
     if found.joint < 0:
@@ -107,7 +112,7 @@ def test_gravity_is_that_of_the_description(name: str) -> None:
 def test_what_an_arm_cannot_hold_is_said() -> None:
     model = robot_model("ur5e")
     robot = PlacedRobot("arm", model, np.eye(4), model.home)
-    heavy = Payload(30.0, box_shape("part", (0.1, 0.1, 0.1)), np.eye(4))
+    heavy = HandPayload(30.0, box_shape("part", (0.1, 0.1, 0.1)), np.eye(4))
     stretched = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     way = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
     stretch = straight_stretch(limits_of(model), way)
@@ -121,7 +126,9 @@ def test_what_an_arm_cannot_hold_is_said() -> None:
 def test_descriptions_that_tell_too_little_are_not_checked() -> None:
     def why(name: str, **changes: object) -> str | None:
         model = replace(robot_model(name), **changes)  # type: ignore[arg-type]
-        return why_unchecked(PlacedRobot("arm", model, np.eye(4), model.home))
+        return explain_unchecked_efforts(
+            PlacedRobot("arm", model, np.eye(4), model.home)
+        )
 
     model = robot_model("ur5e")
     assert model.drives is not None

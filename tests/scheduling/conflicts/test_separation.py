@@ -10,12 +10,12 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from planning.geometry.distance import BETWEEN, CLOSE, FAR, TOO_CLOSE, gap_class
-from planning.geometry.exact import TOLERANCE, come_close, distance_at
+from planning.geometry.distance import BETWEEN, CLOSE, FAR, TOO_CLOSE, classify_gap
+from planning.geometry.exact import TOLERANCE, hull_distance_at, may_come_close
 from planning.geometry.separation import (
     APART,
     CONFLICT,
-    judge_hulls,
+    check_hulls_continuously,
     make_scratch,
     pose_segments,
 )
@@ -28,8 +28,8 @@ from tests.kernels import outer
 from tests.planning.geometry.swept_segments import sweep_segments
 from tests.scheduling.mini_world import random_plan
 
-_gap_class = outer(gap_class)
-_judge_hulls = outer(judge_hulls)
+_gap_class = outer(classify_gap)
+_judge_hulls = outer(check_hulls_continuously)
 _pose_segments = outer(pose_segments)
 
 
@@ -125,7 +125,7 @@ def test_motions_proved_apart_are_apart(occupancies: list[Occupancy]) -> None:
         t = int(rng.integers(len(b.hulls.q_a)))
         i, j = int(rng.integers(2)), int(rng.integers(2))
         solid_a, solid_b = a.solids[i], b.solids[j]
-        gap = distance_at(solid_a, a.hulls.q_a[s], solid_b, b.hulls.q_b[t])
+        gap = hull_distance_at(solid_a, a.hulls.q_a[s], solid_b, b.hulls.q_b[t])
         # Clearances near the gap are where it matters.
         clearance = max(gap, 0.0) + rng.uniform(-0.03, 0.01)
         _pose_segments(a.hulls, s, b.hulls, t, scratch)
@@ -136,7 +136,7 @@ def test_motions_proved_apart_are_apart(occupancies: list[Occupancy]) -> None:
             x, y = scratch.where
             q_a = a.hulls.q_a[s] + x * (a.hulls.q_b[s] - a.hulls.q_a[s])
             q_b = b.hulls.q_a[t] + y * (b.hulls.q_b[t] - b.hulls.q_a[t])
-            assert distance_at(solid_a, q_a, solid_b, q_b) < clearance + TOLERANCE
+            assert hull_distance_at(solid_a, q_a, solid_b, q_b) < clearance + TOLERANCE
         motions = (
             solid_a,
             a.hulls.q_a[s],
@@ -148,15 +148,15 @@ def test_motions_proved_apart_are_apart(occupancies: list[Occupancy]) -> None:
         if apart:
             proved += 1
             # coal may call close what is within its tolerance.
-            assert not come_close(*motions, clearance - 2.1e-4)
+            assert not may_come_close(*motions, clearance - 2.1e-4)
             share = rng.random((8, 2))
             for x, y in share:
                 q = motions[1] + x * (motions[2] - motions[1])
                 p = motions[4] + y * (motions[5] - motions[4])
-                assert distance_at(solid_a, q, solid_b, p) >= clearance - 1e-6
+                assert hull_distance_at(solid_a, q, solid_b, p) >= clearance - 1e-6
         elif clearance > 0.0:
             refused += 1
-            assert come_close(*motions, clearance + 1e-3)
+            assert may_come_close(*motions, clearance + 1e-3)
     assert proved > 200
     assert refused > 200
     assert conflicts > 50

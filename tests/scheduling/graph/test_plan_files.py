@@ -23,7 +23,7 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
-from scheduling.motion_times import within_limits
+from scheduling.motion_times import assign_node_times
 from scheduling.shortcuts.corners import round_corners
 from tests.planning.robots.test_robot_models import cone_obj, joint, write
 from tests.scheduling.mini_world import random_plan
@@ -331,7 +331,7 @@ def rounded() -> TemporalPlanGraph:
         for robot in plan.cell.robots
     )
     cell = dataclasses.replace(plan.cell, robots=robots)
-    graph = within_limits(
+    graph = assign_node_times(
         round_corners(build_tpg(dataclasses.replace(plan, cell=cell)))
     )
     assert graph.chains[0].corners is not None

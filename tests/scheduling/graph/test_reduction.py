@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
-from scheduling.graph.total_order import order_and_reduce
+from scheduling.graph.total_order import transitive_reduction
 
 Ranks = list[npt.NDArray[np.int64]]
 
@@ -50,7 +50,7 @@ def test_reduction_and_order_are_exact(
 ) -> None:
     ranks, edges = case
     graph = _graph(ranks, edges)
-    order, keep = order_and_reduce(
+    order, keep = transitive_reduction(
         ranks, np.array(edges, dtype=np.int64).reshape(-1, 4)
     )
     kept = [edge for edge, k in zip(edges, keep, strict=True) if k]
@@ -76,7 +76,7 @@ def test_reduction_and_order_are_exact(
 def test_of_equal_edges_the_first_one_stays() -> None:
     ranks = [np.array([0, 2]), np.array([1, 3])]
     edges = np.array([[0, 0, 1, 0], [0, 0, 1, 0], [0, 0, 1, 1]])
-    assert order_and_reduce(ranks, edges)[1].tolist() == [True, False, False]
+    assert transitive_reduction(ranks, edges)[1].tolist() == [True, False, False]
 
 
 def test_an_edge_against_the_order_is_refused() -> None:
@@ -84,10 +84,10 @@ def test_an_edge_against_the_order_is_refused() -> None:
     with pytest.raises(
         PlanInvariantError, match="node 1 of robot 1 to node 1 of robot 0"
     ):
-        order_and_reduce(ranks, np.array([[0, 0, 1, 0], [1, 1, 0, 1]]))
+        transitive_reduction(ranks, np.array([[0, 0, 1, 0], [1, 1, 0, 1]]))
 
 
 def test_no_robots_and_no_edges() -> None:
-    order, keep = order_and_reduce([], np.empty((0, 4), dtype=np.int64))
+    order, keep = transitive_reduction([], np.empty((0, 4), dtype=np.int64))
     assert len(keep) == 0
     assert order.clock.shape == (0, 0)

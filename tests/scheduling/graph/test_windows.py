@@ -16,10 +16,10 @@ from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.graph.windows import (
     Times,
     least_gaps,
+    plan_cost,
     window_gaps,
     window_nodes,
-    with_holds,
-    worth,
+    with_window_hold_edges,
 )
 from tests.twin.twin_toys import random_tpg
 
@@ -101,7 +101,7 @@ def test_one_window_is_kept_where_its_own_way_is_short_enough(
     tpg = windowed_tpg(seed, windows=1, robots=robots)
     busy = nominal(tpg)
     begun, done, due = window_nodes(tpg)[0].tolist()
-    held = with_holds(tpg, busy, 0.9, 1)
+    held = with_window_hold_edges(tpg, busy, 0.9, 1)
     start, end = plain_times(held, busy)
     way = longest(plain_graph(tpg), busy, begun, due)
     own = int(busy[begun : done + 1].sum())
@@ -130,8 +130,8 @@ def test_a_window_that_was_open_before_is_due_and_nobody_is_held_back_for_it(
     assert least_gaps(tpg, busy)[0, 0] == pytest.approx(passed, abs=1)
     assert open_before.most is not None
     late = max(passed / 1e9 - open_before.most, 0.0)
-    assert worth(tpg)[0] == pytest.approx(late, abs=1e-6)
-    assert len(with_holds(tpg, busy, 0.9, 1).edges) == len(tpg.edges)
+    assert plan_cost(tpg)[0] == pytest.approx(late, abs=1e-6)
+    assert len(with_window_hold_edges(tpg, busy, 0.9, 1).edges) == len(tpg.edges)
 
 
 @settings(max_examples=150, deadline=None)
@@ -142,7 +142,7 @@ def test_edges_of_time_make_no_circle_and_every_order_of_reports_ends(
     tpg = windowed_tpg(seed, windows=windows)
     rng = np.random.default_rng(seed)
     busy = nominal(tpg) * rng.integers(1, 20, (1, 30))
-    held = with_holds(tpg, busy, float(rng.uniform(0.1, 0.999)), 1)
+    held = with_window_hold_edges(tpg, busy, float(rng.uniform(0.1, 0.999)), 1)
     assert nx.is_directed_acyclic_graph(plain_graph(held))
     assert np.array_equal(held.edges[: len(tpg.edges)], tpg.edges)
     assert np.all(held.patience[: len(tpg.edges)] == EVER)

@@ -21,7 +21,7 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.graph.windows import worth
+from scheduling.graph.windows import plan_cost
 from scheduling.ordering import synchronous
 from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.known_edges import connect_in_order
@@ -89,7 +89,7 @@ def _makespan(
 def test_no_safe_order_is_better(robots: int, seed: int) -> None:
     tpg = build_tpg(random_plan(robots, seed, rounds=4, step=0.5))
     relations, blocks, search = _parts(tpg)
-    found = [blocks[b] for b in search.best_way(width=50).order()]
+    found = [blocks[b] for b in search.best_path(width=50).order()]
     every = [
         _makespan(tpg, relations, [(unit,) for unit in order])
         for order in _interleavings(relations.of_chain)
@@ -118,18 +118,21 @@ def test_windows_of_time_come_before_the_makespan(seed: int, ago: float | None) 
             window = replace(window, begun=EARLIER, done=EARLIER, ago=ago)
         tpg = replace(free, windows=(window,))
         relations, blocks, search = _parts(tpg)
-        order = [blocks[b] for b in search.best_way(width=50).order()]
+        order = [blocks[b] for b in search.best_path(width=50).order()]
         found = _connected(tpg, put_in_order(tpg.chains, relations, order))
         every = []
         for mixed in _interleavings(relations.of_chain):
             single = [(unit,) for unit in mixed]
             if _makespan(tpg, relations, single) is not None:
                 chains = put_in_order(tpg.chains, relations, single)
-                every.append(worth(_connected(tpg, chains)))
-        assert worth(found)[0] <= min(every)[0] + 1e-6
+                every.append(plan_cost(_connected(tpg, chains)))
+        assert plan_cost(found)[0] <= min(every)[0] + 1e-6
         again = reorder_tasks(free)
-        better += worth(found)[0] < worth(replace(again, windows=tpg.windows))[0] - 1e-6
-        assert worth(reorder_tasks(tpg)) <= worth(tpg)
+        better += (
+            plan_cost(found)[0]
+            < plan_cost(replace(again, windows=tpg.windows))[0] - 1e-6
+        )
+        assert plan_cost(reorder_tasks(tpg)) <= plan_cost(tpg)
     assert better
 
 
@@ -137,7 +140,7 @@ def test_windows_of_time_come_before_the_makespan(seed: int, ago: float | None) 
 def test_the_search_knows_when_everyone_will_be_done(seed: int) -> None:
     tpg = build_tpg(random_plan(2 + seed % 3, seed, rounds=8, step=0.5))
     relations, blocks, search = _parts(tpg)
-    best = search.best_way(width=10)
+    best = search.best_path(width=10)
     chains = put_in_order(tpg.chains, relations, [blocks[b] for b in best.order()])
     rollout = earliest_times(_connected(tpg, chains))
     assert best.clocks == pytest.approx([end[-1] for end in rollout.end])
@@ -219,7 +222,7 @@ def test_edges_are_those_of_a_search_among_all_nodes(
     tpg = planned.turns or planned.tpg
     relations = TaskRelations(DerivedTpg(tpg))
     blocks = find_blocks(tpg.chains, relations)
-    way = TaskOrderSearch(relations, blocks).best_way(8)
+    way = TaskOrderSearch(relations, blocks).best_path(8)
     order = [blocks[b] for b in way.order()]
     assert order != blocks
     chains = put_in_order(tpg.chains, relations, order)

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from planning.transforms import Array
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.cut import complete_tasks, cut_after, state_at
-from scheduling.rolling.extension import committed_part
+from scheduling.rolling.cut import complete_tasks, cut_after, world_state_after
+from scheduling.rolling.extension import committed_subgraph
 from scheduling.rolling.forecast import Clock, forecast_s
 from tests.shipped_runs import ShippedRuns
 
@@ -61,8 +61,8 @@ def test_a_cut_is_closed_and_leaves_out_what_waits_for_what_never_happens(
     for node in never:
         assert not inside & ({node} | nx.descendants(graph, node))
     # The world is what a plain replay in the planned order comes to.
-    committed = committed_part(tpg, counts)
-    state = state_at(tpg, counts)
+    committed = committed_subgraph(tpg, counts)
+    state = world_state_after(tpg, counts)
     holders = {o.name: None for o in tpg.cell.objects if not o.later}
     starts = [c.planned_start for c in tpg.chains]
     done = [h for h in tpg.handlings if h.node < counts[h.robot]]

@@ -17,7 +17,7 @@ from planning.transforms import translation
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import within_limits
+from scheduling.motion_times import assign_node_times
 from scheduling.shortcuts.corners import round_corners
 from scheduling.stretch_times import chain_bends
 from scheduling.verification.verify import verify_plan
@@ -55,7 +55,7 @@ def test_conflicting_nodes_stay_ordered_and_ends_stay_where_they_are(
     before = _graph(random_plan(robots, seed, rounds=3))
     tpg = round_corners(before)
     check_conflicts_are_ordered(tpg)
-    rested, smooth = within_limits(before), within_limits(tpg)
+    rested, smooth = assign_node_times(before), assign_node_times(tpg)
     assert earliest_times(smooth).makespan <= earliest_times(rested).makespan + 1e-6
     for old, new in zip(before.chains, tpg.chains, strict=True):
         assert len(old) == len(new)
@@ -70,7 +70,7 @@ def test_corners_are_rounded_at_all_and_plans_get_shorter() -> None:
         before = _graph(random_plan(2, seed, rounds=10))
         tpg = round_corners(before)
         found += _corners(tpg)
-        rested, smooth = within_limits(before), within_limits(tpg)
+        rested, smooth = assign_node_times(before), assign_node_times(tpg)
         shorter += bool(
             earliest_times(smooth).makespan < 0.99 * earliest_times(rested).makespan
         )
@@ -88,7 +88,7 @@ def test_a_rounded_plan_is_proved_safe_and_stands_still_safely(seed: int) -> Non
             goal = robot.home + rng.normal(0.0, 0.35, robot.model.dof)
             if writer.free(robot.name, goal):
                 writer.move(robot.name, goal)
-    tpg = within_limits(round_corners(build_tpg(writer.plan())))
+    tpg = assign_node_times(round_corners(build_tpg(writer.plan())))
     assert _corners(tpg)
     assert verify_plan(tpg).problems == ()
     assert audit_standing_states(tpg).violations == ()
@@ -169,8 +169,8 @@ def test_a_corner_that_does_not_pay_is_left_alone() -> None:
     path = np.vstack([writer.line(robot.home, out), writer.line(out, robot.home)[1:]])
     writer.add(robot.name, "transit", path)
     tpg = build_tpg(writer.plan())
-    rounded = within_limits(round_corners(tpg))
-    gained = within_limits(tpg).chains[0].duration.sum()
+    rounded = assign_node_times(round_corners(tpg))
+    gained = assign_node_times(tpg).chains[0].duration.sum()
     gained -= rounded.chains[0].duration.sum()
     # What is gained is that it need not go quite as far.
     assert gained < 0.2

@@ -28,10 +28,14 @@ from scheduling.graph.rollout import earliest_times, latest_ends
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.shortcuts import replacement_check as shortcut_check
-from scheduling.shortcuts import scenery
-from scheduling.shortcuts.board import Board
+from scheduling.shortcuts import static_scene
 from scheduling.shortcuts.rewiring import Swap, splice_edges
-from scheduling.shortcuts.shortcutting import runs_beside_waits, shorten_tpg, waits
+from scheduling.shortcuts.shortcut_search import ShortcutSearch
+from scheduling.shortcuts.shortcutting import (
+    critical_conflict_nodes,
+    runs_beside_waits,
+    shorten_tpg,
+)
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import (
     PlainGraph,
@@ -162,7 +166,7 @@ def test_the_same_seed_gives_the_same_plan() -> None:
 
 def test_graphs_before_a_shortcut_are_forgotten() -> None:
     """Were each kept, or only the arrays of its chains, memory would grow with the square."""
-    board = Board(
+    board = ShortcutSearch(
         build_tpg(random_plan(3, 3, rounds=10, step=0.5)),
         {f"arm{k}": L1Speed() for k in range(3)},
         0.5,
@@ -192,7 +196,7 @@ def test_scenes_that_are_forgotten_change_nothing(
 ) -> None:
     plan = random_turns(1, 5, gap=0.62)
     kept = _shorten(plan, 0.05, candidates=120)
-    monkeypatch.setattr(scenery, "_KEPT_SCENES", 1)
+    monkeypatch.setattr(static_scene, "_KEPT_SCENES", 1)
     forgotten = _shorten(plan, 0.05, candidates=120)
     assert np.array_equal(kept.edges, forgotten.edges)
     for a, b in zip(kept.chains, forgotten.chains, strict=True):
@@ -298,7 +302,9 @@ def take_detours(tpg: TemporalPlanGraph) -> int:
     taken = 0
     for halfway in reference[:-1]:
         for last in range(given + 3, given + 12):
-            board = Board(tpg, {c.robot: L1Speed(20.0) for c in tpg.chains}, 0.05)
+            board = ShortcutSearch(
+                tpg, {c.robot: L1Speed(20.0) for c in tpg.chains}, 0.05
+            )
             which = next(
                 k
                 for k, span in enumerate(board.spans)
@@ -358,7 +364,7 @@ def test_they_gain_where_shortcuts_have_ended(seed: int) -> None:
 def test_waits_are_conflicts_that_the_makespan_hangs_on(robots: int, seed: int) -> None:
     tpg = build_tpg(random_plan(robots, seed, rounds=8, step=0.5))
     graph = DerivedTpg(tpg)
-    found = waits(graph)
+    found = critical_conflict_nodes(graph)
     rollout, latest = graph.rollout, latest_ends(tpg, graph.rollout, flat=graph.flat)
     for chain, node in found:
         assert latest[chain][node] == pytest.approx(rollout.end[chain][node])
@@ -380,8 +386,8 @@ def test_waits_are_conflicts_that_the_makespan_hangs_on(robots: int, seed: int) 
 def test_runs_beside_waits_hold_the_node_that_waits_or_is_waited_for() -> None:
     plan = random_plan(3, 8, rounds=10)
     speeds = {robot.name: L1Speed() for robot in plan.cell.robots}
-    board = Board(build_tpg(plan), speeds, 0.15)
-    beside, ends = runs_beside_waits(board), set(waits(board.graph))
+    board = ShortcutSearch(build_tpg(plan), speeds, 0.15)
+    beside, ends = runs_beside_waits(board), set(critical_conflict_nodes(board.graph))
     assert beside
     for which, node in beside:
         span = board.spans[which]

@@ -24,7 +24,7 @@ from planning.cell.shape import (
 )
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import RequestError
-from planning.geometry.touching import near_to
+from planning.geometry.touching import nearby_entities
 from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, rotation, translation
 from scheduling.witness.parts import measure, resting_parts
@@ -324,7 +324,7 @@ def test_engines_and_planning_agree_on_compounds(first, second, at, there):
         assert bullet == pytest.approx(by_coal, abs=2e-4)
     else:
         assert bullet <= 2e-4
-    seen = near_to((one, at), {"other": (other, there)}, FAR).get("other", FAR)
+    seen = nearby_entities((one, at), {"other": (other, there)}, FAR).get("other", FAR)
     out = max(
         [0.0]
         + [

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from planning.cell.workcell import Workcell
 from tests.twin.twin_toys import toy_cell
-from twin.audit.motion.deviated import deviated
+from twin.audit.motion.deviations import with_flange_deviations
 from twin.audit.motion.executed import Recording, RobotRows
 
 STEP_S = 0.02
@@ -52,7 +52,7 @@ def test_a_deviation_does_not_depend_on_how_long_the_robot_stands_within_it(
         cell: Workcell = toy_cell((2,))
         twist = {("robot_0", 1): np.array([0.0, 0.002, 0.0, 0.0, 0.0, 0.0])}
         recording = Recording({"robot_0": rows}, (), float(rows.t[-1]))
-        found.append(deviated(cell, recording, twist).robots["robot_0"])
+        found.append(with_flange_deviations(cell, recording, twist).robots["robot_0"])
     one, other = found
     assert abs(len(one.t) - len(other.t)) <= 1
     assert np.abs(one.q.max(axis=0) - other.q.max(axis=0)).max() < 1e-4

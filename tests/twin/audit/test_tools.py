@@ -13,7 +13,7 @@ import pytest
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Box, Capsule, Cylinder, Element, box_shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
-from planning.expectations import Expectations, WantedProcess
+from planning.expectations import Expectations, ExpectedProcess
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
@@ -214,7 +214,7 @@ def said(place: Transform, *, passed: bool = True) -> list[str]:
     rows = {"left": RobotRows(t[kept], q[kept], np.array(kept) - 1)}
     still = cell.robot("right").home[None]
     rows["right"] = RobotRows(np.zeros(1), still, np.full(1, -1))
-    snap = WantedProcess("snap in", "snap", None, place, (np.eye(4),))
+    snap = ExpectedProcess("snap in", "snap", None, place, (np.eye(4),))
     recording, wanted = Recording(rows, (), 4.0), Expectations(processes=(snap,))
     case = AuditCase(AuditWorld(cell), plan, recording, wanted)
     return [violation.detail for violation in process_violations(case)]

@@ -9,7 +9,7 @@ from planning.robots.registry import robot_model
 from planning.transforms import translation
 from tests.twin.written import Change, written
 from twin.check.check import check_scenario
-from twin.check.finding import Subject
+from twin.check.finding import CheckContext
 from twin.document.validation import InvalidScenarioError
 from twin.kinds.lego.checks import check_brick_tools
 from twin.reading.scenario_file import load_scenario, read_scenario
@@ -17,7 +17,7 @@ from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import given_plan
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import run_plan_to_folder
+from twin.trial.run_plan import run_plan_to_folder
 
 CLIFF = (Path(__file__).parents[3] / "scenarios/lego/cliff.yaml").read_text()
 
@@ -72,7 +72,7 @@ def test_it_is_said_before_planning(what: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("by_m", [-0.002, 0.0, 0.0009])
 def test_frames_at_the_tool_get_no_word(by_m: float, tmp_path: Path) -> None:
     scenario = load_scenario(written(tmp_path, CLIFF, *frames(by_m)))
-    assert list(check_brick_tools(Subject(scenario, tmp_path))) == []
+    assert list(check_brick_tools(CheckContext(scenario, tmp_path))) == []
 
 
 @pytest.mark.nightly
@@ -81,7 +81,7 @@ def test_the_distances_are_those_that_the_audit_measures(tmp_path: Path) -> None
     scenario: Scenario = load_scenario(written(tmp_path, CLIFF, *frames(0.0107)))
     found = [
         item.message
-        for item in check_brick_tools(Subject(scenario, tmp_path))
+        for item in check_brick_tools(CheckContext(scenario, tmp_path))
         if "left would hold a" in item.message
     ]
     planned = plan_scenario(scenario, tmp_path)

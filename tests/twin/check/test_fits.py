@@ -10,8 +10,8 @@ from planning.errors import InfeasibleStepError
 from planning.parts.part_steps import part_steps
 from tests.planted import planted
 from tests.twin.written import Change, loaded, refusal
-from twin.check.finding import Finding, Subject
-from twin.check.lying import check_starts
+from twin.check.finding import CheckContext, Finding
+from twin.check.placements import check_starts
 from twin.kinds.parts.checks.context import ordered_parts
 from twin.kinds.parts.checks.places import check_goals
 from twin.trial.simulation import scenario_execution
@@ -88,12 +88,12 @@ def changed(what: str, old: str, new: str) -> tuple[Change, ...]:
 
 
 def findings(folder: Path, *changes: Change) -> list[Finding]:
-    subject = Subject(loaded(folder, CELL, *changes), folder)
+    subject = CheckContext(loaded(folder, CELL, *changes), folder)
     return [f for check in (check_starts, check_goals) for f in check(subject)]
 
 
 def plan_steps(folder: Path, *changes: Change) -> None:
-    parts = ordered_parts(Subject(loaded(folder, CELL, *changes), folder))
+    parts = ordered_parts(CheckContext(loaded(folder, CELL, *changes), folder))
     part_steps(parts.cell, parts.listed)
 
 
@@ -119,12 +119,12 @@ def test_a_hair_less_is_no_word_worth(what: str, folder: Path) -> None:
 def test_the_fit_is_told_and_how_often_a_robot_that_repeats_so_well_meets_it(
     folder: Path,
 ) -> None:
-    (plain,) = Subject(loaded(folder, CELL), folder).checks.fits()
+    (plain,) = CheckContext(loaded(folder, CELL), folder).checks.fits()
     assert plain.words == "peg in block: 0.10 mm on all sides"
     base = "base: {xyz_m: [-0.5, 0, 0]}"
     stated = (base, f"repeatability_m: 0.0002, {base}")
     given = loaded(folder, CELL, stated)
-    (fit,) = Subject(given, folder).checks.fits()
+    (fit,) = CheckContext(given, folder).checks.fits()
     # The radius in the plane is a Rayleigh distribution of 0.2 mm / 3.616.
     chance = 1.0 - math.exp(-0.5 * (0.1 / (0.2 / 3.616)) ** 2)
     assert fit.chances == {"arm": pytest.approx(chance, abs=1e-3)}
@@ -139,7 +139,9 @@ def test_the_fit_is_told_and_how_often_a_robot_that_repeats_so_well_meets_it(
         loaded(folder, CELL, exact), folder
     ).disturbances.failures
     pressed = changed("a press that is stated", *RIGHT["a press that is stated"])
-    (tight,) = Subject(loaded(folder, CELL, stated, *pressed), folder).checks.fits()
+    (tight,) = CheckContext(
+        loaded(folder, CELL, stated, *pressed), folder
+    ).checks.fits()
     assert tight.words == "peg in block: pressed in by 0.02 mm"
     assert tight.chances == {}
 

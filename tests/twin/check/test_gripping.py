@@ -9,7 +9,7 @@ from planning.kinematics.kinematics import frame_pose
 from planning.parts.part_skills import ToolSkills
 from planning.tasks.assignment import NO_TOOLS
 from tests.twin.written import Change, checked, written
-from twin.check.finding import Subject
+from twin.check.finding import CheckContext
 from twin.check.picture import _doors, cell_figure
 from twin.kinds.parts.checks.context import ordered_parts
 from twin.reading.scenario_file import load_scenario
@@ -222,14 +222,14 @@ def test_a_door_is_free_of_a_robot_with_each_of_its_tools(tmp_path: Path) -> Non
         "  machines: {oven: {door: {size_m: [0.3, 0.02, 0.3], pose: {xyz_m: [%s]}}}}\n"
     )
     bake = "  processes: {bake: {machine: oven, duration: {kind: fixed, value_s: 5}}}\n"
-    plain = Subject(load_scenario(written(tmp_path, text.replace(", {process: bake, at: {part: plug}}", ""))), tmp_path)  # fmt: skip
+    plain = CheckContext(load_scenario(written(tmp_path, text.replace(", {process: bake, at: {part: plug}}", ""))), tmp_path)  # fmt: skip
     (robot,) = plain.built.robots
     long = replace(robot, model=robot.tools[0].model)
     under = frame_pose(long, robot.home, "tool")[:3, 3] - (0.0, 0.0, 0.14)
     for at, who in (([0.05, -0.1, 0.16], None), (under.tolist(), "arm with hand")):
         words = door % ", ".join(map(str, at)) + bake
         file = written(tmp_path, text.replace("  parts:", words + "  parts:"))
-        subject = Subject(load_scenario(file), tmp_path)
+        subject = CheckContext(load_scenario(file), tmp_path)
         parts = ordered_parts(subject)
         skills = ToolSkills(subject.built, parts.listed)(NO_TOOLS)
         assert skills.in_door("oven.door") == who

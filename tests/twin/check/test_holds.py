@@ -17,7 +17,7 @@ from twin.reading.scenario_file import load_scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import given_plan
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import run_plan_to_folder
+from twin.trial.run_plan import run_plan_to_folder
 
 CELL = """\
 version: 1

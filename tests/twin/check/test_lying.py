@@ -10,8 +10,8 @@ from planning.cell.shape import Element, shape_of
 from tests.planning.robots.descriptions.vendors import GRIPPER
 from tests.planted import planted
 from tests.twin.written import Change, checked, refusal, written
-from twin.check.finding import Finding, Subject
-from twin.check.lying import check_meshes
+from twin.check.finding import CheckContext, Finding
+from twin.check.placements import check_meshes
 from twin.reading.scenario_file import load_scenario
 
 CELL = """\
@@ -181,7 +181,7 @@ FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "shapes.yaml"
 
 
 def test_what_is_outside_of_all_pieces_is_told() -> None:
-    subject = Subject(load_scenario(FILE), FILE.parent)
+    subject = CheckContext(load_scenario(FILE), FILE.parent)
     assert list(check_meshes(subject)) == []
     housing = subject.cell.object("housing")
     form = replace(housing.shape.elements[0].form, missed=0.0012)  # type: ignore[type-var]

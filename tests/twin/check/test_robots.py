@@ -19,7 +19,7 @@ from planning.cell.shape import Box, Cylinder, Element
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.descriptions.urdf_file import GivenLimits
-from planning.robots.overview import flange_doubt, overview
+from planning.robots.overview import flange_warning, robot_overview
 from planning.robots.registry import ROBOTS, robot_model
 from planning.transforms import identity, translation
 from tests.planning.robots.descriptions.test_mounting import link_poses
@@ -30,14 +30,14 @@ from tests.twin.check.test_check import CELL
 from tests.twin.check.test_tools import HANDS, hand_cell
 from tests.twin.program import invoke
 from tests.twin.written import Change, checked, refusal, written
-from twin.check.finding import Subject
+from twin.check.finding import CheckContext
 from twin.check.picture import cell_figure
 from twin.check.tools import finger_gap
-from twin.check.views import MOST, close_ups
+from twin.check.views import MOST, find_close_ups
 from twin.kinds.parts.checks.context import ordered_parts
 from twin.kinds.parts.checks.loads import check_payloads
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.scenario import resolved, restored
+from twin.scenario.sections.scenario import resolve_scenario, restore_scenario
 from twin.scenario.shipped import scenario_path
 
 
@@ -151,7 +151,7 @@ tool without mass                | ", mass_kg: 0.5" | ""             | hand has 
 def said(folder: Path, *changes: Change, hand: str = GRIPPER) -> list[tuple[str, bool]]:
     file = hand_cell(folder, *changes)
     (folder / "hand.urdf").write_text(hand)
-    found = check_payloads(Subject(load_scenario(file), folder))
+    found = check_payloads(CheckContext(load_scenario(file), folder))
     return [(item.message, item.error) for item in found]
 
 
@@ -232,8 +232,10 @@ def test_a_tool_weighs_what_the_scenario_says(
 def test_a_density_stays_what_it_is_in_a_manifest(tmp_path: Path) -> None:
     dense = "mass_kg: 1}", "density_kg_m3: 500}"
     scenario = load_scenario(hand_cell(tmp_path, dense))
-    assert restored(resolved(scenario)) == scenario
-    assert Subject(scenario, tmp_path).cell.object("a").mass == pytest.approx(0.048)
+    assert restore_scenario(resolve_scenario(scenario)) == scenario
+    assert CheckContext(scenario, tmp_path).cell.object("a").mass == pytest.approx(
+        0.048
+    )
     both = "mass_kg: 1}", "density_kg_m3: 500, mass_kg: 1}"
     said = refusal(tmp_path, HANDS, both, ("ARM", "ur5e"))
     assert "give mass_kg or density_kg_m3, not both" in str(said)
@@ -279,7 +281,7 @@ def test_every_registered_robot_has_a_sheet() -> None:
 
 def test_links_are_where_pinocchio_puts_them() -> None:
     model = robot_model("panda")
-    found = overview(model)
+    found = robot_overview(model)
     values = dict(zip(model.joint_names, model.home, strict=True))
     wanted = link_poses(model.urdf, values | ROBOTS["panda"].frozen)
     own = {row.name: row.pose for row in found.links}
@@ -358,10 +360,10 @@ def test_what_is_neither_a_robot_nor_a_tool_gets_both_reasons(tmp_path: Path) ->
 
 def test_a_flange_with_x_out_of_it_is_doubtful() -> None:
     other = robot_model(str(ur5e()), None, Fitting(flange="flange"))
-    words = flange_doubt(other)
+    words = flange_warning(other)
     assert words is not None
     assert "x points out of the flange" in words
-    assert flange_doubt(robot_model(str(ur5e()))) is None
+    assert flange_warning(robot_model(str(ur5e()))) is None
 
 
 @pytest.mark.parametrize("held", [0.0, 0.01, 0.04])
@@ -383,17 +385,17 @@ def _boxes(*centres: tuple[float, float], size: float = 0.02) -> np.ndarray:
 
 def test_tiny_things_near_each_other_are_drawn_larger() -> None:
     boxes = _boxes((0, 0), (0.05, 0), (0.03, 0.04), (1.9, 1.9), (1.0, 0.1))
-    (found,) = close_ups(boxes, np.array([2.0, 2.0]), 0.004, ROW)
+    (found,) = find_close_ups(boxes, np.array([2.0, 2.0]), 0.004, ROW)
     assert [found.holds(box) for box in boxes] == [True, True, True, False, False]
-    assert close_ups(10 * boxes, np.array([2.0, 2.0]), 0.004, ROW) == []
-    assert close_ups(boxes[:0], np.array([2.0, 2.0]), 0.004, ROW) == []
+    assert find_close_ups(10 * boxes, np.array([2.0, 2.0]), 0.004, ROW) == []
+    assert find_close_ups(boxes[:0], np.array([2.0, 2.0]), 0.004, ROW) == []
     many = [(x, y) for x in np.arange(8) / 4 for y in (0.0, 0.03, 1.0, 1.03)]
-    assert len(close_ups(_boxes(*many), np.array([2.0, 2.0]), 0.004, ROW)) <= MOST
+    assert len(find_close_ups(_boxes(*many), np.array([2.0, 2.0]), 0.004, ROW)) <= MOST
 
 
 def test_names_in_the_picture_are_not_on_each_other() -> None:
     path = scenario_path(Path("cliff"))
-    figure = cell_figure(Subject(load_scenario(path), path.parent))
+    figure = cell_figure(CheckContext(load_scenario(path), path.parent))
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     above, _, *larger = figure.axes

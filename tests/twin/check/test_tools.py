@@ -17,7 +17,7 @@ from tests.planning.robots.descriptions.vendors import GRIPPER, ur5e
 from tests.planted import planted, rows
 from tests.twin.check.test_check import CELL, ROOT
 from tests.twin.written import Change, checked, written
-from twin.check.tools import misplaced
+from twin.check.tools import frame_warnings
 from twin.document.validation import InvalidScenarioError
 from twin.reading.scenario_file import read_scenario
 
@@ -51,18 +51,18 @@ def arm(folder: Path, flange_rpy: str) -> Path:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_frames_of_packaged_robots_are_at_their_tools(name: str) -> None:
     model = robot_model(name)
-    assert list(misplaced(model, model.frames["tool"])) == []
+    assert list(frame_warnings(model, model.frames["tool"])) == []
 
 
 def test_a_flange_with_x_forward_is_found(tmp_path: Path) -> None:
     """As on ROS-Industrial robots, whose link ``flange`` has x out of the arm."""
     right = robot_model(str(arm(tmp_path, "0 0 0")))
-    assert list(misplaced(right, np.eye(4))) == []
+    assert list(frame_warnings(right, np.eye(4))) == []
     model = robot_model(str(arm(tmp_path, "0 -1.5708 -1.5708")))
-    (words,) = misplaced(model, np.eye(4))
+    (words,) = frame_warnings(model, np.eye(4))
     assert "does not point out of the tool: 30" in words
     turned = from_rpy((0.0, 0.0, 0.0), (0.0, np.pi / 2, 0.0))
-    assert list(misplaced(model, turned)) == []
+    assert list(frame_warnings(model, turned)) == []
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_a_flange_with_x_forward_is_found(tmp_path: Path) -> None:
 def test_a_frame_at_the_mount_of_a_gripper_or_far_from_it_is_found(
     ahead: float, says: str
 ) -> None:
-    (words,) = misplaced(robot_model("panda"), translation(0.0, 0.0, ahead))
+    (words,) = frame_warnings(robot_model("panda"), translation(0.0, 0.0, ahead))
     assert says in words
 
 
@@ -82,8 +82,8 @@ def test_a_frame_between_wide_open_fingers_is_at_the_tool() -> None:
     wide = {"panda_finger_joint1": 0.035, "panda_finger_joint2": 0.035}
     model = robot_model(file, None, Fitting(held=wide, flange="panda_link8"))
     between = from_rpy((0.0, 0.0, 0.105), (0.0, 0.0, -np.pi / 4))
-    assert list(misplaced(model, between)) == []
-    assert list(misplaced(model, between @ from_rpy((0, 0, 0.05), (0, 0, 0))))
+    assert list(frame_warnings(model, between)) == []
+    assert list(frame_warnings(model, between @ from_rpy((0, 0, 0.05), (0, 0, 0))))
 
 
 HANDS = """\

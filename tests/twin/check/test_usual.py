@@ -9,9 +9,9 @@ import trimesh
 
 from tests.twin.scenarios.test_hairs_breadth import CELL
 from tests.twin.written import Change, written
-from twin.check.check import quick_findings
-from twin.check.finding import Subject
-from twin.check.lying import check_meshes
+from twin.check.check import findings_without_reach
+from twin.check.finding import CheckContext
+from twin.check.placements import check_meshes
 from twin.check.usual import (
     USUAL,
     check_physics,
@@ -174,8 +174,8 @@ def split(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def bench(folder: Path, *changes: Change) -> Subject:
-    return Subject(read_scenario(written(folder, CELL, *changes))[0], folder)
+def bench(folder: Path, *changes: Change) -> CheckContext:
+    return CheckContext(read_scenario(written(folder, CELL, *changes))[0], folder)
 
 
 CHECKS = check_usual, check_rates, check_physics, check_meshes
@@ -199,7 +199,7 @@ def test_what_is_absurd_is_told_and_its_neighbour_is_not(
     subject = bench(folder, *besides, (old, absurd))
     found = [item.message for check in CHECKS for item in check(subject)]
     assert any(says in message for message in found), found
-    assert quick_findings(bench(folder, *besides, (old, sane))) == []
+    assert findings_without_reach(bench(folder, *besides, (old, sane))) == []
 
 
 ANY = {
@@ -292,4 +292,4 @@ def test_every_range_is_of_some_key_and_its_defaults_are_usual() -> None:
 )
 def test_shipped_scenarios_have_usual_numbers(file: Path) -> None:
     scenario, _ = read_scenario(file)
-    assert list(check_usual(Subject(scenario, file.parent))) == []
+    assert list(check_usual(CheckContext(scenario, file.parent))) == []

@@ -12,7 +12,7 @@ from tests.twin.cluster.processes import up
 from tests.twin.explore.bench import setting_of
 from tests.twin.explore.sliders import slider_file
 from twin.cluster.client import ClusterError
-from twin.explore.crew import DesignTask, evaluate_there
+from twin.explore.crew import DesignTask, evaluate_on_worker
 from twin.explore.journal import Journal
 
 pytest.importorskip("distributed")
@@ -42,4 +42,4 @@ def test_files_must_be_where_the_workers_are(tmp_path: Path) -> None:
     elsewhere = replace(setting, folder=tmp_path / "elsewhere")
     parcel = zlib.compress(pickle.dumps(elsewhere))
     with pytest.raises(ClusterError, match=r"slider\.urdf.*elsewhere on every machine"):
-        evaluate_there(parcel, 20.0, DesignTask(0, {}))
+        evaluate_on_worker(parcel, 20.0, DesignTask(0, {}))

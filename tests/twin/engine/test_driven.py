@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.motion_times import at_full_speed, node_path, within_limits
+from scheduling.motion_times import assign_node_times, node_path, with_full_speed_times
 from scheduling.stretch_times import blended_path, chain_bends
 from tests.twin.drawn_runs import ANYTHING, VARIED
 from tests.twin.driven_toys import BENT_TPGS, DRIVEN_TPGS, bent_tpg, driven_tpg
@@ -231,7 +231,7 @@ def jumble_messages(execution: Execution, seed: int) -> None:
 def test_the_order_of_messages_makes_no_difference(
     tpg: TemporalPlanGraph, disturbances: Disturbances, seed: int
 ) -> None:
-    sampler = NodeTimeSampler(at_full_speed(tpg), VARIED, disturbances)
+    sampler = NodeTimeSampler(with_full_speed_times(tpg), VARIED, disturbances)
     times = sampler.sample(seed=seed)
     run = simulate(tpg, VARIED, seed=seed, disturbances=disturbances)
     ports = Ports(DrivenRobots)
@@ -317,7 +317,7 @@ def test_whatever_happens_the_record_is_whole(
 def test_a_process_that_is_done_standing_is_seen_from_begin_to_end(
     tpg: TemporalPlanGraph, disturbances: Disturbances, seed: int
 ) -> None:
-    tpg = within_limits(replace(tpg, chains=tuple(map(_standing, tpg.chains))))
+    tpg = assign_node_times(replace(tpg, chains=tuple(map(_standing, tpg.chains))))
     run = simulate(tpg, VARIED, seed=seed, disturbances=disturbances)
     motions = {motion.robot: motion for motion in robot_trajectories(tpg, run)}
     for k, chain in enumerate(tpg.chains):
@@ -470,7 +470,7 @@ def test_other_limits_keep_the_curve_and_are_kept() -> None:
         acceleration=robot.limits.acceleration * 0.5,
     )
     cell = replace(tpg.cell, robots=(replace(robot, limits=slow),))
-    other = within_limits(replace(tpg, cell=cell))
+    other = assign_node_times(replace(tpg, cell=cell))
     run = simulate(other)
     assert_within_limits(other, run)
     for a, b in pairwise((tpg, other)):

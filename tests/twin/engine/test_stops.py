@@ -29,7 +29,7 @@ from twin.uncertainty.disturbances import (
     Speed,
     Stalls,
 )
-from twin.uncertainty.stops import Stop, StoppedClock, Stops
+from twin.uncertainty.stop_times import Stop, StoppedClock, Stops
 
 
 def stops_at(*intervals: tuple[int, int]) -> Stops:

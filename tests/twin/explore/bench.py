@@ -10,7 +10,7 @@ from twin.explore.crew import Crew, DesignTask
 from twin.explore.dimensions import dimensions_of
 from twin.explore.exploration import Exploration
 from twin.explore.journal import JOURNAL
-from twin.explore.rungs import Climb, Evaluation, Setting
+from twin.explore.rungs import Evaluation, ExplorationSetting, RungClimb
 from twin.explore.section import explore_section
 from twin.host.progress import report_nothing
 from twin.trial.loaded_scenario import LoadedScenario, load
@@ -21,7 +21,7 @@ class Bench(Crew):
 
     def __init__(
         self,
-        setting: Setting,
+        setting: ExplorationSetting,
         width: int = 1,
         evaluate: Callable[[DesignTask], Evaluation] | None = None,
     ) -> None:
@@ -32,7 +32,7 @@ class Bench(Crew):
 
     def _climb(self, task: DesignTask) -> Evaluation:
         limits = task.longest_turns_s, task.planner_seed
-        return Climb(self._setting, task.variant, *limits).evaluate()
+        return RungClimb(self._setting, task.variant, *limits).evaluate()
 
     @property
     def idle(self) -> int:
@@ -53,16 +53,16 @@ class Bench(Crew):
             yield task, self._evaluate(task)
 
 
-def setting_of(file: Path, **changes: object) -> Setting:
+def setting_of(file: Path, **changes: object) -> ExplorationSetting:
     """Return what designs of a scenario have in common, with something else in its section."""
     case = load(file)
     own = explore_section(case.sections)
     assert own is not None
     section = own.changed(**changes)
-    return Setting(case.sections.changed(explore=None), case.folder, section)
+    return ExplorationSetting(case.sections.changed(explore=None), case.folder, section)
 
 
-def exploration_of(setting: Setting, folder: Path) -> Exploration:
+def exploration_of(setting: ExplorationSetting, folder: Path) -> Exploration:
     """Return an exploration in a folder, gone on with where there is one."""
     folder.mkdir(exist_ok=True)
     document = LoadedScenario(setting.scenario, setting.folder).document
@@ -73,7 +73,7 @@ def exploration_of(setting: Setting, folder: Path) -> Exploration:
 
 def sliders_explored(
     folder: Path, more: str = EXPLORE, right: float = 0.3, **changes: object
-) -> tuple[Setting, Exploration]:
+) -> tuple[ExplorationSetting, Exploration]:
     """Return what designs of the sliders have in common, and an exploration of them in ``out``."""
     setting = setting_of(slider_file(folder, more, right=right), **changes)
     return setting, exploration_of(setting, folder / "out")

@@ -15,7 +15,7 @@ import pytest
 from tests.twin.explore.bench import setting_of, told
 from tests.twin.explore.sliders import LEFT, slider_file
 from tests.twin.program import invoke
-from twin.explore.crew import Crew, DesignTask, parallel
+from twin.explore.crew import Crew, DesignTask, evaluate_in_parallel
 from twin.explore.journal import JOURNAL, Journal
 
 
@@ -45,7 +45,7 @@ def test_a_design_that_kills_or_holds_its_process_is_refused(tmp_path: Path) -> 
         DesignTask(4, {"cell.robots.left.model": "no-such-model"}),
     ]
     with Crew(setting, 1, 20.0) as crew:
-        found = {task.number: done for task, done in parallel(tasks, crew)}
+        found = {task.number: done for task, done in evaluate_in_parallel(tasks, crew)}
     assert found[0].reason == "its process died (exit code 7)"
     assert found[2].reason == "not done within 20 s"
     assert {found[0].rung, found[2].rung, found[4].rung} == {"check"}

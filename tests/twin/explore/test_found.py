@@ -16,17 +16,17 @@ from twin.explore.design_scenario import scenario_text
 from twin.explore.dimensions import Dimension
 from twin.explore.finals import Finals
 from twin.explore.folder import write_sample
-from twin.explore.influence import front, importances
-from twin.explore.journal import SEARCH, Tried
-from twin.explore.page_words import verdict, worth_words
+from twin.explore.influence import importances, pareto_front
+from twin.explore.journal import SEARCH, TriedDesign
+from twin.explore.page_words import describe_changes, verdict
 from twin.explore.report import write_report
-from twin.explore.rungs import Climb, Evaluation
+from twin.explore.rungs import Evaluation, RungClimb
 from twin.explore.section import GoalSection, VarySection
 from twin.explore.summary import summary_of
 from twin.host.progress import report_nothing
-from twin.reading.scenario_file import load_scenario, scenario_of
+from twin.reading.scenario_file import load_scenario, parse_scenario
 from twin.scenario.shipped import shipped_scenarios
-from twin.scenario.variations import varied
+from twin.scenario.variations import apply_variation
 from twin.study.replications.statistics import mean_interval
 
 ALONE = (VarySection(key=LEFT, low=-0.6, high=0.6),)
@@ -34,10 +34,10 @@ FEW = {"replications": 20, "most_replications": 80}
 JITTER = "execution: {jitter: {kind: uniform, low_s: 0, high_s: 0.02}}\n"
 
 
-def tried(number: int, goals: tuple[float, ...], **values: object) -> Tried:
+def tried(number: int, goals: tuple[float, ...], **values: object) -> TriedDesign:
     kind = "done" if goals else "refused"
     found = Evaluation(kind, "replications", goals=goals)  # type: ignore[arg-type]
-    return Tried(number, SEARCH, values, 0, found)
+    return TriedDesign(number, SEARCH, values, 0, found)
 
 
 def test_what_matters_is_what_the_goal_is_made_of() -> None:
@@ -63,7 +63,7 @@ def test_compromises_are_those_that_nothing_beats() -> None:
     for _ in range(20):
         points = rng.integers(0, 8, (15, 2)).astype(float)
         rows = [tried(k, tuple(p)) for k, p in enumerate(points.tolist())]
-        found = {row.evaluation.goals for row in front(rows)}
+        found = {row.evaluation.goals for row in pareto_front(rows)}
         slow = {
             tuple(p)
             for p in points.tolist()
@@ -90,8 +90,8 @@ def test_changes_are_worth_what_is_known(tmp_path: Path, goal: str) -> None:
     base, half, best = {LEFT: -0.3, RIGHT: 0.3}, {LEFT: 0.0, RIGHT: 0.3}, None
     for number, values in enumerate((base, {LEFT: 0.0, RIGHT: 0.1}, half)):
         changed = {k: v for k, v in values.items() if v != base[k]}
-        evaluation = Climb(setting, changed).evaluate()
-        exploration.keep(Tried(number, SEARCH, values, 0, evaluation))
+        evaluation = RungClimb(setting, changed).evaluate()
+        exploration.keep(TriedDesign(number, SEARCH, values, 0, evaluation))
     finals = Finals(exploration, setting, report_nothing)
     race = finals.race()
     best = race[0]
@@ -109,7 +109,7 @@ def test_changes_are_worth_what_is_known(tmp_path: Path, goal: str) -> None:
         assert item.gain.estimate == pytest.approx(gain, abs=0.03)
     found = summary_of("sliders", exploration, race, list(worths.values()), 0)
     assert found.decided
-    words = list(worth_words(found))
+    words = list(describe_changes(found))
     assert words[0].startswith("the best design (left.base x by +300 mm;")
     # What was replicated is not replicated again.
     again = Finals(exploration, setting, report_nothing).race()
@@ -125,7 +125,7 @@ def test_the_luck_of_a_plan_is_told_from_what_a_design_is_worth(tmp_path: Path) 
         return replace(found, results={"makespan_s": length}, goals=(length,))
 
     def evaluated(task: DesignTask) -> Evaluation:
-        climb = Climb(setting, task.variant, planner_seed=task.planner_seed)
+        climb = RungClimb(setting, task.variant, planner_seed=task.planner_seed)
         assert task.planner_seed is not None
         moved = bool(task.variant)
         return lucky(climb.evaluate(), luck[task.planner_seed][moved])
@@ -133,8 +133,8 @@ def test_the_luck_of_a_plan_is_told_from_what_a_design_is_worth(tmp_path: Path) 
     rows = []
     for number, left in enumerate((-0.3, 0.0)):
         values = {LEFT: left, RIGHT: 0.3}
-        found = Climb(setting, {LEFT: left} if number else {}).evaluate()
-        row = Tried(number, SEARCH, values, 0, lucky(found, luck[0][number]))
+        found = RungClimb(setting, {LEFT: left} if number else {}).evaluate()
+        row = TriedDesign(number, SEARCH, values, 0, lucky(found, luck[0][number]))
         exploration.keep(row)
         rows.append(row)
     bench = Bench(setting, 2, evaluated)
@@ -164,8 +164,8 @@ def test_designs_that_do_not_differ_are_not_told_apart(tmp_path: Path) -> None:
         tmp_path, JITTER + EXPLORE, vary=ALONE, goals=goals, **FEW
     )
     for number, left in enumerate((0.3, 0.31, 0.29)):
-        evaluation = Climb(setting, {LEFT: left}).evaluate()
-        exploration.keep(Tried(number, SEARCH, {LEFT: left}, 0, evaluation))
+        evaluation = RungClimb(setting, {LEFT: left}).evaluate()
+        exploration.keep(TriedDesign(number, SEARCH, {LEFT: left}, 0, evaluation))
     race = Finals(exploration, setting, report_nothing).race()
     assert not any(item.apart for item in race)
     assert {len(item.makespans_s) for item in race} == {80}
@@ -181,10 +181,10 @@ def test_compromises_are_told_from_those_that_draws_flattered(tmp_path: Path) ->
         tmp_path, JITTER + EXPLORE, -0.1, vary=ALONE, goals=goals, **FEW
     )
     for number, left in enumerate((-0.3, -0.1, 0.0, 0.3, 0.301)):
-        found = Climb(setting, {LEFT: left}).evaluate()
+        found = RungClimb(setting, {LEFT: left}).evaluate()
         if left > 0.1:  # by draws that were kind to it
             found = replace(found, goals=(0.1 - left / 10.0, found.goals[1]))
-        exploration.keep(Tried(number, SEARCH, {LEFT: left}, 0, found))
+        exploration.keep(TriedDesign(number, SEARCH, {LEFT: left}, 0, found))
     race = Finals(exploration, setting, report_nothing).race()
     assert {item.row.design for item in race} == {0, 1, 2, 3, 4}
     assert {item.row.design for item in race if item.apart} == {3, 4}
@@ -248,7 +248,7 @@ explore:
 def test_scenarios_are_written_as_they_are() -> None:
     for name, path in shipped_scenarios().items():
         wanted = load_scenario(path).changed(explore=None)
-        found, _ = scenario_of(path, scenario_text(wanted))
+        found, _ = parse_scenario(path, scenario_text(wanted))
         assert found == wanted, name
 
 
@@ -263,7 +263,7 @@ def test_a_design_becomes_a_scenario_of_its_own(tmp_path: Path) -> None:
         source = f"{out}#{row['rank']}" if row["rank"] > 1 else out
         invoke("init", own, "--from", source, code=0)
         found = load_scenario(own / "scenario.yaml")
-        wanted = varied(load_scenario(file), {"seed": 3, **row["values"]})
+        wanted = apply_variation(load_scenario(file), {"seed": 3, **row["values"]})
         assert found == wanted.changed(explore=None, name=own.name)
         assert (own / "slider.urdf").exists()
     told = invoke("init", tmp_path / "none", "--from", f"{out}#99", code=2).output

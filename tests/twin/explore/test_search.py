@@ -17,10 +17,15 @@ from tests.twin.explore.bench import (
     told,
 )
 from tests.twin.explore.sliders import EXPLORE, LEFT, RIGHT, slider_file
-from twin.explore.journal import JOURNAL, SEARCH, Journal, Tried
-from twin.explore.rungs import Climb, Evaluation, Setting, refused
+from twin.explore.journal import JOURNAL, SEARCH, Journal, TriedDesign
+from twin.explore.rungs import (
+    Evaluation,
+    ExplorationSetting,
+    RungClimb,
+    refused_evaluation,
+)
 from twin.explore.section import GoalSection, SamplerName, VarySection
-from twin.scenario.variations import varied
+from twin.scenario.variations import apply_variation
 from twin.trial.loaded_scenario import load
 
 
@@ -32,7 +37,7 @@ def oracle_s(left: float, right: float) -> float:
 def test_designs_take_as_long_as_is_known(tmp_path: Path) -> None:
     setting = setting_of(slider_file(tmp_path))
     for left, right in ((-0.3, 0.3), (0.1, 0.1), (0.5, -0.2), (-0.35, 0.55)):
-        found = Climb(setting, {LEFT: left, RIGHT: right}).evaluate()
+        found = RungClimb(setting, {LEFT: left, RIGHT: right}).evaluate()
         assert found.outcome == "done", found.reason
         assert found.goals[0] == pytest.approx(oracle_s(left, right), abs=1e-6)
 
@@ -41,7 +46,9 @@ def cheap(task: Any) -> Evaluation:
     """The oracle in place of the planner; bases behind the table are refused."""
     left, right = task.variant.get(LEFT, -0.3), task.variant.get(RIGHT, 0.3)
     if left > 0.5:
-        return refused("check", f"left stands in the wall at {left:.3f}", left - 0.5)
+        return refused_evaluation(
+            "check", f"left stands in the wall at {left:.3f}", left - 0.5
+        )
     value = oracle_s(left, right)
     return Evaluation("done", "replications", goals=(value,), results={"m": value})
 
@@ -98,16 +105,18 @@ def test_shortcuts_may_gain_more_than_they_ever_did(tmp_path: Path) -> None:
         assert exploration.longest_turns_s() == np.inf, "little is known"
         found = Evaluation("done", "replications", goals=(10.0 * left,), turns_s=10.0)
         values = {LEFT: 0.01 * number, RIGHT: 0.3}
-        exploration.keep(Tried(number, SEARCH, values, 0, found))
+        exploration.keep(TriedDesign(number, SEARCH, values, 0, found))
     assert exploration.longest_turns_s() == pytest.approx(6.0 / 0.55)
 
 
 @pytest.mark.nightly
 def test_no_repeated_product_is_left_behind(tmp_path: Path) -> None:
     """The plan in turns of one of many products does not tell how long all of them take."""
-    scenario = varied(load("kitting").sections, {"assembly.products.count": 2})
+    scenario = apply_variation(load("kitting").sections, {"assembly.products.count": 2})
     section = setting_of(slider_file(tmp_path)).section
-    found = Climb(Setting(scenario, tmp_path, section), {}, 1.0).evaluate()
+    found = RungClimb(
+        ExplorationSetting(scenario, tmp_path, section), {}, 1.0
+    ).evaluate()
     assert found.outcome == "done"
     assert np.isnan(found.turns_s)
 
@@ -203,7 +212,7 @@ def test_a_journal_says_nothing_that_was_not_tried(
     _, exploration = sliders_explored(tmp_path)
     found = Evaluation("done", "replications", goals=(1.0,))
     folder, values = exploration.folder, {LEFT: 0.0, RIGHT: 0.0}
-    row = Tried(0, SEARCH, values, 0, found).content()
+    row = TriedDesign(0, SEARCH, values, 0, found).content()
     (folder / JOURNAL).write_text(json.dumps(row) + "\n")
     assert len(sliders_explored(tmp_path)[1].journal.rows) == 1
     (folder / JOURNAL).write_text(json.dumps(row | {key: value}) + "\n")

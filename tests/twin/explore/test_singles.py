@@ -12,8 +12,8 @@ from tests.twin.program import invoke
 from twin.explore.exploration import Exploration
 from twin.explore.finals import Finals
 from twin.explore.journal import JOURNAL
-from twin.explore.rungs import Setting
-from twin.explore.singles import (
+from twin.explore.rungs import ExplorationSetting
+from twin.explore.single_changes import (
     candidates,
     change_dimensions,
     judge_changes,
@@ -28,7 +28,7 @@ explore:
 """
 
 
-def exploration_of(setting: Setting, folder: Path) -> Exploration:
+def exploration_of(setting: ExplorationSetting, folder: Path) -> Exploration:
     folder.mkdir(exist_ok=True)
     changes = candidates(setting.scenario, setting.folder)
     dimensions = change_dimensions(setting.scenario, changes)

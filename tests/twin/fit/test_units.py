@@ -8,7 +8,7 @@ import pytest
 from planning.errors import ScenarioError
 from tests.twin import program
 from twin.durations.measured import Empirical
-from twin.durations.timing_files import named_unit, read_durations
+from twin.durations.timing_files import read_durations, split_unit
 from twin.fit.samples import read_samples
 
 SECONDS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
@@ -43,7 +43,7 @@ def table(path: Path, column: str, values: np.typing.ArrayLike) -> Path:
     ],
 )
 def test_names_end_with_units(name: str, stem: str, unit: str | None) -> None:
-    assert named_unit(name) == (stem, unit)
+    assert split_unit(name) == (stem, unit)
 
 
 @pytest.mark.parametrize("unit", SECONDS)

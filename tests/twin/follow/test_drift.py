@@ -13,7 +13,7 @@ from tests.twin.twin_toys import random_tpg
 from twin.durations.nanoseconds import Nanoseconds
 from twin.durations.normal import Lognormal
 from twin.engine.execution_model import ExecutionModel
-from twin.follow.display import as_json, as_sentence
+from twin.follow.display import news_to_json, news_to_sentence
 from twin.follow.drift import MOTIONS, DriftWatch
 from twin.follow.state import FollowedRun
 from twin.uncertainty.disturbances import Disturbances, Speed, UniformFactor
@@ -126,8 +126,8 @@ def test_drift_is_told_to_people_and_programs() -> None:
     took = drawn()
     took[0][nodes_of("pick", 0)] *= 2
     (found,) = WATCH.look(run_of(TPG, took))
-    assert as_sentence(found).startswith("DRIFT pick of robot_0 takes ")
-    assert '"kind": "drift"' in as_json(found)
+    assert news_to_sentence(found).startswith("DRIFT pick of robot_0 takes ")
+    assert '"kind": "drift"' in news_to_json(found)
     low, high = found.low, found.high
     shorter = replace(found, ratio=0.9, low=0.86, high=0.94)
     assert "takes 10 % less long" in shorter.words

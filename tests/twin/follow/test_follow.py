@@ -25,8 +25,8 @@ from tests.twin.turning_arms import SCENARIO, planned_arms, run_arms
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from tests.twin.written import written
 from twin.engine.execution_model import ExecutionModel
-from twin.follow.display import TerminalDisplay, as_json, as_sentence
-from twin.follow.follow import Silence, follow, growing_file, piped
+from twin.follow.display import TerminalDisplay, news_to_json, news_to_sentence
+from twin.follow.follow import Silence, follow, lines_of_growing_file, lines_of_pipe
 from twin.follow.forecast import Forecaster
 from twin.follow.state import FollowedRun
 from twin.run.events import EventLogError, event_line
@@ -43,7 +43,7 @@ def followed(lines: Iterator[str | None], every_s: float = 5.0) -> tuple:
         lines,
         run,
         Forecaster(TPG, ExecutionModel(VARIED), samples=20),
-        [lambda news: out.append(as_json(news))],
+        [lambda news: out.append(news_to_json(news))],
         every_s=every_s,
     )
     return run, [json.loads(line) for line in out if line]
@@ -70,7 +70,7 @@ def test_a_file_is_followed_while_it_grows(tmp_path: Path) -> None:
 
     def lines() -> Iterator[str | None]:
         nonlocal waits
-        for line in growing_file(path, poll_s=0.003):
+        for line in lines_of_growing_file(path, poll_s=0.003):
             waits += line is None
             yield line
 
@@ -86,17 +86,19 @@ def test_a_file_is_followed_while_it_grows(tmp_path: Path) -> None:
 def test_a_torn_last_line_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "events.jsonl"
     path.write_text("".join(LINES[:5]) + LINES[5][:20])
-    assert list(growing_file(path, wait=False)) == [s[:-1] for s in LINES[:5]]
+    assert list(lines_of_growing_file(path, wait=False)) == [s[:-1] for s in LINES[:5]]
     stream = io.BytesIO(path.read_bytes())
-    assert [s for s in piped(stream) if s is not None] == [s[:-1] for s in LINES[:5]]
+    assert [s for s in lines_of_pipe(stream) if s is not None] == [
+        s[:-1] for s in LINES[:5]
+    ]
 
 
 def test_a_file_that_shrinks_or_is_not_there_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "events.jsonl"
     with pytest.raises(OutputError, match="no such file"):
-        list(growing_file(path, wait=False))
+        list(lines_of_growing_file(path, wait=False))
     path.write_text("".join(LINES[:5]))
-    lines = growing_file(path, poll_s=0.001)
+    lines = lines_of_growing_file(path, poll_s=0.001)
     assert [next(lines) for _ in range(6)][-1] is None
     path.write_text(LINES[0])
     with pytest.raises(OutputError, match="has become shorter"):
@@ -107,7 +109,7 @@ def test_a_longer_file_in_its_place_is_another_run(tmp_path: Path) -> None:
     path, longer = tmp_path / "events.jsonl", tmp_path / "next.jsonl"
     path.write_text("".join(LINES[:5]))
     longer.write_text("".join(LINES))
-    lines = growing_file(path, poll_s=0.001)
+    lines = lines_of_growing_file(path, poll_s=0.001)
     assert [next(lines) for _ in range(6)][-1] is None
     longer.replace(path)
     with pytest.raises(OutputError, match="another run began"):
@@ -152,7 +154,7 @@ def test_time_goes_on_while_nothing_is_heard() -> None:
         lines,
         run,
         Forecaster(tpg, ExecutionModel(NOMINAL), samples=2),
-        [lambda news: out.append(as_json(news))],
+        [lambda news: out.append(news_to_json(news))],
         every_s=1.0,
         clock=lambda: float(next(now)),
     )
@@ -192,7 +194,7 @@ def test_pictures_say_what_every_robot_does() -> None:
         iter(lines),
         run,
         Forecaster(tpg, ExecutionModel(NOMINAL), samples=2),
-        [display, lambda news: plain.append(as_sentence(news))],
+        [display, lambda news: plain.append(news_to_sentence(news))],
     )
     text = out.getvalue()
     assert "stalled in transit 0" in text

@@ -11,8 +11,8 @@ from numba import njit
 from planning.meshes.mesh_form import mesh_form
 from tests.twin.program import python
 from twin.host.guard import UNFORESEEN, guarded
-from twin.host.pictures import fitted
-from twin.host.progress import StageDisplay, compilation_shown
+from twin.host.pictures import wrap_name
+from twin.host.progress import StageDisplay, show_compilation
 
 
 @guarded
@@ -66,7 +66,7 @@ def test_kernels_are_announced_when_they_are_compiled(
 ) -> None:
     with (
         StageDisplay() as display,
-        compilation_shown(display, silent=False) as compiled,
+        show_compilation(display, silent=False) as compiled,
     ):
         assert capfd.readouterr() == ("", "")
         double = njit(lambda x: 2 * x)
@@ -86,7 +86,7 @@ def test_meshes_that_take_long_are_announced_when_they_are_cut(
         ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.05)
         ball.export(tmp_path / f"{name}.stl")
     said = "cutting large.stl into convex pieces, once ...\n"
-    with StageDisplay() as display, compilation_shown(display, silent=False):
+    with StageDisplay() as display, show_compilation(display, silent=False):
         mesh_form(tmp_path / "small.stl")
         assert capfd.readouterr() == ("", "")
         mesh_form(tmp_path / "large.stl")
@@ -122,6 +122,6 @@ def test_progress_prints_nothing_when_standard_error_is_no_terminal(
 def test_a_name_is_broken_where_its_words_end(
     name: str, width: float, lines: int, shown: str
 ) -> None:
-    assert fitted(name, width, 6.0, lines=lines) == shown
-    found = fitted(name, width, 6.0, lines=lines)
+    assert wrap_name(name, width, 6.0, lines=lines) == shown
+    found = wrap_name(name, width, 6.0, lines=lines)
     assert all(len(line) * 0.6 * 6.0 <= width for line in found.split("\n"))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.exports.open_plan import waits_in_circles
+from twin.exports.open_plan import circular_waits
 from twin.judge.delays import (
     CircularWaitsError,
     DelayModel,
@@ -147,7 +147,7 @@ def test_robots_that_rest_where_they_wait_do_not_wait_in_circles(
     left = at_speed
     for _ in range(20):
         content = content_of(*waits, left)
-        circling = waits_in_circles(content)
+        circling = circular_waits(content)
         plan = OpenPlan.model_validate(content)
         if not circling:
             nominal_spans(plan)

@@ -58,11 +58,13 @@ def test_the_same_plan_by_the_clock_is_clean_until_somebody_is_late(
 
 def _set(place: str, value: str) -> Plant:
     """Return the fault that another value stands somewhere in a plan."""
-    robot, *way, last = (int(key) if key.isdigit() else key for key in place.split())
+    robot, *displacement, last = (
+        int(key) if key.isdigit() else key for key in place.split()
+    )
 
     def plant(west: Motions, east: Motions) -> None:
         found: Any = {"west": west, "east": east}[robot]
-        for key in way:
+        for key in displacement:
             found = found[key]
         found[last] = json.loads(value)
 

@@ -44,7 +44,7 @@ from twin.live.wire_format import (
     read_report,
     report_bytes,
 )
-from twin.operate.committed import PlanRevision
+from twin.operate.commitment import PlanRevision
 from twin.operate.replanner import RollingReplanner
 from twin.recorders.observers import MemoryRecorder, Observers
 from twin.run.events import Event
@@ -164,12 +164,12 @@ def require_stopped(events: list[Event], wire: ModelWire, codes: str) -> None:
     assert events[-1].detail == "failed"
     assert wire.honest >= LIES_FROM
     assert counted(events, robot) <= wire.honest
-    told = [e.detail for e in events if (e.kind, e.robot) == ("stopped", robot)]
-    assert told
-    assert all(detail.isprintable() and len(detail) < 400 for detail in told)
+    known = [e.detail for e in events if (e.kind, e.robot) == ("stopped", robot)]
+    assert known
+    assert all(detail.isprintable() and len(detail) < 400 for detail in known)
     words = {"off": "off its path", "fault": "owned", "silent": "no sign of life"}
     causes = [words.get(code, f"({code})") for code in codes.split()]
-    assert any(cause in told[0] for cause in causes), told
+    assert any(cause in known[0] for cause in causes), known
 
 
 @pytest.mark.parametrize("name", FALSE)

@@ -14,7 +14,7 @@ from twin.audit.case import moved_spans
 from twin.audit.motion.executed import SETTLING, RobotRows
 from twin.drivers.driver import ClearedNode, DriverState, ToolOrder, cleared_node
 from twin.drivers.simulated_arm import SimulatedArm
-from twin.live.link import AwaitedAct, Link
+from twin.live.link import AwaitedActuation, Link
 from twin.live.session import Session
 
 pytestmark = pytest.mark.timeout(300)
@@ -103,7 +103,7 @@ def straight(node: int) -> ClearedNode:
 
 def test_nodes_after_what_another_hand_does_are_kept_back_until_then() -> None:
     link = Link("run", "left", np.zeros(1))
-    awaited = AwaitedAct(2, "right", ToolOrder("left:2", "close", 0.8))
+    awaited = AwaitedActuation(2, "right", ToolOrder("left:2", "close", 0.8))
     link.awaited.append(awaited)
     link.clear([straight(k) for k in range(4)])
 

@@ -141,8 +141,8 @@ def asked(
     )
     with channel_to(address, held) as channel:
         try:
-            told = channel.stream_stream(METHOD)(iter([report]), timeout=60.0)
-            list(told)
+            message = channel.stream_stream(METHOD)(iter([report]), timeout=60.0)
+            list(message)
         except grpc.RpcError as error:
             return error.code()
     return None
@@ -186,8 +186,8 @@ def expired(held: Certificates) -> Certificates:
         ["req", "-new", *new, "-keyout", held.key, "-out", request],
         ["x509", "-req", *signed, "-days", "-1", "-out", held.certificate],
     ):
-        told = ["openssl", *map(str, words)]
-        subprocess.run(told, check=True, capture_output=True)
+        message = ["openssl", *map(str, words)]
+        subprocess.run(message, check=True, capture_output=True)
     return held
 
 
@@ -225,10 +225,10 @@ def test_what_is_no_message_is_left_aside_and_changes_nothing(
             one[rng.randrange(len(one))] = rng.randrange(256)
         broken.append(bytes(one[: rng.randint(1, len(one))]))
     with channel_to(f"127.0.0.1:{service.port}", None) as channel:
-        told = channel.stream_stream(METHOD)(iter([whole, *broken, whole]))
+        message = channel.stream_stream(METHOD)(iter([whole, *broken, whole]))
         while not (heard and heard[-1].number == 1):
             time.sleep(0.05)
-        told.cancel()
+        message.cancel()
     before = replace(link)
     for report in heard:
         assert report.robot == "left"
@@ -405,9 +405,9 @@ def test_silent_streams_take_nobody_the_room(
 def test_a_message_that_is_too_long_ends_its_stream(service: Service) -> None:
     service.wire("left", 6)
     with channel_to(f"127.0.0.1:{service.port}", None) as channel:
-        told = channel.stream_stream(METHOD)(iter([bytes(MOST_BYTES + 1)]))
+        message = channel.stream_stream(METHOD)(iter([bytes(MOST_BYTES + 1)]))
         with pytest.raises(grpc.RpcError) as error:
-            list(told)
+            list(message)
     assert error.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
 
 

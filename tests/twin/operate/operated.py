@@ -14,7 +14,7 @@ from planning.tasks.task import GONE, Task
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
-from scheduling.rolling.cut import state_at
+from scheduling.rolling.cut import world_state_after
 from scheduling.verification.verify import verify_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
 from tests.twin.program import invoke
@@ -112,7 +112,9 @@ def gone(done: Operation) -> set[str]:
 
 def at_the_end(done: Operation) -> Mapping[str, Attachment]:
     """Return where everything is in the end."""
-    return state_at(done.tpg, [len(chain) for chain in done.tpg.chains]).attachments
+    return world_state_after(
+        done.tpg, [len(chain) for chain in done.tpg.chains]
+    ).attachments
 
 
 def came_at(events: Sequence[Event]) -> dict[str, int]:

@@ -15,7 +15,7 @@ import twin
 from planning.kinematics.kinematics import frame_pose
 from planning.tasks.task import FAILED
 from planning.transforms import Transform
-from planning.worlds.measured import MeasuredWork, beside
+from planning.worlds.measured import MeasuredWork, offset_on_surface
 from tests.twin.operate.operated import (
     FEW,
     at_the_end,
@@ -220,7 +220,7 @@ def test_a_pose_beside_is_turned_about_the_vertical_through_it(
     pose = np.eye(4)
     pose[:3, :3] = Rotation.random(random_state=seed).as_matrix()
     pose[:3, 3] = [0.3, -0.2, 0.05]
-    found = beside(pose, np.array(way), turn)
+    found = offset_on_surface(pose, np.array(way), turn)
     about = Rotation.from_rotvec([0.0, 0.0, turn]).as_matrix()
     assert np.allclose(found[:3, :3], about @ pose[:3, :3])
     assert np.allclose(found[:3, 3] - pose[:3, 3], [*way, 0.0])

@@ -26,7 +26,7 @@ from planning.tasks.task import (
     Task,
 )
 from planning.transforms import translation
-from planning.worlds.supplied import REMOVAL, Scrap
+from planning.worlds.supplied import REMOVAL, RemovalPlan
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.operate.operated import (
@@ -235,7 +235,7 @@ def test_what_comes_up_waits_for_what_an_earlier_plan_had_taken_from_there() -> 
         name = f"bolt.{index}"
         comes = (Handling(name, 1, None, pose),)
         tasks.append(Task(index, "bolts", PRESENT, index, name, STILL, comes, name))
-    scrap = Scrap(cast(World, None), (), frozenset())
+    scrap = RemovalPlan(cast(World, None), (), frozenset())
     assert [*scrap.waits(tasks)] == [(3, 7)]
 
 

@@ -5,9 +5,9 @@ import simpy
 
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import at_full_speed
+from scheduling.motion_times import with_full_speed_times
 from tests.twin.simulated import NOMINAL
-from twin.operate.committed import Failure, ReplanTrigger
+from twin.operate.commitment import Failure, ReplanTrigger
 from twin.operate.person import Person
 from twin.operate.recovery import Recovery
 from twin.trial.plan_result import PlanResult
@@ -17,7 +17,7 @@ from twin.uncertainty.node_times import NodeTimeSampler
 
 def recovery(plan: PlanResult) -> Recovery:
     def draw(graph: TemporalPlanGraph, names):
-        times = at_full_speed(graph), NOMINAL, Disturbances(), names
+        times = with_full_speed_times(graph), NOMINAL, Disturbances(), names
         return NodeTimeSampler(*times).sample(seed=0)
 
     scenario = plan.scenario.sections

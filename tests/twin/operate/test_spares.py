@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import twin
 from benchmarks.operate import audited
-from planning.lego.bricks.brick_world import source_of
+from planning.lego.bricks.brick_world import station_of
 from planning.tasks.task import FAILED
 from tests.twin.operate.operated import (
     CLIFF,
@@ -186,7 +186,7 @@ def require_presented(plan: PlanResult, done: Operation) -> None:
     assert gone(done).isdisjoint(places.values())
     stations = plan.motions.work.problem.unlimited
     for station in stations:
-        own = {name for name in names if source_of(name, stations) == station}
+        own = {name for name in names if station_of(name, stations) == station}
         used = [
             (n, int(n.rpartition(".")[2]))
             for n in own & {*gone(done), *places.values()}

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from planning.errors import RequestError
 from planning.lego.skills.candidates import (
     candidates_up_to,
+    empty_candidates,
     find_candidates,
-    no_candidates,
 )
-from planning.parts.candidates import StepsAhead
+from planning.parts.candidates import LazyCandidates
 from planning.parts.candidates import find_candidates as find_parts
 from planning.tasks.assignment import AssignmentProblem
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -124,7 +124,7 @@ def test_candidates_are_those_of_all_steps_at_once(stack_file: Path) -> None:
     assert isinstance(section, LegoSection)
     cell, assembly = build_workcell(case.sections, case.folder), build_lego(section)
     whole = find_candidates(cell, assembly).problem
-    known = no_candidates(cell, assembly)
+    known = empty_candidates(cell, assembly)
     for count in (1, 3, 4):
         known = candidates_up_to(known, count)
 
@@ -159,7 +159,7 @@ def test_products_are_looked_at_one_after_another(line: LoadedScenario) -> None:
     assert isinstance(kind, PartKind)
     cell, assembly = build_workcell(line.sections, line.folder, kind), kind.line
     whole = find_parts(cell, assembly_of(assembly))
-    ahead = StepsAhead(cell, assembly_of(assembly))
+    ahead = LazyCandidates(cell, assembly_of(assembly))
     for count in (4, 12, 8, 4 * KITS):
         some = ahead.first(count).problem.of_first(count)
         assert told(some) == told(whole.problem.of_first(count))

@@ -13,7 +13,7 @@ from tests.twin.operate.random_operations import CELLS, plan_of, problems_of
 from twin.operate.failure_triage import FailureTriage
 from twin.operate.operation import Operation
 from twin.operate.step_window import StepWindow
-from twin.operate.termination import NO_PROGRESS, Measure
+from twin.operate.termination import NO_PROGRESS, RevisionMeasure
 from twin.run.events import Event
 from twin.trial.plan_result import PlanResult
 
@@ -53,7 +53,7 @@ def test_drawn_operations_of_every_kind_end_and_tell_the_truth(cell: str) -> Non
 
 
 def test_a_measure_is_below_another_one_in_the_order_of_its_causes() -> None:
-    values = [Measure(*own) for own in product(range(-1, 3), repeat=4)]
+    values = [RevisionMeasure(*own) for own in product(range(-1, 3), repeat=4)]
     for one, other in product(values[::7], values[::5]):
         first = next(
             (a - b for a, b in zip(one, other, strict=True) if a != b), 0

@@ -24,7 +24,7 @@ from scheduling.graph.plan_files import load_plan
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import STACK
 from tests.twin.program import python
-from twin.follow.follow import served
+from twin.follow.follow import lines_of_server
 from twin.page.panel import Order, Panel, Shown, ShownRobot
 from twin.page.server import PageServer
 
@@ -249,7 +249,7 @@ def test_a_log_that_nobody_passes_on_is_refused(
     server: PageServer, address: str, words: str
 ) -> None:
     with pytest.raises(OutputError, match=words):
-        list(served(address.format(server.port)))
+        list(lines_of_server(address.format(server.port)))
 
 
 def test_a_page_is_for_robots_that_drivers_move(tmp_path: Path) -> None:
@@ -265,7 +265,7 @@ def test_a_cell_is_operated_with_a_page_beside_it(tmp_path: Path) -> None:
     followed: list[str] = []
 
     def follow(address: str) -> None:
-        log = served(f"{address}events.jsonl")
+        log = lines_of_server(f"{address}events.jsonl")
         followed.extend(line for line in log if line is not None)
 
     def beside(address: str) -> None:

@@ -13,7 +13,7 @@ from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from tests.twin.explore.sliders import SCENARIO, URDF
 from tests.twin.program import invoke
 from twin.document.validation import InvalidScenarioError
-from twin.reading.scenario_file import scenario_of
+from twin.reading.scenario_file import parse_scenario
 from twin.trial.planning import plan_scenario
 
 rates = st.sampled_from([bounds.SLOWEST, 1.0, bounds.FASTEST])
@@ -58,9 +58,9 @@ def test_plans_at_the_bounds_are_read_back(
     (folder / "slider.urdf").write_text(URDF)
     if "1.5" in text:  # HOME of one, which has a limit of 1 m
         with pytest.raises(InvalidScenarioError, match="must be -1 to 1 m"):
-            scenario_of(folder / "sliders.yaml", text)
+            parse_scenario(folder / "sliders.yaml", text)
         return
-    own, _ = scenario_of(folder / "sliders.yaml", text)
+    own, _ = parse_scenario(folder / "sliders.yaml", text)
     tpg = plan_scenario(own, folder).tpg
     save_plan(tpg, folder)
     assert plan_sha256(load_plan(folder)) == plan_sha256(tpg)
@@ -72,7 +72,7 @@ def test_durations_at_the_bounds_are_read_back(tmp_path: Path) -> None:
     document = yaml.safe_load(Path("scenarios/assembly/kitting.yaml").read_text())
     document["assembly"]["products"] = {"count": 3, "leave_s": bounds.LONGEST_S}
     document["planning"]["shortcut_candidates"] = 0
-    own, _ = scenario_of(tmp_path / "line.yaml", yaml.safe_dump(document))
+    own, _ = parse_scenario(tmp_path / "line.yaml", yaml.safe_dump(document))
     tpg = plan_scenario(own, tmp_path).tpg
     assert max(chain.planned_start[-1] for chain in tpg.chains) > bounds.LONGEST_S
     save_plan(tpg, tmp_path)

@@ -12,11 +12,11 @@ from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
     TaskPlan,
-    alternatives,
+    alternative_choices,
 )
 from planning.tasks.work import AssemblyWork
-from scheduling.ordering.crews import crews
 from scheduling.ordering.plan_rating import PlanRater
+from scheduling.ordering.robot_subsets import robot_subsets
 from scheduling.planned_motions import PlannedMotions
 from scheduling.verification.verify import verify_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
@@ -26,7 +26,7 @@ from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_motions
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import chooses_crew, plan_scenario
+from twin.trial.planning import chooses_robot_subset, plan_scenario
 
 SCENARIO = (
     FACING_ARMS
@@ -100,7 +100,7 @@ def _walk(work: AssemblyWork, plan: TaskPlan, steps: int) -> list[TaskPlan]:
     plans: list[TaskPlan] = []
     while len(plans) < steps:
         step = 1 + int(rng.integers(len(plan.choices)))
-        others = alternatives(work.problem, plan, step)
+        others = alternative_choices(work.problem, plan, step)
         if others:
             plan = plan.with_choice(others[int(rng.integers(len(others)))])
             plans.append(plan)
@@ -219,7 +219,7 @@ def test_an_arm_in_the_way_of_two_gets_no_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chosen = _planned(tmp_path, 3)
-    monkeypatch.setattr(planning, "chooses_crew", lambda _: False)
+    monkeypatch.setattr(planning, "chooses_robot_subset", lambda _: False)
     two, shared = _planned(tmp_path, 2), _planned(tmp_path, 3)
     assert "front" in _shares(shared)
     assert shared.makespan_s > two.makespan_s
@@ -233,8 +233,8 @@ def _shares(plan: PlanResult) -> Counter[str]:
 
 
 def test_two_arms_are_planned_as_they_were(tmp_path: Path) -> None:
-    assert not chooses_crew(_planned(tmp_path, 2).scenario.sections)
-    assert chooses_crew(_planned(tmp_path, 3).scenario.sections)
+    assert not chooses_robot_subset(_planned(tmp_path, 2).scenario.sections)
+    assert chooses_robot_subset(_planned(tmp_path, 3).scenario.sections)
 
 
 def test_crews_are_those_who_can_do_something_and_not_too_many() -> None:
@@ -243,7 +243,7 @@ def test_crews_are_those_who_can_do_something_and_not_too_many() -> None:
         names = (*(way.robot for way in ways), "idle")
         return AssignmentProblem(names, ("step",), (False,), ways)
 
-    assert list(crews(problem(2))) == []
-    assert list(crews(problem(3))) == [("r0", "r1"), ("r0", "r2"), ("r1", "r2")]
-    assert len(list(crews(problem(5)))) == 5 + 10 + 10
-    assert [len(crew) for crew in crews(problem(12))] == [11] * 12 + [10] * 20
+    assert list(robot_subsets(problem(2))) == []
+    assert list(robot_subsets(problem(3))) == [("r0", "r1"), ("r0", "r2"), ("r1", "r2")]
+    assert len(list(robot_subsets(problem(5)))) == 5 + 10 + 10
+    assert [len(crew) for crew in robot_subsets(problem(12))] == [11] * 12 + [10] * 20

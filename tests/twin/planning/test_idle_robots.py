@@ -16,13 +16,13 @@ from planning.tasks.assignment import (
 )
 from planning.tasks.work import AssemblyWork
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.supply import without_chains
+from scheduling.rolling.supply import remove_idle_chains
 from tests.twin.twin_toys import random_tpg
 from twin.kinds.construction.kind import ConstructionKind
 from twin.kinds.goals.kind import GoalsKind
 from twin.kinds.lego.kind import LegoKind
 from twin.kinds.parts.kind import PartKind
-from twin.planning.idle_robots import find_idle, known_idle
+from twin.planning.idle_robots import find_idle_robots, idle_robots_of_manifest
 
 SOLO = """\
 version: 1
@@ -42,7 +42,7 @@ planning: {speed_model: l1, shortcut_candidates: 0}
 
 
 def without_last() -> TemporalPlanGraph:
-    return without_chains(random_tpg(1, dofs=(2, 2), tasks=4, edges=0), {1})
+    return remove_idle_chains(random_tpg(1, dofs=(2, 2), tasks=4, edges=0), {1})
 
 
 def motions(
@@ -119,7 +119,7 @@ def test_why_a_robot_gets_no_task(first: Any, reason: str, serves: int) -> None:
     kind: Any = GoalsKind if first.assembly is None else LegoKind
     if isinstance(first.assembly, PartAssembly):
         kind = PartKind
-    (found,) = find_idle(without_last(), first, kind(None))
+    (found,) = find_idle_robots(without_last(), first, kind(None))
     assert (found.robot, found.reason, found.serves) == ("robot_1", reason, serves)
     assert found.steps == 2
     assert f"of 2 steps it can serve {serves}" in found.message
@@ -138,7 +138,7 @@ def test_of_a_construction_the_parts_that_an_idle_robot_reaches_are_counted(
     )
     first: Any = SimpleNamespace(work=None, assembly=SimpleNamespace(problem=problem))
     kind: Any = ConstructionKind
-    (found,) = find_idle(without_last(), first, kind(None))
+    (found,) = find_idle_robots(without_last(), first, kind(None))
     assert (found.reason, found.serves, found.steps) == (reason, len(reached), 3)
 
 
@@ -168,4 +168,4 @@ def test_a_run_names_robots_without_tasks(tmp_path: Path) -> None:
     [None, [], {"a": 1}, {"a": {}}, {"a": {"reason": "moon"}}, {"a": {"reason": []}}],
 )
 def test_damaged_reasons_are_left_out(content: object) -> None:
-    assert known_idle(content) == ()
+    assert idle_robots_of_manifest(content) == ()

@@ -17,7 +17,7 @@ from tests.planted import rows
 from tests.twin.written import loaded, refusal
 from twin.document.validation import InvalidScenarioError
 from twin.host.progress import StageWatch
-from twin.kinds.parts.line import slots, written_out
+from twin.kinds.parts.line import source_places, write_out_line
 from twin.reading.scenario_file import load_scenario
 from twin.run.throughput import line_summary, product_nodes
 from twin.scenario.sections.kind import assembly_kind
@@ -50,7 +50,7 @@ def planned(own: Scenario, folder: Path) -> TemporalPlanGraph:
 
 def test_the_shipped_line_is_written_out_as_one_product() -> None:
     found = load_scenario(KITTING)
-    line = written_out(found.assembly)  # type: ignore[arg-type]
+    line = write_out_line(found.assembly)  # type: ignore[arg-type]
     assert (line.period, line.products) == (1, 200)
     assert line.machines() == ("belt", "belt.end", "bolts", "nuts", "seals", "outfeed")
     names = {item.name for item in assembly_kind(found.assembly).objects()}
@@ -85,7 +85,7 @@ def test_a_tray_and_a_pallet_repeat_when_both_are_as_they_were(tmp_path: Path) -
         "refill_s": 3.0,
     }
     own = scenario(tmp_path, source={"bolts": tray}, products={"count": 13})
-    line = written_out(own.assembly)  # type: ignore[arg-type]
+    line = write_out_line(own.assembly)  # type: ignore[arg-type]
     assert line.period == 2
     tpg = planned(own, tmp_path)
     tasks = tpg.tasks
@@ -108,9 +108,9 @@ def test_a_stack_is_taken_from_above(tmp_path: Path) -> None:
     }
     own = scenario(tmp_path, source={"bolts": stack}, products={"count": 3})
     assembly = own.assembly
-    heights = [at[2, 3] for at in slots(assembly.sources["bolts"])]  # type: ignore[union-attr]
+    heights = [at[2, 3] for at in source_places(assembly.sources["bolts"])]  # type: ignore[union-attr]
     assert np.allclose(heights, [0.135, 0.105, 0.075])
-    line = written_out(assembly)  # type: ignore[arg-type]
+    line = write_out_line(assembly)  # type: ignore[arg-type]
     assert line.period == line.products
     assert not line.supply.refills.keys() & {"bolt.1", "bolt.2", "bolt.3"}
     planned(own, tmp_path)
@@ -121,7 +121,7 @@ def test_products_stay_on_a_pallet_that_is_not_full(tmp_path: Path) -> None:
         tmp_path,
         products={"count": 2, "places": {"counts": [1, 3], "pitch_m": [0.0, 0.06]}},
     )
-    line = written_out(own.assembly)  # type: ignore[arg-type]
+    line = write_out_line(own.assembly)  # type: ignore[arg-type]
     assert (line.period, line.supply.leaves) == (2, {})
     wanted = assembly_kind(own.assembly).wanted(own.cell)
     assert {place.object for place in wanted.places} >= {"seal.1", "seal.2"}

@@ -121,7 +121,7 @@ def test_with_sidesteps_the_planned_order_of_tasks_has_a_chance_too(
     monkeypatch.setattr(pipeline, "reorder_tasks", lambda tpg: worse)
 
     def ends(sidesteps: int) -> float:
-        found = pipeline.shorten(
+        found = pipeline.shorten_plan(
             tpg, settings, StageWatch(), candidates=50, seed=0, sidesteps=sidesteps
         )
         return float(earliest_times(found).makespan)

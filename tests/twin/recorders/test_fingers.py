@@ -18,7 +18,7 @@ from planning.robots.registry import robot_model
 from planning.transforms import Transform, identity, inverse, translation
 from tests.twin.audit.test_grips import cup, hand
 from twin.drawing.looks import painted_description
-from twin.recorders.rerun.fingers import split_fingers, way_to_touch
+from twin.recorders.rerun.fingers import closing_distance, split_fingers
 
 Shown = dict[str, tuple[Transform, coal.CollisionGeometry]]
 
@@ -64,7 +64,7 @@ def test_fingers_touch_the_part_that_they_close_on(turn: float, wide: float) -> 
         assert any(np.allclose(at, now, atol=1e-6) for now, _ in opened.values())
     part = CellObject("part", "part", box_shape("part", (0.03, wide, 0.02)), identity())
     grip = frame_in_flange(model, "tool")
-    way = way_to_touch(robot, part, grip)
+    way = closing_distance(robot, part, grip)
     assert way == pytest.approx(0.03 - 0.5 * wide, abs=1e-5)
     tool = frame_pose(robot, model.home, "tool")
     closed = shown(after, model.home, -way)

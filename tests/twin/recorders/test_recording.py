@@ -29,7 +29,7 @@ from twin.run.activities import LANE_COLOURS, WAITING
 from twin.run.events import Event
 from twin.run.execution_record import ExecutionRecord
 from twin.run.gantt import gantt_figure
-from twin.run.team_colours import rgb, team_colours
+from twin.run.team_colours import parse_rgb, team_colours
 from twin.run.trajectory import object_placements, robot_trajectories
 
 
@@ -231,7 +231,7 @@ def test_a_gantt_chart_is_drawn(recorded: tuple, tmp_path: Path) -> None:
         for c in np.rint(255 * picture[::3, ::1, :3]).astype(int).reshape(-1, 3)
     }
     names = [robot.name for robot in tpg.cell.robots]
-    assert {rgb(colour) for colour in team_colours(names).values()} <= seen
+    assert {parse_rgb(colour) for colour in team_colours(names).values()} <= seen
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.05])

@@ -15,17 +15,17 @@ from tests.twin.recorders.recorded_toys import recorded_run, rows, static, toy_o
 from tests.twin.recorders.transform_chains import broken_chains
 from tests.twin.simulated import NOMINAL
 from tests.twin.twin_toys import two_robot_tpg
-from twin.drawing.looks import paint
+from twin.drawing.looks import paint_robot
 from twin.follow.follow import Silence
 from twin.follow.recording import LiveRecording
 from twin.follow.state import FollowedRun
-from twin.recorders.rerun.camera import camera, eye_on, site_points
+from twin.recorders.rerun.camera import camera, camera_looking_at, site_points
 from twin.recorders.rerun.event_rows import long_waits
 from twin.recorders.rerun.plan_words import PlanWords
 from twin.run.activities import IDLE, RETRYING, STALLED
 from twin.run.events import Event
 from twin.run.execution_record import ExecutionRecord, Policy
-from twin.run.team_colours import rgb, team_colours
+from twin.run.team_colours import parse_rgb, team_colours
 
 TEAMS = {
     "arms": toy_of(["gp4", "panda", "gp4"], idle=1),
@@ -142,7 +142,7 @@ def test_paint_covers_what_is_coloured_and_tints_white_meshes() -> None:
     seen = {}
     for name, body in looks.items():
         root = ElementTree.fromstring(f"<robot>{body}</robot>")
-        paint(root, (255, 0, 0))
+        paint_robot(root, (255, 0, 0))
         color = root.find(".//visual/material/color")
         seen[name] = (
             [] if color is None else [float(c) for c in color.get("rgba").split()]
@@ -184,7 +184,7 @@ def test_colours_of_a_team_stay_apart_for_colour_blind_eyes(sight: str) -> None:
 
 
 def _linear(colour: str) -> np.ndarray:
-    s = np.array(rgb(colour)) / 255.0
+    s = np.array(parse_rgb(colour)) / 255.0
     return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
 
 
@@ -269,7 +269,7 @@ def test_an_eye_sees_what_it_looks_at_wherever_that_is() -> None:
     for scale in (0.5, 1.0, 30.0):
         points = scale * rng.uniform([-3, -1, 0], [1, 2, 0.5], (50, 3)) + 7.0
         towards = np.array([0.4, -0.7, 0.5])
-        target, eye = eye_on(points, towards / np.linalg.norm(towards))
+        target, eye = camera_looking_at(points, towards / np.linalg.norm(towards))
         seen = np.abs(_in_picture(points, eye, target, 16 / 9))
         assert 0.85 < seen.max() <= 1.0
 

@@ -16,9 +16,9 @@ from scheduling.graph.temporal_plan_graph import (
     BY_TOOL_SPEED,
     TemporalPlanGraph,
 )
-from scheduling.motion_times import within_limits
+from scheduling.motion_times import assign_node_times
 from scheduling.shortcuts.corners import round_corners
-from scheduling.slowed_motions import overloads, slowed_motions
+from scheduling.slowed_motions import describe_overloaded_joints, slowed_motions
 from tests.planning.timing.drawn_arm import PinocchioArm
 from tests.shipped_runs import ShippedRuns
 from twin.audit.motion.executed import Recording, read_recording
@@ -55,14 +55,14 @@ def with_corners(tpg: TemporalPlanGraph, corners: str) -> TemporalPlanGraph:
     """Return a graph whose robots pass corners of transits at speed where these are to be smooth."""
     if corners == "rest":
         return tpg
-    found = within_limits(round_corners(tpg))
+    found = assign_node_times(round_corners(tpg))
     assert any(chain.corners is not None for chain in found.chains)
     return found
 
 
 def with_heavy_parts(tpg: TemporalPlanGraph, mass: float) -> TemporalPlanGraph:
     objects = tuple(replace(item, mass=mass) for item in tpg.cell.objects)
-    return within_limits(replace(tpg, cell=replace(tpg.cell, objects=objects)))
+    return assign_node_times(replace(tpg, cell=replace(tpg.cell, objects=objects)))
 
 
 def loads(
@@ -86,7 +86,7 @@ def test_they_keep_within_their_limits(
     mass = 1.5
     tpg = with_corners(with_heavy_parts(found.planned.tpg, mass), corners)
     assert slowed_motions(tpg)
-    assert not overloads(tpg)
+    assert not describe_overloaded_joints(tpg)
     recording = recorded(tmp_path, found.scenario, tpg, stalls)
     worst = []
     for robot in tpg.cell.robots:
@@ -127,7 +127,7 @@ def test_what_is_slowed_is_said(shipped: ShippedRuns) -> None:
 
 def test_what_no_slowness_bears_is_said(shipped: ShippedRuns) -> None:
     tpg = with_heavy_parts(shipped("multi_arm/tray").planned.tpg, 60.0)
-    found = overloads(tpg)
+    found = describe_overloaded_joints(tpg)
     assert found
     assert all(
         "gravity alone takes the effort of panda_joint" in words for words in found
@@ -145,7 +145,7 @@ def capped(tpg: TemporalPlanGraph, free: float, loaded: float) -> TemporalPlanGr
         limits = replace(robot.limits, tool_speed=free, loaded_tool_speed=loaded)
         robots.append(replace(robot, limits=limits))
     cell = replace(tpg.cell, robots=tuple(robots))
-    return within_limits(replace(tpg, cell=cell))
+    return assign_node_times(replace(tpg, cell=cell))
 
 
 def by_tool_speed(tpg: TemporalPlanGraph) -> int:

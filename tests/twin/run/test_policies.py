@@ -8,16 +8,16 @@ from twin.run.policies import (
     IN_SLOTS,
     NAMED_POLICIES,
     SHORTENED,
+    parse_policy_name,
     plan_folder,
     policy_name,
-    policy_named,
 )
 
 
 @pytest.mark.parametrize("name", NAMED_POLICIES)
 def test_a_name_means_itself_and_its_parts_have_it(name: str) -> None:
-    assert policy_named(name) == name
-    assert policy_named(name.replace(" ", "")) == name
+    assert parse_policy_name(name) == name
+    assert parse_policy_name(name.replace(" ", "")) == name
     assert policy_name(*NAMED_POLICIES[name]) == name
 
 
@@ -32,14 +32,14 @@ def test_a_name_means_itself_and_its_parts_have_it(name: str) -> None:
     ],
 )
 def test_older_and_careless_names_are_understood(written: str, name: str) -> None:
-    assert policy_named(written) == name
+    assert parse_policy_name(written) == name
 
 
 def test_others_are_refused_by_the_names_that_there_are() -> None:
     with pytest.raises(
         RequestError, match=r"'greedy' \(valid: sequential, synchronous"
     ):
-        policy_named("greedy")
+        parse_policy_name("greedy")
 
 
 def test_what_has_no_name_says_how_and_what() -> None:

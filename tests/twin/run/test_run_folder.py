@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 
 from planning.errors import OutputError, RequestError
-from planning.files import replacing
+from planning.files import replace_atomically
 from scheduling.graph.plan_files import load_plan, save_plan
 from tests.twin.program import invoke
 from tests.twin.turning_arms import planned_arms, run_arms
 from twin.host.atomic_files import write_json
 from twin.run.folder import (
-    hashes_as_written,
-    keep_new,
+    drop_earlier_results,
     prepare_run_folder,
-    recover,
-    require_as_written,
+    recorded_hashes,
+    recover_folder,
+    require_recorded_hashes,
     run_folder,
-    set_aside,
+    set_aside_results,
 )
 from twin.trial.plan_result import plan_of_run
 
@@ -113,9 +113,9 @@ def test_old_or_new_results_are_whole_wherever_a_process_dies(
     mortal = Mortal(monkeypatch)
 
     def work(folder: Path) -> None:
-        set_aside(folder)
+        set_aside_results(folder)
         fill(folder, NEW)
-        keep_new(folder)
+        drop_earlier_results(folder)
 
     outcomes = set()
     for first in range(50):
@@ -125,8 +125,8 @@ def test_old_or_new_results_are_whole_wherever_a_process_dies(
             fill(folder, OLD)
             done = mortal.lives(first, partial(work, folder))
             # Whoever sweeps up may die as well.
-            mortal.lives(second, partial(recover, folder))
-            recover(folder)
+            mortal.lives(second, partial(recover_folder, folder))
+            recover_folder(folder)
             there = visible(folder)
             assert there in (OLD, NEW), (first, second)
             assert not done or there == NEW
@@ -142,7 +142,7 @@ def test_results_stay_until_the_new_ones_are_whole(tmp_path: Path) -> None:
     (out / "notes.txt").write_text("mine")
     with pytest.raises(RuntimeError), run_folder(out, "cliff") as folder:  # noqa: PT012
         assert visible(folder) == {"summary.json": "old", "notes.txt": "mine"}
-        set_aside(folder)
+        set_aside_results(folder)
         assert sorted(p.name for p in out.iterdir()) == [".before", "notes.txt"]
         (folder / "events.jsonl").write_text("new")
         raise RuntimeError
@@ -195,7 +195,7 @@ def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
     write_json(path, {"a": 1})
     with pytest.raises(ValueError, match="JSON"):
         write_json(path, {"a": float("nan")})
-    with pytest.raises(ZeroDivisionError), replacing(path) as temporary:
+    with pytest.raises(ZeroDivisionError), replace_atomically(path) as temporary:
         temporary.write_bytes(b"half") / 0
     assert json.loads(path.read_text()) == {"a": 1}
     assert [p.name for p in tmp_path.iterdir()] == ["value.json"]
@@ -237,12 +237,12 @@ def run(place: Path, tmp_path: Path) -> Path:
 
 def test_a_run_names_what_it_wrote(run: Path) -> None:
     files = json.loads((run / "summary.json").read_text())["files"]
-    assert files == hashes_as_written(run)
+    assert files == recorded_hashes(run)
     assert set(files) == {
         *("plan.json", "plan.npz", "events.jsonl"),
         *("trajectory.parquet", "objects.parquet"),
     }
-    require_as_written(run, files)
+    require_recorded_hashes(run, files)
 
 
 @pytest.mark.parametrize(
@@ -290,7 +290,7 @@ def test_a_plan_of_another_run_is_refused_even_without_a_summary(
 def test_a_damaged_summary_is_no_reason_to_believe_the_rest(run: Path) -> None:
     (run / "summary.json").write_text("[]")
     with pytest.raises(OutputError, match="no summary of a run"):
-        require_as_written(run, ("plan.json",))
+        require_recorded_hashes(run, ("plan.json",))
 
 
 def test_paths_in_a_manifest_are_seen_from_its_folder(place: Path) -> None:

@@ -13,7 +13,7 @@ from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import two_robot_tpg
 from twin.run.header import RunHeader
-from twin.run.summary import summarise
+from twin.run.summary import summarize_run
 from twin.run.throughput import line_figures, start_up_of, takts_s
 
 
@@ -21,7 +21,7 @@ def test_figures_of_a_small_run() -> None:
     tpg = two_robot_tpg([(0, 1, 1, 0)])
     run = simulate(tpg, seed=4)
     about = RunHeader(planning_s={"motion": 0.5})
-    summary = summarise(tpg, run, "toy", about)
+    summary = summarize_run(tpg, run, "toy", about)
     assert summary == {
         "scenario": "toy",
         "seed": 4,
@@ -54,7 +54,7 @@ def test_the_lower_bound_keeps_task_dependencies() -> None:
     tpg = two_robot_tpg([(0, 2, 1, 0)])
     needed = replace(tpg, dependencies=np.array([[0, 1]]))
     run = simulate(needed)
-    assert summarise(needed, run, scenario="toy")["lower_bound_s"] == 6.0
+    assert summarize_run(needed, run, scenario="toy")["lower_bound_s"] == 6.0
 
 
 @settings(max_examples=30, deadline=None)
@@ -62,7 +62,7 @@ def test_the_lower_bound_keeps_task_dependencies() -> None:
 def test_the_makespan_lies_between_its_bounds(
     tpg: TemporalPlanGraph, seed: int
 ) -> None:
-    summary = summarise(tpg, simulate(tpg, VARIED, seed=seed), scenario="toy")
+    summary = summarize_run(tpg, simulate(tpg, VARIED, seed=seed), scenario="toy")
     makespan = summary["makespan_s"]
     assert summary["lower_bound_s"] <= makespan + 1e-9
     assert makespan <= summary["makespan_sequential_s"] + 1e-9

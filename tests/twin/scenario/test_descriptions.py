@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from twin.document.section import Section, attributes, summary
+from twin.document.section import Section, docstring_attributes, docstring_summary
 from twin.scenario.schema import scenario_schema
 
 
@@ -51,8 +51,8 @@ def test_docstrings_become_descriptions() -> None:
     assert schema["description"] == "Something derived. More of it."
     inner = schema["$defs"]["Base"]["properties"]["size_m"]
     assert inner["description"] == "Of `it`, over two lines [m]."
-    assert summary(Base) == "A base."
-    assert set(attributes(Derived)) == {"size_m", "low_s", "high_s", "named"}
+    assert docstring_summary(Base) == "A base."
+    assert set(docstring_attributes(Derived)) == {"size_m", "low_s", "high_s", "named"}
 
 
 def test_no_key_of_a_scenario_lacks_one() -> None:

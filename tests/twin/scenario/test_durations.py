@@ -23,7 +23,7 @@ from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.measured import Packaged, packaged_timings
 from twin.durations.model import DurationModel, PackagedSkill
 from twin.durations.normal import Lognormal, TruncatedNormal
-from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.sections.scenario import Scenario, resolve_scenario
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -206,7 +206,7 @@ def test_exceptions_reach_the_tasks_of_a_plan() -> None:
 def test_what_a_file_leaves_out_is_packaged_and_can_be_scaled(tmp_path: Path) -> None:
     scenario = loaded(tmp_path, SMALL)
     assert set(scenario.execution.skills) == set(SKILLS) == set(get_args(PackagedSkill))
-    content = resolved(scenario)
+    content = resolve_scenario(scenario)
     assert content["execution"]["skills"]["handover"] == {
         "kind": "packaged",
         "skill": "handover",

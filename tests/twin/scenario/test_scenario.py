@@ -18,7 +18,7 @@ from twin.scenario.manifest import (
     write_manifest,
 )
 from twin.scenario.schema import scenario_schema
-from twin.scenario.sections.scenario import resolved, restored
+from twin.scenario.sections.scenario import resolve_scenario, restore_scenario
 
 ROOT = Path(__file__).parents[3]
 
@@ -69,11 +69,11 @@ def test_a_good_file_loads_with_defaults(folder: Path) -> None:
 
 def test_the_resolved_scenario_reads_back_and_names_itself(folder: Path) -> None:
     scenario = loaded(folder, GOOD)
-    assert restored(resolved(scenario)) == scenario
+    assert restore_scenario(resolve_scenario(scenario)) == scenario
     other = loaded(folder, GOOD, ("[4, 0, 1]", "[4, 1, 1]"))
-    assert resolved(other) != resolved(scenario)
+    assert resolve_scenario(other) != resolve_scenario(scenario)
     spelled = loaded(folder, GOOD + "seed: 0\n")
-    assert resolved(spelled) == resolved(scenario)
+    assert resolve_scenario(spelled) == resolve_scenario(scenario)
 
 
 # What is changed in the good file, the text at the place of the one problem, and its words.

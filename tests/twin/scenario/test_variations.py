@@ -15,10 +15,10 @@ from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import (
     Variation,
+    apply_variation,
     parse_variation,
     variants,
     variation,
-    varied,
 )
 from twin.trial.loaded_scenario import load
 
@@ -64,15 +64,19 @@ def test_every_combination_is_a_variant() -> None:
 
 
 def test_a_variant_changes_its_keys_and_nothing_else(cliff: Scenario) -> None:
-    other = varied(cliff, {"stalls.count_per_robot": 3, "stalls.duration_s.1": 7})
+    other = apply_variation(
+        cliff, {"stalls.count_per_robot": 3, "stalls.duration_s.1": 7}
+    )
     assert other.execution.stalls.count_per_robot == 3
     assert other.execution.stalls.duration_s == (1.0, 7.0)
     assert other.cell == cliff.cell
-    assert varied(cliff, {}) is cliff
+    assert apply_variation(cliff, {}) is cliff
 
 
 def test_skills_without_a_section_can_be_varied(cliff: Scenario) -> None:
-    other = varied(cliff, {"skills.pick.scale": 2, "failures.pick.probability": 0.1})
+    other = apply_variation(
+        cliff, {"skills.pick.scale": 2, "failures.pick.probability": 0.1}
+    )
     assert other.execution.skills["pick"].scale == 2
     assert other.execution.failures["pick"].probability == 0.1
 
@@ -104,26 +108,30 @@ def test_a_distribution_is_given_as_a_whole_or_key_by_key(
     """In whatever order, and whatever kind there was before."""
     beside = {"stalls.rate_per_h": 1, "failures.pick.probability": 0.1}
     (whole,) = parse_variation(key + "={kind: uniform, low_s: 1, high_s: 2}").values
-    wanted = varied(cliff, {**beside, key: whole}).execution
+    wanted = apply_variation(cliff, {**beside, key: whole}).execution
     assert repr(Uniform(low_s=1.0, high_s=2.0)) in repr(wanted)
     for names in (("kind", "low_s", "high_s"), ("high_s", "low_s", "kind")):
         single = {f"{key}.{name}": UNIFORM[name] for name in names}
-        assert varied(cliff, {**single, **beside}).execution == wanted
+        assert apply_variation(cliff, {**single, **beside}).execution == wanted
 
 
 def test_a_distribution_within_one_is_given_key_by_key(cliff: Scenario) -> None:
     keys = {"kind": "shifted", "offset_s": 3.0}
     keys |= {f"model.{name}": value for name, value in UNIFORM.items()}
     whole = {"kind": "shifted", "offset_s": 3.0, "model": UNIFORM}
-    found = varied(cliff, {f"skills.pick.{name}": v for name, v in keys.items()})
-    assert found == varied(cliff, {"skills.pick": whole})
+    found = apply_variation(
+        cliff, {f"skills.pick.{name}": v for name, v in keys.items()}
+    )
+    assert found == apply_variation(cliff, {"skills.pick": whole})
 
 
 def test_what_says_a_kind_again_keeps_the_rest(cliff: Scenario) -> None:
-    slow = varied(cliff, {"skills.pick.scale": 2.0})
-    again = varied(slow, {"skills.pick.kind": "packaged"})
+    slow = apply_variation(cliff, {"skills.pick.scale": 2.0})
+    again = apply_variation(slow, {"skills.pick.kind": "packaged"})
     assert again.execution.skills["pick"].scale == 2.0
-    other = varied(slow, {f"skills.pick.{name}": v for name, v in UNIFORM.items()})
+    other = apply_variation(
+        slow, {f"skills.pick.{name}": v for name, v in UNIFORM.items()}
+    )
     assert other.execution.skills["pick"] == Uniform(low_s=1.0, high_s=2.0)
 
 
@@ -164,7 +172,7 @@ def test_paths_and_values_that_do_not_fit_are_refused_by_place(
     cliff: Scenario, key: str, value: str, message: str
 ) -> None:
     with pytest.raises(ScenarioError, match=message):
-        varied(cliff, {key: yaml.safe_load(value)})
+        apply_variation(cliff, {key: yaml.safe_load(value)})
 
 
 def test_limits_of_the_tools_speed_reach_the_robots_that_they_are_given_for(
@@ -176,7 +184,7 @@ def test_limits_of_the_tools_speed_reach_the_robots_that_they_are_given_for(
         f"{first}.tool_speed_m_s": 0.5,
         f"{second}.loaded_tool_speed_m_s": 0.25,
     }
-    limited = varied(cliff, {"planning.speed_model": "limits", **limits})
+    limited = apply_variation(cliff, {"planning.speed_model": "limits", **limits})
     found = [robot.limits for robot in build_workcell(limited, CLIFF.parent).robots]
     speeds = [(own.tool_speed, own.loaded_tool_speed) for own in found if own]
     assert speeds == [(0.5, np.inf), (np.inf, 0.25)]
@@ -185,19 +193,21 @@ def test_limits_of_the_tools_speed_reach_the_robots_that_they_are_given_for(
 
 
 def test_keys_of_a_section_that_is_left_out_make_it(cliff: Scenario) -> None:
-    found = varied(cliff, {"breakdowns.mtbf_s": 60.0, "breakdowns.mttr_s": 5.0})
+    found = apply_variation(
+        cliff, {"breakdowns.mtbf_s": 60.0, "breakdowns.mttr_s": 5.0}
+    )
     assert found.execution.breakdowns is not None
     assert found.execution.breakdowns.mttr_s == 5.0
     with pytest.raises(ScenarioError, match="'mttr_s' is missing"):
-        varied(cliff, {"breakdowns.mtbf_s": 60.0})
+        apply_variation(cliff, {"breakdowns.mtbf_s": 60.0})
     with pytest.raises(ScenarioError, match="'mtbf'"):
-        varied(cliff, {"breakdowns.mtbf": 60.0})
+        apply_variation(cliff, {"breakdowns.mtbf": 60.0})
 
 
 def test_keys_of_the_whole_scenario_are_paths_by_position_or_name(
     cliff: Scenario,
 ) -> None:
-    other = varied(
+    other = apply_variation(
         cliff,
         {
             "cell.robots.right.base.xyz_m.1": 0.25,
@@ -223,7 +233,9 @@ def test_values_of_numpy_are_plain_ones(cliff: Scenario) -> None:
     found = variation("seed", np.arange(2))
     assert found == Variation("seed", (0, 1))
     assert all(type(value) is int for value in found.values)
-    moved = varied(cliff, {"cell.robots.0.base.xyz_m": np.array([1.0, 2.0, 3.0])})
+    moved = apply_variation(
+        cliff, {"cell.robots.0.base.xyz_m": np.array([1.0, 2.0, 3.0])}
+    )
     assert moved.cell.robots[0].base.xyz_m == (1.0, 2.0, 3.0)
 
 
@@ -237,8 +249,8 @@ def test_what_is_no_list_of_values_is_refused(values: Any, message: str) -> None
 
 
 def test_names_with_dots_are_names(cliff: Scenario) -> None:
-    named = varied(cliff, {"cell.robots.0.name": "arm.1"})
-    other = varied(named, {"cell.robots.arm.1.base.xyz_m.0": 0.5})
+    named = apply_variation(cliff, {"cell.robots.0.name": "arm.1"})
+    other = apply_variation(named, {"cell.robots.arm.1.base.xyz_m.0": 0.5})
     assert other.cell.robots[0].base.xyz_m[0] == 0.5
 
 
@@ -246,13 +258,15 @@ def test_the_number_of_robots_is_varied_with_and_without_a_team(
     cliff: Scenario,
 ) -> None:
     alone = {"robots": 1, "cell.robots.right.base.xyz_m.0": 0.9}
-    assert [robot.name for robot in varied(cliff, alone).cell.robots] == ["left"]
+    assert [robot.name for robot in apply_variation(cliff, alone).cell.robots] == [
+        "left"
+    ]
     wall = load_scenario(CLIFF.parents[1] / "construction/wall.yaml")
     for key in ("robots", "cell.team.count"):
-        team = varied(wall, {key: 4}).cell.robots
+        team = apply_variation(wall, {key: 4}).cell.robots
         assert [robot.name for robot in team] == [f"robot{k}" for k in range(1, 5)]
     with pytest.raises(ScenarioError, match="the cell has 2 robots and no team"):
-        varied(cliff, {"robots": 3})
+        apply_variation(cliff, {"robots": 3})
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
+from twin.trial.run_plan import run_plan_to_folder
 from twin.trial.run_result import RunResult
-from twin.trial.trial import run_plan_to_folder
 
 
 def executed(

@@ -23,7 +23,7 @@ from twin.engine.engine import Simulator
 from twin.fit.samples import logged_skills
 from twin.reading.scenario_file import load_scenario
 from twin.recorders.rerun.entities import entity_path, robot_part
-from twin.recorders.rerun.fingers import finger_moves
+from twin.recorders.rerun.fingers import finger_motions
 from twin.run.activities import robot_activities
 from twin.run.trajectory import object_placements
 from twin.scenario.sections.scenario import Scenario
@@ -217,7 +217,7 @@ def test_fingers_close_on_the_rod_in_the_recording(
     run, _ = recorded_run(path, tpg, skill_durations(scenario))
     placements = object_placements(tpg, run)
     for k, robot in enumerate(tpg.cell.robots):
-        moves = sorted(finger_moves(tpg, run, placements, robot))
+        moves = sorted(finger_motions(tpg, run, placements, robot))
         nodes = [(node, act) for chain, node, act in stands(tpg) if chain == k]
         starts = [int(run.start_ns[k][node]) for node, _ in nodes]
         ends = [int(run.end_ns[k][node]) for node, _ in nodes]

@@ -26,7 +26,7 @@ from tests.twin.simulated import run_bulk, simulate
 from tests.twin.written import loaded
 from twin.audit.audit import audit_run
 from twin.audit.run_auditor import audit_execution
-from twin.check.finding import Subject
+from twin.check.finding import CheckContext
 from twin.check.reach import check_reach
 from twin.document.validation import InvalidScenarioError
 from twin.durations.bounded import Fixed, Uniform
@@ -34,7 +34,7 @@ from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.execution_model import ExecutionModel
 from twin.kinds.parts.checks.places import check_goals
-from twin.run.summary import summarise
+from twin.run.summary import summarize_run
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.block_results import task_groups
@@ -476,7 +476,7 @@ def test_stops_are_looked_at_before_planning(
     tmp_path: Path, xyz: list[float], messages: list[str]
 ) -> None:
     steps = [{"place": "blank", "at": {"pose": {"xyz_m": xyz}}}, *STEPS[1:]]
-    subject = Subject(scenario(tmp_path, steps=steps), tmp_path)
+    subject = CheckContext(scenario(tmp_path, steps=steps), tmp_path)
     found = [*check_goals(subject), *check_reach(subject)]
     # It is said of every product that is written out: one.
     assert len(found) == len(messages)
@@ -506,7 +506,7 @@ def test_run_and_study_say_how_busy_machines_are(
             stood = int(run.stood_ns[mill].sum())
             assert stood > 0
             assert rows.busy_ns[2, r] == busy
-            own = summarise(line, run, scenario="tending")["machines"]["mill"]
+            own = summarize_run(line, run, scenario="tending")["machines"]["mill"]
             assert own["busy_s"] == pytest.approx(busy / NANOSECONDS)
             assert own["down_s"] == pytest.approx(stood / NANOSECONDS)
             share = busy / run.makespan_ns

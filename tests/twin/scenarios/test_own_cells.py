@@ -11,7 +11,7 @@ import trimesh
 
 from planning.errors import TwinError
 from planning.grips.grip import GripRules
-from planning.grips.tool_grips import robot_grips, tool_misfit
+from planning.grips.tool_grips import explain_tool_misfit, robot_grips
 from planning.steps.skill import Obstruction
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.scenarios.executed import built
@@ -99,7 +99,9 @@ assembly:
     rules = GripRules(opening=0.1, depth=0.02)
     for grip in robot_grips(robot, part.shape, part.start, part.start, rules):
         width = round(float(np.abs(grip.pose[:3, 1]) @ part.size), 6)
-        held.setdefault(width, []).append(tool_misfit(robot, "tool", part, grip, 0.06))
+        held.setdefault(width, []).append(
+            explain_tool_misfit(robot, "tool", part, grip, 0.06)
+        )
     assert sorted(held) == [0.05, 0.09]
     assert not any(held[0.05])
     assert all("mm in box" in str(found) for found in held[0.09])

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from planning.errors import ScenarioError
-from planning.expectations import Expectations, WantedProcess
+from planning.expectations import Expectations, ExpectedProcess
 from planning.tasks.task import HOLD
 from planning.transforms import from_rpy, translation
 from scheduling.graph.rollout import earliest_times
@@ -18,12 +18,12 @@ from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
 from tests.twin.written import loaded
 from twin.audit.audit import audit_run
-from twin.check.finding import Subject
+from twin.check.finding import CheckContext
 from twin.check.reach import check_reach
 from twin.kinds.parts.checks.places import check_goals
 from twin.scenario.sections.kind import assembly_kind
-from twin.scenario.sections.scenario import Scenario, resolved, restored
-from twin.scenario.variations import varied
+from twin.scenario.sections.scenario import Scenario, resolve_scenario, restore_scenario
+from twin.scenario.variations import apply_variation
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
@@ -117,16 +117,16 @@ def test_processes_take_their_own_time_in_studies_and_plans(
     assert len(seal.path) > 5  # the tool moves along its path meanwhile
 
 
-def moved(process: WantedProcess) -> WantedProcess:
+def moved(process: ExpectedProcess) -> ExpectedProcess:
     return replace(process, pose=translation(0.0, 0.003, 0.0) @ process.pose)
 
 
-def leaning(process: WantedProcess) -> WantedProcess:
+def leaning(process: ExpectedProcess) -> ExpectedProcess:
     lean = from_rpy((0.0, 0.0, 0.0), (0.05, 0.0, 0.0))
     return replace(process, pose=process.pose @ lean)
 
 
-Change = Callable[[WantedProcess], WantedProcess]
+Change = Callable[[ExpectedProcess], ExpectedProcess]
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_an_order_is_found_for_steps_in_any_order(tmp_path: Path) -> None:
     content["assembly"]["order"] = "find"
     content["assembly"]["steps"].reverse()
     scenario = loaded(tmp_path, yaml.safe_dump(content))
-    assert list(check_goals(Subject(scenario, tmp_path))) == []
+    assert list(check_goals(CheckContext(scenario, tmp_path))) == []
     tpg = plan_scenario(scenario).tpg
     executed(scenario, tpg, tmp_path / "run")
 
@@ -173,9 +173,9 @@ def test_an_order_is_found_for_steps_in_any_order(tmp_path: Path) -> None:
 def test_places_of_work_out_of_reach_are_found_before_planning(
     scenario: Scenario, tmp_path: Path
 ) -> None:
-    assert list(check_reach(Subject(scenario, tmp_path))) == []
+    assert list(check_reach(CheckContext(scenario, tmp_path))) == []
     far = "{xyz_m: [0.1, 0.3, 0.02]}", "{xyz_m: [0.1, 1.5, 0.02]}"
-    (found,) = check_reach(Subject(loaded(tmp_path, SCENARIO, far), tmp_path))
+    (found,) = check_reach(CheckContext(loaded(tmp_path, SCENARIO, far), tmp_path))
     assert found.error
     assert found.at == ("assembly", "steps", 3)
     assert "no robot reaches table/corner" in found.message
@@ -188,15 +188,15 @@ def test_durations_can_be_given_and_varied_in_either_place(
     given = loaded(tmp_path, SCENARIO, own)
     assert given.execution.skill_models()["seal"].mean == 9.0
     for key in ("skills.seal.value_s", "assembly.processes.seal.duration.value_s"):
-        other = varied(scenario, {key: 7.0})
+        other = apply_variation(scenario, {key: 7.0})
         assert other.execution.skill_models()["seal"].mean == 7.0
-    assert varied(scenario, {"seed": 3}).execution == scenario.execution
+    assert apply_variation(scenario, {"seed": 3}).execution == scenario.execution
     with pytest.raises(ScenarioError, match="no skill 'seel'"):
-        varied(scenario, {"skills.seel.value_s": 7.0})
+        apply_variation(scenario, {"skills.seel.value_s": 7.0})
 
 
 def test_what_is_written_down_reads_as_the_same_scenario(scenario: Scenario) -> None:
-    assert restored(resolved(scenario)) == scenario
+    assert restore_scenario(resolve_scenario(scenario)) == scenario
 
 
 def test_validate_counts_the_steps(file: Path) -> None:

@@ -17,7 +17,7 @@ from tests.shipped_runs import ShippedRuns
 from tests.twin.recorders.recorded_toys import static
 from tests.twin.scenarios.executed import executed
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.sections.scenario import resolved, restored
+from twin.scenario.sections.scenario import resolve_scenario, restore_scenario
 from twin.verification.standing_states import audit_standing_states
 
 CLIFF, BOAT = "lego/cliff", "multi_arm/assembly"
@@ -85,7 +85,7 @@ def test_stalls_neither_block_it_nor_make_anything_touch(
 def test_a_run_remembers_its_scenario(shipped: ShippedRuns, name: str) -> None:
     """Shapes with all their defaults filled in are read as they were written."""
     scenario = shipped(name).scenario
-    assert restored(resolved(scenario)) == scenario
+    assert restore_scenario(resolve_scenario(scenario)) == scenario
 
 
 def test_the_cliff_is_what_it_says_and_its_baseline_close_to_straight_lines(

@@ -22,7 +22,7 @@ from twin.audit.motion.executed import read_recording
 from twin.exports.graphs import task_graph
 from twin.run.trajectory import object_placements
 from twin.scenario.sections.scenario import Scenario
-from twin.scenario.variations import varied
+from twin.scenario.variations import apply_variation
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
 from twin.verification.standing_states import audit_standing_states
@@ -166,7 +166,7 @@ def test_the_run_is_clean_and_writes_when_bricks_come_up(
 def test_stalls_change_nothing_about_that(
     planned: PlanResult, scenario: Scenario, tmp_path: Path
 ) -> None:
-    stalled = varied(scenario, {"stalls.count_per_robot": 4})
+    stalled = apply_variation(scenario, {"stalls.count_per_robot": 4})
     trial = executed(stalled, planned.tpg, tmp_path)
     assert max(trial.summary["stall_s"].values()) > 0.0
 

@@ -13,13 +13,13 @@ from scheduling.verification.verify import verify_plan
 from tests.shipped_runs import ShippedRuns
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import StageWatch
-from twin.planning.pipeline import plan_in_slots
+from twin.planning.pipeline import plan_synchronously
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.sections.scenario import Scenario, resolve_scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import run_plan_to_folder
+from twin.trial.run_plan import run_plan_to_folder
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "multi_arm"
 NAMES = ("rearrangement", "multi_goal")
@@ -40,7 +40,7 @@ def test_robots_do_move_at_once(planned: tuple[Scenario, PlanResult]) -> None:
     assert counts.max() == robots
     assert plan.turns is not None
     alone = sum(float(np.sum(chain.duration)) for chain in plan.turns.chains)
-    slots = plan_in_slots(plan.motions, StageWatch()).motion_plan
+    slots = plan_synchronously(plan.motions, StageWatch()).motion_plan
     together = max(float(motion.time[-1]) for motion in slots.motions)
     assert 40.0 < together < 100.0
     assert together < 0.5 * alone
@@ -52,7 +52,7 @@ def test_stalled_runs_are_clean(
     planned: tuple[Scenario, PlanResult], policy: str, tmp_path: Path
 ) -> None:
     scenario, plan = planned
-    content = resolved(scenario)
+    content = resolve_scenario(scenario)
     content["execution"]["policy"] = policy
     content["execution"]["stalls"]["count_per_robot"] = 2
     changed = type(scenario).model_validate(content, strict=False)
@@ -125,7 +125,7 @@ def test_slots_of_a_shipped_plan_are_planned_jointly(
     jointly: tuple[Scenario, PlanResult],
 ) -> None:
     plan = jointly[1]
-    slots = plan_in_slots(plan.motions, StageWatch(), always_jointly=True)
+    slots = plan_synchronously(plan.motions, StageWatch(), always_jointly=True)
     number = dict(
         zip(
             (task.index for task in plan.tpg.tasks),

@@ -16,10 +16,10 @@ from scheduling.build_nodes import build_nodes
 from scheduling.hand_loads import hand_loads
 from scheduling.verification.verify import verify_plan
 from tests.twin.written import loaded
-from twin.scenario.sections.scenario import resolved, restored
+from twin.scenario.sections.scenario import resolve_scenario, restore_scenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import run_plan_to_folder
+from twin.trial.run_plan import run_plan_to_folder
 
 TOOLS = ("gripper", "driver", "nozzle")
 
@@ -227,7 +227,7 @@ def test_what_is_written_down_reads_as_the_same_scenario(tmp_path: Path) -> None
     own = ", change_s: 3}", ", change: {kind: uniform, low_s: 2, high_s: 3}}"
     for changes in ((), (own,)):
         scenario = loaded(tmp_path, scenario_text(["block"]), *changes)
-        assert restored(resolved(scenario)) == scenario
+        assert restore_scenario(resolve_scenario(scenario)) == scenario
 
 
 def test_a_rack_that_is_out_of_reach_is_said(tmp_path: Path) -> None:

@@ -19,15 +19,15 @@ from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import built, executed
 from tests.twin.written import loaded
 from twin.audit.audit import AuditReport, audit_run
-from twin.check.finding import Subject
+from twin.check.finding import CheckContext
 from twin.kinds.parts.checks.places import check_balance
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
+from twin.trial.run_plan import run_plan_to_folder
 from twin.trial.run_result import RunResult
-from twin.trial.trial import run_plan_to_folder
 
 NODE = cell(
     "node",
@@ -237,7 +237,7 @@ def test_it_is_refused_before_anything_is_planned(tmp_path: Path) -> None:
         plan_scenario(given)
     assert "joined: [[post, beam]]" in str(caught.value)
     assert "place prop before" in str(caught.value)
-    (finding,) = check_balance(Subject(given, tmp_path))
+    (finding,) = check_balance(CheckContext(given, tmp_path))
     assert finding.error
     assert finding.at == ("assembly", "parts", 2, "goal")
 
@@ -245,7 +245,7 @@ def test_it_is_refused_before_anything_is_planned(tmp_path: Path) -> None:
 def test_the_check_can_be_turned_off(tmp_path: Path) -> None:
     unchecked = "steps:", "balance: {check: false}\n  steps:"
     off = loaded(tmp_path, SCENARIO, unchecked)
-    assert not list(check_balance(Subject(off, tmp_path)))
+    assert not list(check_balance(CheckContext(off, tmp_path)))
 
 
 @pytest.mark.parametrize(

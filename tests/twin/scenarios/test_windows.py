@@ -19,7 +19,7 @@ from tests.twin.scenarios.test_machines import scenario as machines
 from tests.twin.written import checked, loaded, refusal, written
 from twin.audit.audit import audit_run
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import held_back
+from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.engine import Simulator
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
@@ -28,7 +28,7 @@ from twin.study.replications.block_results import cell_part, write_block
 from twin.study.replications.experiment import Block
 from twin.study.replications.timing_graph import timing_graph
 from twin.study.replications.workload import Engines, Workload
-from twin.trial.header import doubts_about_windows
+from twin.trial.header import nominal_window_warnings
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute, scenario_execution
 
@@ -108,13 +108,13 @@ def test_the_audit_takes_least_times_from_the_scenario(gluing: ShippedRun) -> No
 
 def test_a_plan_says_at_nominal_times_what_it_does_not_keep(gluing: ShippedRun) -> None:
     tpg, base = gluing.planned.tpg, gluing.file.parent
-    assert doubts_about_windows(gluing.scenario, tpg, base) == ()
+    assert nominal_window_warnings(gluing.scenario, tpg, base) == ()
     strict = replace(tpg, windows=(replace(tpg.windows[1], least=0.0, most=4.0),))
-    (doubt,) = doubts_about_windows(gluing.scenario, strict, base)
+    (doubt,) = nominal_window_warnings(gluing.scenario, strict, base)
     assert "more than 4 s; hold back what opens it" in doubt
-    assert doubts_about_windows(held(gluing.scenario, 0.95), strict, base) == ()
+    assert nominal_window_warnings(held(gluing.scenario, 0.95), strict, base) == ()
     never = replace(tpg, windows=(replace(tpg.windows[1], least=0.0, most=2.0),))
-    (doubt,) = doubts_about_windows(held(gluing.scenario, 0.95), never, base)
+    (doubt,) = nominal_window_warnings(held(gluing.scenario, 0.95), never, base)
     assert "what lies between takes 1.000 s too long, whenever it is opened" in doubt
 
 
@@ -124,7 +124,7 @@ def test_a_study_counts_what_single_runs_break(
     own, tpg = held(gluing.scenario, 0.95), gluing.planned.tpg
     model = scenario_execution(own, gluing.file.parent)
     free = timing_graph(tpg)
-    load = Workload(held_back(free, model), model, seed=5, free=free)
+    load = Workload(with_window_holds(free, model), model, seed=5, free=free)
     block = Block(0, 0, 12)
     result = Engines(load).compute(block)
     write_block(tmp_path, result)

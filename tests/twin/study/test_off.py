@@ -13,7 +13,7 @@ from scheduling.graph.plan_files import load_plan
 from tests.twin.program import invoke
 from tests.twin.written import written
 from twin.audit.audit import audit_off_bases, audit_run
-from twin.audit.motion.deviated import deviated
+from twin.audit.motion.deviations import with_flange_deviations
 from twin.audit.motion.executed import read_recording
 from twin.study.folder import AUDITS
 from twin.uncertainty.base_errors import drawn_deviations
@@ -114,7 +114,7 @@ def test_flanges_go_where_they_are_drawn_in_skills_and_nowhere_else(
     doing = {c.robot: c.task for c in tpg.chains}
     tasks = {(robot, int(doing[robot][node])) for robot, node in twists}
     assert len(np.unique(ways[:, 0])) == len(tasks)
-    off = deviated(tpg.cell, usual, twists)
+    off = with_flange_deviations(tpg.cell, usual, twists)
     (name, node), twist = next(iter(twists.items()))
     robot, rows, moved = (
         tpg.cell.robot(name),

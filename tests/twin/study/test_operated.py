@@ -19,7 +19,7 @@ from tests.twin.operate.operated import FEW, STACK
 from twin.operate.operation import Operation, operate
 from twin.study.api import Study
 from twin.study.folder import BLOCKS, PREVENTED, REPLICATIONS, SUMMARY
-from twin.study.operated import prevented_makespans_s
+from twin.study.operated_figures import prevented_makespans_s
 from twin.study.replications import runner
 from twin.study.replications.block_results import cell_blocks
 from twin.trial.loaded_scenario import LoadedScenario, load

@@ -19,7 +19,12 @@ from twin.study.gains.gains import cell_gains
 from twin.study.replications.experiment import Block, Experiment
 from twin.study.replications.timing_graph import timing_graph
 from twin.study.replications.workload import Workload
-from twin.study.sensitivity import influences, inputs_of, makespans_s, sobol_indices
+from twin.study.sensitivity import (
+    input_influences,
+    makespans_s,
+    sobol_indices,
+    study_inputs,
+)
 from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -42,7 +47,7 @@ def test_a_sum_answers_as_a_sum_does() -> None:
     load = _sum_of_two()
     skills = 4 * 2.0
     moves = float(makespans_s(load, Block(0, 0, 1))[0]) - skills
-    found = {one.name: one for one in influences(load)}
+    found = {one.name: one for one in input_influences(load)}
     assert set(found) == {"duration of pick", "motions of robot_0"}
     picks, motions = found["duration of pick"], found["motions of robot_0"]
     for one, whole in ((picks, skills), (motions, moves)):
@@ -54,7 +59,9 @@ def test_a_sum_answers_as_a_sum_does() -> None:
 def test_motions_within_limits_count_as_they_do_in_what_is_worth_fixing() -> None:
     tpg = timing_graph(driven_tpg(3, dofs=(2,), tasks=8, edges=0))
     load = Workload(tpg, ExecutionModel(SkillDurations({})), 0)
-    (motions,) = (one for one in influences(load) if one.name.startswith("motions"))
+    (motions,) = (
+        one for one in input_influences(load) if one.name.startswith("motions")
+    )
     gains = cell_gains(Experiment(("asynchronous",), replications=1), load, 1).gains
     (every,) = (one for one in gains if one.lever.name == "every motion")
     assert motions.less_s.estimate < -0.1
@@ -87,13 +94,13 @@ def test_sobol_indices_of_a_sum_are_shares_of_variance() -> None:
 
 def test_sobol_indices_are_those_of_scipy() -> None:
     load = toy_workload()
-    names = list(inputs_of(load))
+    names = list(study_inputs(load))
 
     def means(factors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         found = []
         for point in factors.T.tolist():
             changed = load
-            for scaled, factor in zip(inputs_of(load).values(), point, strict=True):
+            for scaled, factor in zip(study_inputs(load).values(), point, strict=True):
                 changed = scaled(changed, factor)
             found.append(float(np.mean(makespans_s(changed, Block(0, 0, 50)))))
         return np.array(found)
@@ -109,11 +116,11 @@ def test_sobol_indices_are_those_of_scipy() -> None:
 
 def test_what_varies_has_an_interval_that_more_replications_narrow() -> None:
     load = toy_workload()
-    for one in influences(load):
+    for one in input_influences(load):
         for change in (one.less_s, one.more_s):
             assert change.low <= change.estimate <= change.high
     widths = [
-        sum(one.more_s.half_width for one in influences(load, confidence=level))
+        sum(one.more_s.half_width for one in input_influences(load, confidence=level))
         for level in (0.5, 0.95)
     ]
     assert 0 < widths[0] < widths[1]
@@ -127,7 +134,7 @@ def test_points_are_a_power_of_two() -> None:
 def test_inputs_are_what_the_plan_has() -> None:
     stalls = Stalls(rate_per_h=30.0, duration=Uniform(low_s=1.0, high_s=2.0))
     load = toy_workload(disturbances=Disturbances(stalls=stalls))
-    inputs = inputs_of(load)
+    inputs = study_inputs(load)
     assert "rate of stalls" in inputs
     assert "duration of support-bottom" not in inputs
     block = Block(0, 0, 30)

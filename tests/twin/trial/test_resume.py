@@ -12,7 +12,7 @@ from typer.testing import Result
 from planning.errors import OutputError
 from tests.twin.program import invoke, python
 from tests.twin.turning_arms import QUICK, planned_arms, run_arms, running
-from twin.run.folder import locked
+from twin.run.folder import lock_folder
 from twin.trial.errors import ResumeError
 from twin.trial.resume import resume_run
 
@@ -160,7 +160,7 @@ def test_folders_without_a_run_are_refused(whole: Path, tmp_path: Path) -> None:
 
 def test_a_run_that_is_alive_is_not_resumed(whole: Path, tmp_path: Path) -> None:
     out = cut(whole, tmp_path / "run", 0)
-    with locked(out):
+    with lock_folder(out):
         result = invoke("resume", out, code=2)
     assert "a running process writes its results there" in result.stderr
     assert (out / "events.jsonl").read_bytes() == b""

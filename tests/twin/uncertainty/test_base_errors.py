@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planning.cell.machine import machine
+from planning.cell.machine import machine_robot
 from planning.cell.workcell import PoseError
 from planning.transforms import Array, from_rpy, inverse
 from twin.uncertainty.base_errors import drawn_base
@@ -15,7 +15,7 @@ from twin.uncertainty.disturbances import Disturbances
 
 ERROR = PoseError(0.002, 0.01)
 LEFT, RIGHT = (
-    replace(machine(name), base=from_rpy([x, 0.1, 0.2], [0.1, 0.2, 0.3]))
+    replace(machine_robot(name), base=from_rpy([x, 0.1, 0.2], [0.1, 0.2, 0.3]))
     for name, x in (("left", 0.0), ("right", 0.9))
 )
 

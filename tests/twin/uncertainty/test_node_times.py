@@ -15,7 +15,7 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.nanoseconds import to_nanoseconds
-from twin.uncertainty.chain_draws import choose
+from twin.uncertainty.chain_draws import choose_distinct
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import (
     Breakdowns,
@@ -376,7 +376,7 @@ def test_choices_are_distinct_and_those_of_floyds_algorithm(
             st.lists(st.floats(0.001, 0.999), min_size=3 * count, max_size=3 * count)
         )
     ).reshape(count, 3)
-    found = choose(n, u)
+    found = choose_distinct(n, u)
     for column in range(3):
         chosen: list[int] = []
         for k in range(count):

@@ -217,12 +217,12 @@ class ReplayedRun:
     def __init__(self, cell: Workcell, recording: Recording) -> None:
         self.cell, self.robots, self.end = cell, recording.robots, recording.end
         self.measured = recording.measured
-        told = {row.object for row in recording.objects if row.t <= 0.0}
+        reported = {row.object for row in recording.objects if row.t <= 0.0}
         rows = [
             *(
                 ObjectRow(0.0, item.name, None, item.start)
                 for item in cell.objects
-                if not item.later and item.name not in told
+                if not item.later and item.name not in reported
             ),
             *recording.objects,
         ]

@@ -37,7 +37,7 @@ SLACK = 1e-4
 
 
 @dataclass(frozen=True)
-class Asked:
+class MeasurementThresholds:
     """Gaps and overlaps that measurements are compared with.
 
     Attributes:
@@ -120,11 +120,11 @@ class _PairDistance:
     distance: float
 
 
-def gaps(
+def measured_gaps(
     world: AuditWorld,
     stretch: RunStretch,
     watched: Sequence[WatchedPair],
-    asked: Asked,
+    asked: MeasurementThresholds,
 ) -> Iterator[Gap]:
     """Yield measured gaps that matter, those at samples first, then those in between.
 
@@ -170,7 +170,9 @@ class _Between:
     earliest, so that what is measured at the same moment is placed once.
     """
 
-    def __init__(self, placer: _Placer, asked: Asked, worst_first: bool) -> None:
+    def __init__(
+        self, placer: _Placer, asked: MeasurementThresholds, worst_first: bool
+    ) -> None:
         self._placer, self._asked, self._worst_first = placer, asked, worst_first
         self._open: list[
             tuple[float, int, float, WatchedPair, _PairDistance, _PairDistance]
@@ -222,7 +224,10 @@ class _Between:
 
 
 def watched_pairs(
-    stretch: RunStretch, arms: int, exempt: frozenset[tuple[int, int]], asked: Asked
+    stretch: RunStretch,
+    arms: int,
+    exempt: frozenset[tuple[int, int]],
+    asked: MeasurementThresholds,
 ) -> Iterator[WatchedPair]:
     """Yield the pairs that come near each other.
 
@@ -276,7 +281,7 @@ def watched_pairs(
 
 
 def _not_meant(
-    a: WatchedShape, b: WatchedShape, close: list[int], asked: Asked
+    a: WatchedShape, b: WatchedShape, close: list[int], asked: MeasurementThresholds
 ) -> list[int]:
     """Return the samples at which a contact is not meant, and those at which that begins and ends."""
     free = {k for k in close if not asked.meant(a, b, k)}

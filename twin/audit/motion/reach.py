@@ -85,7 +85,7 @@ def motion_bounds(
         change[:, carried] += moved * turns[:, None]
         out[:, carried, joint] = beyond + moved
     straight = np.sqrt(np.sum(np.diff(centre, axis=0) ** 2, axis=2))
-    straight += radius * turned_by(samples.rotation)[:, links]
+    straight += radius * rotation_travel(samples.rotation)[:, links]
     out[:, :, 0] = np.minimum(out[:, :, 0], straight + 0.5 * change + ROUNDING)
     return out
 
@@ -102,10 +102,10 @@ def travel_of_points(rotation: Array, centre: Array, radius: float) -> Array:
         Upper bounds of the displacement of any point, shape (m - 1,) [m].
     """
     moved = np.linalg.norm(np.diff(centre, axis=0), axis=1)
-    return np.asarray(moved + radius * turned_by(rotation))
+    return np.asarray(moved + radius * rotation_travel(rotation))
 
 
-def turned_by(rotation: Array) -> Array:
+def rotation_travel(rotation: Array) -> Array:
     """Return how far points at distance 1 get from sample to sample, if they go straight.
 
     Args:

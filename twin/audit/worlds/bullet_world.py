@@ -23,7 +23,7 @@ from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
 from planning.robots.descriptions.xml_files import find_mesh
 from planning.robots.registry import ROBOTS
-from planning.silence import silenced
+from planning.silence import silence_output
 from planning.transforms import Array, Transform, quat_wxyz
 from twin.audit.worlds.world import (
     BASE,
@@ -33,7 +33,7 @@ from twin.audit.worlds.world import (
     convex_forms,
 )
 
-with silenced():  # it greets on standard error
+with silence_output():  # it greets on standard error
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
 
@@ -58,7 +58,7 @@ class BulletWorld:
     """
 
     def __init__(self, world: AuditWorld) -> None:
-        with silenced():  # it tells its options
+        with silence_output():  # it tells its options
             self._bullet = BulletClient(pybullet.DIRECT)
         # A description that changed on disk must not be taken from the cache.
         self._bullet.setPhysicsEngineParameter(enableFileCaching=0)

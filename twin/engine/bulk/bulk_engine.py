@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.kernels import kernel
-from planning.parallel import side_by_side, usable_cores
+from planning.parallel import map_in_parallel, usable_cores
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.windows import with_holds
-from scheduling.motion_times import at_full_speed, is_driven
+from scheduling.graph.windows import with_window_hold_edges
+from scheduling.motion_times import is_driven, with_full_speed_times
 from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
 from twin.engine.bulk.driven_times import driven_times, joined_drives
 from twin.engine.bulk.max_plus import (
@@ -28,12 +28,12 @@ from twin.engine.bulk.max_plus import (
     PrecedenceArrays,
     completions,
     end_times,
-    explain,
+    explain_completions,
     makespans,
     policy_graph,
 )
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.uncertainty.contraction import Contraction, contract, uncontracted
+from twin.uncertainty.contraction import Contraction, contract, trivial_contraction
 from twin.uncertainty.disturbances import Disturbances, Speed
 from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
 from twin.uncertainty.skill_durations import SkillDraws, cumulative_shares
@@ -73,9 +73,9 @@ class BulkEngine:
     """
 
     def __init__(self, tpg: TemporalPlanGraph, model: ExecutionModel) -> None:
-        free = at_full_speed(tpg)
+        free = with_full_speed_times(tpg)
         self._sampler = NodeTimeSampler(free, model.durations, model.disturbances)
-        self.contraction: Contraction = bulk_contraction(tpg, model)
+        self.contraction: Contraction = contract_for_bulk(tpg, model)
         self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, model.policy)
         self._drive = joined_drives(tpg, self.graph) if is_driven(tpg) else None
         # By the planned clock nobody asks for anything.
@@ -102,7 +102,7 @@ class BulkEngine:
         if self._drive is None:
             return completions(self.graph, times.busy_ns, self.messages)
         start, end = self._driven(*self._drawn(times))
-        return explain(self.graph, start.T, end.T)
+        return explain_completions(self.graph, start.T, end.T)
 
     def makespans(
         self, times: SegmentTimes, messages: Messages | None = None
@@ -120,7 +120,7 @@ class BulkEngine:
             return makespans(self.graph, end_times(self.graph, times.busy_ns, said))
         shares = (np.array_split(own, usable_cores()) for own in self._drawn(times))
         parts = zip(*shares, strict=True)
-        ends = side_by_side(lambda part: self._driven(*part)[1], parts)
+        ends = map_in_parallel(lambda part: self._driven(*part)[1], parts)
         return makespans(self.graph, np.concatenate(ends).T)
 
     def _drawn(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds, Array]:
@@ -159,18 +159,18 @@ class BulkEngine:
         return int(self.makespans(times)[0])
 
 
-def bulk_contraction(tpg: TemporalPlanGraph, model: ExecutionModel) -> Contraction:
+def contract_for_bulk(tpg: TemporalPlanGraph, model: ExecutionModel) -> Contraction:
     """Return a graph as the bulk engine executes it: nodes joined where that changes no time.
 
     Where robots pass borders at speed, or messages take time, every node counts. By the planned clock
     a node that is done before its time is up keeps the next one waiting.
     """
     if is_driven(tpg) or not model.messages.under(model.policy).instant:
-        return uncontracted(tpg)
+        return trivial_contraction(tpg)
     if model.policy != "open-loop":
         return contract(tpg)
     if model.disturbances.speed != Speed():
-        return uncontracted(tpg)
+        return trivial_contraction(tpg)
     return contract(tpg, apart=[chain.skill for chain in tpg.chains])
 
 
@@ -212,8 +212,10 @@ def _add_shares(totals: Nanoseconds, shares: _Shares, busy: Nanoseconds) -> None
             busy[segment, r] += np.int64(part)
 
 
-def held_back(tpg: TemporalPlanGraph, model: ExecutionModel) -> TemporalPlanGraph:
-    """Return a graph in which what opens windows waits as the execution model says; see ``with_holds``.
+def with_window_holds(
+    tpg: TemporalPlanGraph, model: ExecutionModel
+) -> TemporalPlanGraph:
+    """Return a graph in which what opens windows waits as the execution model says; see ``with_window_hold_edges``.
 
     Only where robots wait for each other by the plan: a planned clock, turns and slots hold back themselves.
     The forecast of when a later step will be ready is the longest path that is left to it, with durations that
@@ -231,6 +233,8 @@ def held_back(tpg: TemporalPlanGraph, model: ExecutionModel) -> TemporalPlanGrap
     nodes = sum(len(chain) for chain in tpg.chains)
     draws = np.arange(max(50, min(_DRAWS, _MOST_VALUES // nodes)))
     sampler = NodeTimeSampler(free, model.durations, model.disturbances)
-    times = sampler.sample_segments(uncontracted(free), seed=_SEED, replications=draws)
+    times = sampler.sample_segments(
+        trivial_contraction(free), seed=_SEED, replications=draws
+    )
     busy = np.ascontiguousarray(times.busy_ns, dtype=np.int64)
-    return with_holds(tpg, busy, model.hold, OTHER)
+    return with_window_hold_edges(tpg, busy, model.hold, OTHER)

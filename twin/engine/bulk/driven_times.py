@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.kernels import inner_kernel, kernel
-from planning.timing.stretch import braked, exit_bound, pass_through
+from planning.timing.stretch import brake_within_piece, exit_bound, passage_seconds
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from twin.durations.nanoseconds import Nanoseconds
@@ -283,12 +283,12 @@ def _pass(
     """Take a node, as ``Passage.go`` does without stops by the clock."""
     gone = 0.0
     if pending > 0:
-        took, leave, gone = braked(length, speed, ramp)
+        took, leave, gone = brake_within_piece(length, speed, ramp)
         passed += took
         speed = leave
         if leave > 0.0:
             return base, passed, speed, pending
         base += np.int64(np.rint(passed)) + pending
         passed, pending = 0.0, np.int64(0)
-    took, leave, _ = pass_through(length - gone, top, speed, bound, ramp)
+    took, leave, _ = passage_seconds(length - gone, top, speed, bound, ramp)
     return base, passed + took, leave, pending

@@ -36,7 +36,7 @@ from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import sequential_order, turn_edges
 from scheduling.graph.temporal_plan_graph import EVER, NO_EDGES, TemporalPlanGraph
-from scheduling.graph.total_order import flatten, planned_ranks
+from scheduling.graph.total_order import flatten_graph, planned_ranks
 from scheduling.graph.windows import followed_order
 from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.execution_model import Messages
@@ -111,7 +111,7 @@ def precedence_arrays(
         not_before_ns: no node starts before this, shape (nodes,) [ns]; 0 by default.
     """
     # What is held back may wait for what was planned later.
-    flat = followed_order(flatten(planned_ranks(tpg.chains), tpg.edges), tpg)
+    flat = followed_order(flatten_graph(planned_ranks(tpg.chains), tpg.edges), tpg)
     return PrecedenceArrays(
         flat.first,
         flat.chain,
@@ -231,7 +231,7 @@ def completions(
 ) -> Completions:
     """Return when everything happens in every replication, and what decided it; see ``end_times``."""
     end = end_times(graph, busy_ns, messages)
-    return explain(graph, end - busy_ns, end)
+    return explain_completions(graph, end - busy_ns, end)
 
 
 @kernel
@@ -330,7 +330,7 @@ def _lower(graph: PrecedenceArrays, end: Nanoseconds, latest: Nanoseconds) -> No
                 latest[source, r] = min(latest[source, r], begin)
 
 
-def explain(
+def explain_completions(
     graph: PrecedenceArrays,
     start_ns: Nanoseconds,
     end_ns: Nanoseconds,

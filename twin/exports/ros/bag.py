@@ -51,7 +51,7 @@ class Message:
     data: bytes
 
 
-def bag(messages: Iterable[Message]) -> bytes:
+def rosbag_file(messages: Iterable[Message]) -> bytes:
     """Return an MCAP file of messages, by their time; those of one time keep their order.
 
     Raises:

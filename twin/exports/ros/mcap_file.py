@@ -17,7 +17,7 @@ from twin.drawing.drawn_robot import drawn_robot
 from twin.drawing.looks import coloured_fixtures
 from twin.drawing.triangles import corners_of
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
-from twin.exports.ros.bag import Message, Topic, bag
+from twin.exports.ros.bag import Message, Topic, rosbag_file
 from twin.exports.ros.definitions import (
     JOINT_STATE,
     JOINT_TRAJECTORY,
@@ -43,7 +43,7 @@ from twin.exports.ros.messages import (
     tf_message,
 )
 from twin.exports.segments import STILL, require_rate, segments
-from twin.run.team_colours import rgb, team_colours
+from twin.run.team_colours import parse_rgb, team_colours
 from twin.run.tracking import nearest_on_path
 from twin.run.trajectory import Trajectory
 from twin.trial.run_result import RunResult
@@ -73,7 +73,7 @@ def mcap_files(run: RunResult, *, rate_hz: float = RATE_HZ) -> Mapping[str, byte
         OutputError: there is no such rate, or a package is missing.
     """
     require_rate(rate_hz, RATES_HZ)
-    return {"run.mcap": bag(_messages(run, rate_hz))}
+    return {"run.mcap": rosbag_file(_messages(run, rate_hz))}
 
 
 def _messages(run: RunResult, rate_hz: float) -> Iterator[Message]:
@@ -81,7 +81,7 @@ def _messages(run: RunResult, rate_hz: float) -> Iterator[Message]:
     cell = run.tpg.cell
     colours = team_colours([robot.name for robot in cell.robots])
     drawn = {
-        robot.name: drawn_robot(robot, rgb(colours[robot.name]))
+        robot.name: drawn_robot(robot, parse_rgb(colours[robot.name]))
         for robot in cell.robots
     }
     fixed = [

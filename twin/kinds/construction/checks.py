@@ -10,23 +10,23 @@ from planning.errors import (
 )
 from planning.transforms import Array
 from twin.check.finding import (
+    CheckContext,
     Finding,
     Findings,
     KindChecks,
-    Subject,
 )
 from twin.check.reach import idle_robot
 from twin.kinds.construction.kind import ConstructionKind
 
 
-def construction_kind(subject: Subject) -> ConstructionKind:
+def construction_kind(subject: CheckContext) -> ConstructionKind:
     """Return the construction of a scenario."""
     kind = subject.kind
     assert isinstance(kind, ConstructionKind)
     return kind
 
 
-def _check_construction(subject: Subject) -> Findings:
+def _check_construction(subject: CheckContext) -> Findings:
     """Ask the planner of constructions for the first thing that its lower bounds rule out."""
     from planning.construction.problem.reach_bounds import reach_bounds
     from twin.planning.pipeline import motion_settings

@@ -14,15 +14,15 @@ from planning.cell.standing_rules import Joint, StandingRules
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ScenarioError
 from planning.expectations import Expectations, Place
-from planning.transforms import Array, Transform, readonly
-from twin.document.validation import Found, unless_known
+from planning.transforms import Array, Transform, read_only_copy
+from twin.document.validation import Found, check_known_name
 from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
 from twin.kinds.construction.section import ConstructionSection, ModelSection
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.kind import AssemblyKind
-from twin.scenario.sections.shapes import as_planned, build_transform
-from twin.scenario.sections.standing import unlike_ends
+from twin.scenario.sections.shapes import build_transform, to_planning_class
+from twin.scenario.sections.standing import check_distinct_ends
 
 if TYPE_CHECKING:
     from planning.construction.problem.models import ModelPart
@@ -53,7 +53,7 @@ class ConstructionKind(AssemblyKind):
     section: ConstructionSection
 
     @property
-    def at_once(self) -> bool:
+    def space_time(self) -> bool:
         """True: constructions are planned in space and time."""
         return True
 
@@ -100,8 +100,8 @@ class ConstructionKind(AssemblyKind):
             at: KeyPath = ("assembly", "joined", k)
             for i, name in enumerate(item.parts):
                 own = (*at, "parts", i)
-                yield from unless_known(own, "part or fixture", name, things)
-            yield from unlike_ends(at, item.parts, parts, "joined to")
+                yield from check_known_name(own, "part or fixture", name, things)
+            yield from check_distinct_ends(at, item.parts, parts, "joined to")
             if item.by is not None:
                 yield (
                     (*at, "by"),
@@ -120,13 +120,13 @@ class ConstructionKind(AssemblyKind):
         from planning.construction.problem.supply_layout import Rows, Spiral
 
         starts: dict[str, Transform] = {
-            part.name: readonly(build_transform(part.start))
+            part.name: read_only_copy(build_transform(part.start))
             for part in self.section.parts
             if part.start is not None
         }
         supply = self.section.supply
         layout: type[Spiral | Rows] = Spiral if supply.layout == "spiral" else Rows
-        laid_out = as_planned(layout, supply)
+        laid_out = to_planning_class(layout, supply)
         return part_objects(self.parts, laid_out, starts, near=supply.near)
 
     def wanted(self, _cell: CellSection) -> Expectations:
@@ -147,12 +147,12 @@ class ConstructionKind(AssemblyKind):
             return None
         if section.joined == "neighbours":
             room = section.touch_m
-            return as_planned(StandingRules, section.balance, joined_within=room)
+            return to_planning_class(StandingRules, section.balance, joined_within=room)
         joints = tuple(
-            as_planned(Joint, item, first=item.parts[0], second=item.parts[1])
+            to_planning_class(Joint, item, first=item.parts[0], second=item.parts[1])
             for item in section.joined
         )
-        return as_planned(StandingRules, section.balance, joints=joints)
+        return to_planning_class(StandingRules, section.balance, joints=joints)
 
     def steps_served(self, robot: str, motions: PlannedMotions) -> tuple[int, int]:
         """Return how many parts a robot could fetch, hand over or place, by its reach alone, and how many there are."""
@@ -190,7 +190,7 @@ class ConstructionKind(AssemblyKind):
         if self.section.model is not None:
             return model_parts(self.section.model)
         return tuple(
-            as_planned(ModelPart, part, size=readonly(part.size_m))
+            to_planning_class(ModelPart, part, size=read_only_copy(part.size_m))
             for part in self.section.parts
         )
 

@@ -12,32 +12,35 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from planning.cell.workcell import Attachment, Workcell, WorldState
-from planning.construction.motion_plan_export import motion_plan, rests_on
-from planning.construction.onward import Middle, plan_rest
+from planning.construction.continuation import (
+    ConstructionResumePoint,
+    plan_remaining_construction,
+)
+from planning.construction.motion_plan_export import motion_plan, placement_order
 from planning.construction.problem.models import ModelPart
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.settings import PlannerSettings
-from planning.construction.world.fixed_world import Building
+from planning.construction.world.fixed_world import BuildState
 from planning.errors import ConstructionError, PlanInvariantError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task import AllowedContact, Task
-from planning.worlds.supplied import taken_out
+from planning.worlds.supplied import find_removal
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
-from scheduling.rolling.cut import complete_tasks, kept_hold
+from scheduling.rolling.cut import active_holds, complete_tasks
 from twin.host.progress import StageWatch
 from twin.kinds.construction.kind import ConstructionKind
-from twin.operate.committed import (
+from twin.operate.commitment import (
     CommittedPrefix,
     Draw,
     ReplanTrigger,
-    as_far_as_planned,
     committed_at,
     cut_at,
+    executable_lengths,
 )
-from twin.operate.failure_triage import FailureTriage, asks_for_another
-from twin.operate.person import Ledger, Person
+from twin.operate.failure_triage import FailureTriage, request_replacement
+from twin.operate.person import OperationLedger, Person
 from twin.operate.planner import (
     Extension,
     Planner,
@@ -46,8 +49,8 @@ from twin.operate.planner import (
     append_extension,
     empty_extension,
 )
-from twin.operate.replanning import graph_from
-from twin.planning.time_parameterization import timed
+from twin.operate.replanning import graph_from_world
+from twin.planning.time_parameterization import time_parameterize
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
@@ -61,7 +64,7 @@ class _Built(RecoveryState):
     Attributes:
         parts: where each belongs by now.
         step_of: step that puts it there, by its name.
-        kept: parts that would fall and are kept hold of, see ``Middle``.
+        kept: parts that would fall and are kept hold of, see ``ConstructionResumePoint``.
     """
 
     parts: tuple[ModelPart, ...]
@@ -114,7 +117,7 @@ class ConstructionRecovery(Planner[_Built]):
             steps[name]: frozenset(steps[k] for k in steps if name in carriers[k])
             for name in steps
         }
-        ledger = Ledger(above, gone=set(self.gone))
+        ledger = OperationLedger(above, gone=set(self.gone))
         self.initial = _Built(tpg, TaskSeeds.of(tpg), ledger, kind.parts, steps)
 
     def begun(self, state: _Built, counts: Sequence[int]) -> set[int]:
@@ -138,7 +141,7 @@ class ConstructionRecovery(Planner[_Built]):
         tpg, ledger = state.tpg, state.ledger.copy()
         about = self.scenario.execution, ledger, self.person
         triage = FailureTriage(*about).decide(tpg, trigger)
-        counts = as_far_as_planned(tpg, trigger)
+        counts = executable_lengths(tpg, trigger)
         at = committed_at(tpg, counts, trigger, triage)
         complete = (at.committed.tasks[k] for k in at.complete)
         done = {task.step for task in complete if task.kind == _PUT}
@@ -180,7 +183,7 @@ class ConstructionRecovery(Planner[_Built]):
         for name in sorted(ledger.gone & built.step_of.keys() - there.keys()):
             if (step := built.step_of[name]) not in ledger.undone:
                 about = ledger, self.person, tpg.cell
-                asks_for_another(*about, step, name, f"{name} is lost")
+                request_replacement(*about, step, name, f"{name} is lost")
         there = self._there(ledger, at)
         problem = self._problem(tpg.cell, built, placed, there, at.out)
         names = {part.name for part in problem.parts}
@@ -196,13 +199,15 @@ class ConstructionRecovery(Planner[_Built]):
         world = World(now, complete=complete, out=at.out, tasks=len(before))
         try:
             effort = PlannerSettings().finding(self.motions.settings.paths)
-            rest = plan_rest(problem, Middle(robots, placed, held, kept), effort)
+            rest = plan_remaining_construction(
+                problem, ConstructionResumePoint(robots, placed, held, kept), effort
+            )
             kept = {k: (own.robot, own.last) for k, own in rest.kept.items()}
             built = replace(built, kept=kept)
             self._give_up(built, rest.placed)
             plan = self._motions(problem, built, rest, world, tpg.cell)
-            new = graph_from(plan, world, before, StageWatch())
-            new = timed(new, self.scenario, StageWatch())
+            new = graph_from_world(plan, world, before, StageWatch())
+            new = time_parameterize(new, self.scenario, StageWatch())
             waits = self._waits(problem, ledger, rest, plan, at)
             union, new, _ = append_extension(at, new, tpg.cell, ledger, waits)
         except (ConstructionError, PlanInvariantError) as error:
@@ -213,7 +218,9 @@ class ConstructionRecovery(Planner[_Built]):
             return built, empty_extension(at, tpg.cell)
         return built, (union, new, at)
 
-    def _there(self, ledger: Ledger, at: CommittedPrefix) -> Mapping[str, Attachment]:
+    def _there(
+        self, ledger: OperationLedger, at: CommittedPrefix
+    ) -> Mapping[str, Attachment]:
         """Return where parts are, by the names with which plans know them."""
         pending = ledger.pending(at.committed.tasks)
         return ledger.where(at.state.attachments, pending, at.committed.cell)
@@ -221,7 +228,7 @@ class ConstructionRecovery(Planner[_Built]):
     def _kept(
         self,
         state: _Built,
-        ledger: Ledger,
+        ledger: OperationLedger,
         at: CommittedPrefix,
         placed: Sequence[str],
     ) -> tuple[dict[str, tuple[str, str]], tuple[str, ...]]:
@@ -231,7 +238,7 @@ class ConstructionRecovery(Planner[_Built]):
             if name in placed:
                 kept[name] = robot, last if last in placed else ""
         pairs = {name: last for name, (_, last) in kept.items()}
-        for part, robot, until, left in kept_hold(state.tpg, at.complete):
+        for part, robot, until, left in active_holds(state.tpg, at.complete):
             name, last = ledger.lost(part), ledger.lost(until)
             pairs[name], kept[name] = last, (robot, last)
             if left:
@@ -275,7 +282,7 @@ class ConstructionRecovery(Planner[_Built]):
         about = part.size.tobytes(), part.mass, part.faces
         return *about, ways.get(part.name)
 
-    def _above(self, ledger: Ledger, step: int) -> int:
+    def _above(self, ledger: OperationLedger, step: int) -> int:
         """Return on how many steps a step is not to be missed, those given up left out."""
         found, todo = set[int](), [step]
         while todo:
@@ -341,7 +348,7 @@ class ConstructionRecovery(Planner[_Built]):
         self,
         problem: ConstructionProblem,
         built: _Built,
-        rest: Building,
+        rest: BuildState,
         world: World,
         cell: Workcell,
     ) -> MotionPlan:
@@ -375,7 +382,7 @@ class ConstructionRecovery(Planner[_Built]):
         return MotionPlan(cell, tuple(tasks), tuple(motions), waits, tuple(allowed))
 
     def _removed(
-        self, rest: Building, world: World, cell: Workcell, first: int
+        self, rest: BuildState, world: World, cell: Workcell, first: int
     ) -> Iterator[tuple[str, Sequence[AllowedContact], Task]]:
         """Yield whoever has something in its hand at HOME that goes nowhere, and how that is taken from it."""
         for name, own in world.held():
@@ -384,15 +391,15 @@ class ConstructionRecovery(Planner[_Built]):
                 continue
             ends = rest.world.robots[holder].path[-1]
             if np.abs(ends - cell.robot(holder).home).max() < 1e-6:
-                step = taken_out(cell, world, holder, name, first)
+                step = find_removal(cell, world, holder, name, first)
                 yield holder, step.allowed, step.tasks[0]
                 first += 1
 
     def _waits(
         self,
         problem: ConstructionProblem,
-        ledger: Ledger,
-        rest: Building,
+        ledger: OperationLedger,
+        rest: BuildState,
         plan: MotionPlan,
         at: CommittedPrefix,
     ) -> np.ndarray:
@@ -401,7 +408,7 @@ class ConstructionRecovery(Planner[_Built]):
         name_of = ledger.lost
         put = {name_of(str(t.object)): t.index for t in before if t.kind == _PUT}
         taken = {name_of(str(t.object)): t.index for t in before if t.kind == "pick"}
-        needs, covers = rests_on(problem, rest), problem.graph.covers
+        needs, covers = placement_order(problem, rest), problem.graph.covers
         pairs = [tuple(pair) for pair in plan.dependencies.tolist()]
         for task in plan.tasks:
             name = str(task.object)

@@ -9,8 +9,8 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import ScenarioError
-from planning.transforms import readonly
-from twin.document.validation import Found, unless_known
+from planning.transforms import read_only_copy
+from twin.document.validation import Found, check_known_name
 from twin.host.progress import StageWatch
 from twin.kinds.goals.section import GoalsSection, MoveSection
 from twin.scenario.sections.cell import CellSection
@@ -49,7 +49,7 @@ class GoalsKind(AssemblyKind):
         names = tuple(robot.name for robot in cell.robots)
         for k, move in enumerate(self.section.moves):
             at = ("assembly", "moves", k, "robot")
-            yield from unless_known(at, "robot", move.robot, names)
+            yield from check_known_name(at, "robot", move.robot, names)
 
     def why_unable(self, robot: PlacedRobot, motions: PlannedMotions) -> IdleReason:
         """Return that every move is that of a named robot."""
@@ -60,14 +60,14 @@ class GoalsKind(AssemblyKind):
     ) -> PlannedMotions:
         """Find the configurations of all goals, then the ways to them."""
         from planning.steps.robot_goals import prepare_goals
-        from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
+        from twin.planning.in_turns import ASSIGNMENT, plan_sequentially
 
         goals = tuple(
             _goal(cell, move, k) for k, move in enumerate(self.section.moves, start=1)
         )
         with watch.stage("assignment", ASSIGNMENT):
             work = prepare_goals(cell, goals)
-        return plan_in_turns(cell, goals, work, settings, watch)
+        return plan_sequentially(cell, goals, work, settings, watch)
 
 
 def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
@@ -82,7 +82,7 @@ def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
                 choices=(*frames, "flange"),
             )
         return RobotGoal(
-            move.robot, pose=readonly(build_transform(move.to)), frame=move.frame
+            move.robot, pose=read_only_copy(build_transform(move.to)), frame=move.frame
         )
     joints = move.to_rad_or_m
     if move.to_deg is not None:
@@ -93,4 +93,4 @@ def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
         raise ScenarioError(
             f"move {number}: robot {move.robot!r} has {dof} joints, not {len(joints)}"
         )
-    return RobotGoal(move.robot, joints=readonly(joints))
+    return RobotGoal(move.robot, joints=read_only_copy(joints))

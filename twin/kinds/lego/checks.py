@@ -14,9 +14,9 @@ from planning.cell.workcell import Fixture, PlacedRobot
 from planning.errors import (
     RobotModelError,
 )
-from planning.geometry.exact import Solid, distance_at
+from planning.geometry.exact import Solid, hull_distance_at
 from planning.geometry.touching import (
-    near_to,
+    nearby_entities,
 )
 from planning.grips.tool_grips import tool_bodies
 from planning.kinematics.kinematics import (
@@ -31,22 +31,27 @@ from planning.lego.bricks.assembly import (
     Plate,
     Support,
 )
-from planning.lego.bricks.brick_grips import grip_pose, presses
+from planning.lego.bricks.brick_grips import grip_pose, legal_presses
 from planning.lego.bricks.grid import box_pose, box_size, top_pose
 from planning.lego.skills.targets import BrickGrip, support_targets
-from planning.transforms import Array, Transform, inverse, readonly
+from planning.transforms import Array, Transform, inverse, read_only_copy
 from twin.audit.contacts import CONTACT_DEPTH
 from twin.audit.grips import GRIP
 from twin.audit.supports import SUPPORT
 from twin.check.finding import (
+    CheckContext,
     Finding,
     Findings,
     KindChecks,
-    Subject,
-    millimetres,
+    format_millimetres,
 )
-from twin.check.lying import check_centres, check_fixtures, check_meshes, check_starts
-from twin.check.reach import idle_robot, too_far
+from twin.check.placements import (
+    check_centres,
+    check_fixtures,
+    check_meshes,
+    check_starts,
+)
+from twin.check.reach import idle_robot, is_beyond_reach
 from twin.check.robots import (
     check_bases,
     check_efforts,
@@ -82,14 +87,14 @@ _MOST_STEPS = 6
 """Steps out of reach of an assembly of bricks that are named."""
 
 
-def lego_kind(subject: Subject) -> LegoKind:
+def lego_kind(subject: CheckContext) -> LegoKind:
     """Return the LEGO assembly of a scenario."""
     kind = subject.kind
     assert isinstance(kind, LegoKind)
     return kind
 
 
-def check_brick_tools(subject: Subject) -> Findings:
+def check_brick_tools(subject: CheckContext) -> Findings:
     """Yield robots whose tool, by their tool frames, is away from bricks that it holds or supports, or in them.
 
     Beyond what the audit allows it is an error.
@@ -103,8 +108,10 @@ def check_brick_tools(subject: Subject) -> Findings:
         worst: dict[str, tuple[float, float, str, str]] = {}
         for frame, words, (meets, most), kind, pose in _bricks_at(lego, model):
             box = box_body("brick", tuple(box_size(kind).tolist()))
-            there = Solid("brick", box, readonly(model.flange @ pose))
-            gap = min(distance_at(own, _NOWHERE, there, _NOWHERE) for own in bodies)
+            there = Solid("brick", box, read_only_copy(model.flange @ pose))
+            gap = min(
+                hull_distance_at(own, _NOWHERE, there, _NOWHERE) for own in bodies
+            )
             if gap > meets or gap < -CONTACT_DEPTH:
                 found = gap, most, frame, kind.name
                 worst[words] = max(
@@ -114,15 +121,15 @@ def check_brick_tools(subject: Subject) -> Findings:
             side = "away from" if gap > 0.0 else "in"
             yield Finding(
                 subject.robot_at(robot.name, "frames", "tool", "model"),
-                f"{robot.name} would {words} a {name} with {tool} {millimetres(abs(gap))} {side} it, by its frame"
-                f" {frame!r}, and at most {millimetres(most if gap > 0.0 else CONTACT_DEPTH)} is allowed: its frames"
+                f"{robot.name} would {words} a {name} with {tool} {format_millimetres(abs(gap))} {side} it, by its frame"
+                f" {frame!r}, and at most {format_millimetres(most if gap > 0.0 else CONTACT_DEPTH)} is allowed: its frames"
                 f" are those of a {'longer' if gap > 0.0 else 'shorter'} tool; give the tool that the frames belong"
                 " to, or the frames of this one",
                 error=gap > most or gap < 0.0,
             )
 
 
-def check_brick_places(subject: Subject) -> Findings:
+def check_brick_places(subject: CheckContext) -> Findings:
     """Yield fixtures that are in the way of bricks in their places: all bricks of a structure, or of steps."""
     section = lego_kind(subject).section
     assembly = build_lego(section)
@@ -135,12 +142,12 @@ def check_brick_places(subject: Subject) -> Findings:
         pose = box_pose(assembly.plate, item)
         size = tuple(box_size(item.brick).tolist())
         brick = Fixture(item.name, Shape((), (box_body(item.name, size),)), pose)
-        for name, gap in near_to((brick, pose), fixtures, 0.0).items():
+        for name, gap in nearby_entities((brick, pose), fixtures, 0.0).items():
             if gap < -CONTACT_DEPTH:
                 yield Finding(
                     subject.thing_at(name, "pose"),
                     f"{item.name} ({item.brick.name} at {item.cell.words}) goes where {name} stands: they would overlap by"
-                    f" {millimetres(-gap)}; move {name}, or the plate",
+                    f" {format_millimetres(-gap)}; move {name}, or the plate",
                     error=True,
                 )
 
@@ -161,7 +168,7 @@ def _bricks_at(
     ups = [step.brick for step in assembly.steps if step.up]
     hold = _MEETS, GRIP
     for brick in placed:
-        grip = BrickGrip(model.frames, brick, np.eye(4), presses(brick)[0])
+        grip = BrickGrip(model.frames, brick, np.eye(4), legal_presses(brick)[0])
         yield "tool", "hold", hold, brick, grip.held()
         if brick in ups or (free and rules.place_up):
             yield "alt", "hold on its side studs", hold, brick, grip.held(up=True)
@@ -175,16 +182,16 @@ def _bricks_at(
         yield "tool", "support", (SUPPORT, SUPPORT), pair, held
 
 
-def check_helpers(subject: Subject) -> Findings:
+def check_helpers(subject: CheckContext) -> Findings:
     """Yield temporary bricks that nobody can take out again: an error where the rules ask for that."""
     from planning.lego.sequencing.remedies import Design
-    from planning.lego.sequencing.removal import shut_in
+    from planning.lego.sequencing.removal import find_unremovable_bricks
 
     section = lego_kind(subject).section
     structure, helpers = structure_and_helpers(section)
     if section.structure is None:
         names = {item.name: k for k, item in enumerate(build_lego(section).structure)}
-        for found in shut_in(
+        for found in find_unremovable_bricks(
             (*structure, *helpers), frozenset(h.name for h in helpers)
         ):
             yield Finding(
@@ -206,7 +213,7 @@ def check_helpers(subject: Subject) -> Findings:
             )
 
 
-def _check_bricks(subject: Subject, section: LegoSection) -> Findings:
+def _check_bricks(subject: CheckContext, section: LegoSection) -> Findings:
     from planning.lego.sequencing.blocking import find_reach_faults
 
     assembly, cell = build_lego(section), subject.cell
@@ -242,12 +249,12 @@ def _handles_bricks(
     poses = (
         grip_pose(top_pose(plate, item), item.brick, press)
         for plate, item in items
-        for press in presses(item.brick)
+        for press in legal_presses(item.brick)
     )
     return any(
         inverse_kinematics(robot, "tool", pose, robot.home)
         for pose in poses
-        if not too_far(robot, "tool", pose)
+        if not is_beyond_reach(robot, "tool", pose)
     )
 
 

@@ -127,14 +127,14 @@ def import_task(
     from planning.lego.importers.apex_mr.importer import PressFrom, import_apex_mr
     from planning.lego.sequencing.stable_steps import stable_steps
     from planning.robots.registry import with_tool
-    from twin.check.finding import Subject
+    from twin.check.finding import CheckContext
     from twin.document.yaml_text import scenario_text
     from twin.host.atomic_files import write_text
     from twin.kinds.lego.checks import check_brick_tools
     from twin.kinds.lego.kind import build_lego
     from twin.kinds.lego.section import LegoSection
     from twin.kinds.lego.tool_choice import choose_tool
-    from twin.reading.scenario_file import scenario_of
+    from twin.reading.scenario_file import parse_scenario
     from twin.scenario.sections.kind import assembly_kind
 
     known: tuple[PressFrom, ...] = get_args(PressFrom)
@@ -153,7 +153,7 @@ def import_task(
             press_from=reading,
             note=notes.append,
         )
-        scenario, _ = scenario_of(output, scenario_text(content, about))
+        scenario, _ = parse_scenario(output, scenario_text(content, about))
         section = scenario.assembly
         assert isinstance(section, LegoSection)
         found.append((content, notes))
@@ -173,7 +173,7 @@ def import_task(
         about = "\n".join([about, *refusals])
     for line in (*notes, *refusals):
         _note(line)
-    scenario, _ = scenario_of(output, scenario_text(content, about))
+    scenario, _ = parse_scenario(output, scenario_text(content, about))
     section = scenario.assembly
     assert isinstance(section, LegoSection)
     if tool is None:
@@ -183,8 +183,8 @@ def import_task(
     for robot in content["cell"]["robots"]:
         robot["tool"] = tool
     text = scenario_text(content, about)
-    scenario, _ = scenario_of(output, text)
-    for misfit in check_brick_tools(Subject(scenario, output.parent)):
+    scenario, _ = parse_scenario(output, text)
+    for misfit in check_brick_tools(CheckContext(scenario, output.parent)):
         if misfit.error:
             raise ScenarioError(
                 f"{folder}: the tables of robot_properties: {misfit.message}"
@@ -201,14 +201,14 @@ def _note(line: str) -> None:
 
 def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> None:
     """Write the scenario of a model, turned if need be, if its cell reaches all of it."""
-    from planning.lego.importers.brick_models.cell import model_cell, orientations
+    from planning.lego.importers.brick_models.cell import model_cell, model_orientations
     from twin.document.yaml_text import scenario_text
     from twin.host.atomic_files import write_text
-    from twin.reading.scenario_file import scenario_of
+    from twin.reading.scenario_file import parse_scenario
 
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)
     refusal: TwinError | None = None
-    for turned in [model] if cell is not None else orientations(model):
+    for turned in [model] if cell is not None else model_orientations(model):
         try:
             content = (
                 model_cell(turned) if cell is None else _in_cell(turned, cell, output)
@@ -217,7 +217,7 @@ def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> No
             content["assembly"].setdefault("rules", {"scaffold": True})
             content = {"version": 1, "name": name, "seed": 0, **content}
             text = scenario_text(content, f"Imported from {file.name}.")
-            scenario, _ = scenario_of(output, text)
+            scenario, _ = parse_scenario(output, text)
             _check_reach(scenario, output.parent)
         except (InfeasibleStepError, ScenarioError) as error:
             if refusal is None and isinstance(error, ScenarioError):

@@ -30,14 +30,14 @@ from twin.host.progress import StageWatch
 from twin.kinds.lego.section import (
     BrickStepSection,
     LegoSection,
+    brick_cell,
     brick_types,
-    cell_of,
-    support_of,
+    support_place,
 )
 from twin.kinds.lego.structure import StructureSection, read_structure
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.kind import AssemblyKind
-from twin.scenario.sections.shapes import Colour, as_planned
+from twin.scenario.sections.shapes import Colour, to_planning_class
 
 if TYPE_CHECKING:
     from planning.lego.insertion.rules import SequencingRules
@@ -89,14 +89,14 @@ class LegoKind(AssemblyKind):
 
     def reserved(self, name: str) -> str | None:
         """Return whether a name is that of a plate, or of a brick that comes up later."""
-        from planning.lego.bricks.brick_world import STORAGE, source_of
+        from planning.lego.bricks.brick_world import STORAGE, station_of
 
         stations = {item.name for item in self.section.stock if item.station}
         if name in {"plate", STORAGE}:
             return "a plate"
         return (
             None
-            if source_of(name, stations) == name
+            if station_of(name, stations) == name
             else "a brick of a feeding station"
         )
 
@@ -118,10 +118,10 @@ class LegoKind(AssemblyKind):
         self, name: str, known: Mapping[str, CellObject]
     ) -> CellObject | None:
         """Return a further brick of a feeding station, ``<station>.2`` and so on."""
-        from planning.lego.bricks.brick_world import next_copy, source_of
+        from planning.lego.bricks.brick_world import next_copy, station_of
 
         stations = {item.name for item in self.section.stock if item.station}
-        source = source_of(name, stations)
+        source = station_of(name, stations)
         if source == name:
             return None
         return next_copy(known[source], source, int(name.rpartition(".")[2]))
@@ -145,7 +145,7 @@ class LegoKind(AssemblyKind):
     def wanted(self, _cell: CellSection) -> Expectations:
         """Return the places of all bricks, of any brick of the type, and which steps are held."""
         from planning.lego.bricks.grid import box_pose
-        from planning.lego.sequencing.remedies import on_plinth
+        from planning.lego.sequencing.remedies import raise_on_plinth
 
         rules, assembly = self.section.rules, build_lego(self.section)
         places = [
@@ -158,7 +158,9 @@ class LegoKind(AssemblyKind):
             )
             for k, step in enumerate(assembly.steps, start=1)
         ]
-        raised, plinth = on_plinth(build_structure(self.section) or (), rules.plinth)
+        raised, plinth = raise_on_plinth(
+            build_structure(self.section) or (), rules.plinth
+        )
         for item in (*raised, *plinth):
             pose, words = (
                 box_pose(assembly.plate, item),
@@ -180,7 +182,7 @@ class LegoKind(AssemblyKind):
         """
         from planning.lego.skills.candidates import find_candidates
         from planning.lego.skills.expansion import lego_work
-        from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
+        from twin.planning.in_turns import ASSIGNMENT, plan_sequentially
 
         if self.section.structure is not None:
             work = self._sequenced(cell, watch)
@@ -188,7 +190,7 @@ class LegoKind(AssemblyKind):
             with watch.stage("assignment", ASSIGNMENT):
                 assembly = self._given(cell, self._rules(cell))
                 work = lego_work(find_candidates(cell, assembly))
-        motions = plan_in_turns(cell, work.assembly, work, settings, watch)
+        motions = plan_sequentially(cell, work.assembly, work, settings, watch)
         return self.finished(motions)
 
     def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
@@ -198,7 +200,7 @@ class LegoKind(AssemblyKind):
         is found when it is planned: a sequence that they cannot do is not sought anew.
         """
         from planning.lego.sequencing.blocking import check_reach
-        from planning.lego.skills.candidates import candidates_up_to, no_candidates
+        from planning.lego.skills.candidates import candidates_up_to, empty_candidates
         from planning.lego.skills.expansion import lego_work
         from planning.tasks.work import WorkAhead
 
@@ -209,7 +211,7 @@ class LegoKind(AssemblyKind):
             else:
                 assembly, _ = find_sequence(self.section, rules, robots=robots)
                 check_reach(cell, assembly)
-        known = no_candidates(cell, assembly)
+        known = empty_candidates(cell, assembly)
 
         def first(count: int) -> AssemblyWork:
             nonlocal known
@@ -299,14 +301,16 @@ def build_lego(lego: LegoSection) -> LegoAssembly:
     twist = lego.twist_deg.model_dump(by_alias=True)
     storage = lego.storage_plate
     return LegoAssembly(
-        plate=as_planned(Plate, lego.plate),
+        plate=to_planning_class(Plate, lego.plate),
         stock=tuple(
-            as_planned(StockBrick, item, brick=types[item.brick], cell=cell_of(item))
+            to_planning_class(
+                StockBrick, item, brick=types[item.brick], cell=brick_cell(item)
+            )
             for item in lego.stock
         ),
         steps=tuple(_step(s, types) for s in lego.steps),
         twist={skill: float(np.deg2rad(angle)) for skill, angle in twist.items()},
-        storage=None if storage is None else as_planned(Plate, storage),
+        storage=None if storage is None else to_planning_class(Plate, storage),
     )
 
 
@@ -362,7 +366,7 @@ def sequencing_rules(
         for x, y in product(range(span.x0, span.x1), range(span.y0, span.y1))
     }
     ground = frozenset(product(range(wide), range(deep))) - kept
-    return as_planned(
+    return to_planning_class(
         SequencingRules,
         allowed,
         scaffold=bool(allowed.scaffold),
@@ -423,20 +427,20 @@ def _step(section: BrickStepSection, types: Mapping[str, BrickType]) -> LegoStep
     presses = section.presses or filter(None, [section.press])
     supports = section.supports or filter(None, [section.support])
     up = section.place == "up"
-    return as_planned(
+    return to_planning_class(
         LegoStep,
         section,
         brick=types[section.brick],
-        cell=cell_of(section),
+        cell=brick_cell(section),
         up=up,
-        presses=tuple(as_planned(Press, item) for item in presses),
-        supports=tuple(support_of(item, up=up) for item in supports),
+        presses=tuple(to_planning_class(Press, item) for item in presses),
+        supports=tuple(support_place(item, up=up) for item in supports),
     )
 
 
 def brick_colours(section: LegoSection) -> dict[Cell, Colour]:
     """Return the colours that steps or bricks of the structure are given, by their cells."""
     structure = () if section.structure is None else section.structure.bricks
-    given = {cell_of(item): item.colour for item in section.steps}
-    given |= {cell_of(item): item.colour for item in structure}
+    given = {brick_cell(item): item.colour for item in section.steps}
+    given |= {brick_cell(item): item.colour for item in structure}
     return {cell: colour for cell, colour in given.items() if colour is not None}

@@ -24,7 +24,7 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.brick_world import brick_colour, stock_objects
 from planning.lego.bricks.grid import box_pose, box_size
-from planning.lego.importers.brick_models.ldraw_files import STUD, number_of
+from planning.lego.importers.brick_models.ldraw_files import STUD, part_number
 from planning.transforms import Transform, inverse
 from twin.kinds.lego.section import LegoSection, brick_types
 from twin.scenario.sections.scenario import Scenario
@@ -179,7 +179,7 @@ def _scaffold(
 def _line(brick: ShownBrick) -> str:
     """Return the line of a part: its origin is in the middle of its top, its y points down."""
     kind = brick.kind
-    number = number_of(kind.studs, kind.height)
+    number = part_number(kind.studs, kind.height)
     if number is None:
         form = (
             f"{kind.studs[0]} x {kind.studs[1]} studs, {kind.height}/3 of a brick high"

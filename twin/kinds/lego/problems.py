@@ -9,18 +9,18 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, GridPlace
-from planning.lego.bricks.grid import joined_to_plate
+from planning.lego.bricks.grid import bricks_joined_to_plate
 from planning.lego.skills.targets import supported_span
-from twin.document.validation import Found, unknown_name, unless_known
+from twin.document.validation import Found, check_known_name, unknown_name
 from twin.document.yaml_text import KeyPath
 from twin.kinds.lego.section import (
     BrickStepSection,
     LegoSection,
     StockSection,
+    brick_cell,
     brick_types,
-    cell_of,
-    places_of,
-    support_of,
+    filled_grid_places,
+    support_place,
 )
 from twin.kinds.lego.structure import read_structure
 
@@ -46,7 +46,7 @@ def _unknown_bricks(assembly: LegoSection, types: Mapping[str, BrickType]) -> Fo
     for group in ("stock", "steps"):
         for i, item in enumerate(getattr(assembly, group)):
             at = ("assembly", group, i, "brick")
-            yield from unless_known(at, "brick type", item.brick, types)
+            yield from check_known_name(at, "brick type", item.brick, types)
 
 
 def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Found:
@@ -65,10 +65,10 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
     for k, step in enumerate(assembly.steps):
         at = ("assembly", "steps", k)
         label = f"step {k + 1}"
-        cells = places_of(step, types)
+        cells = filled_grid_places(step, types)
         source = owner.get(step.stock or "")
         if source is not None and not source.station:
-            for cell in places_of(source, types):
+            for cell in filled_grid_places(source, types):
                 if taken.get(cell) == source.name:
                     del taken[cell]
         if message := _off_plate(cells, studs):
@@ -76,7 +76,7 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
         if other := _first_taken(cells, taken):
             yield (*at, "at"), f"{label} goes where {other} already is"
         elif step.place == "down" and not (
-            cell_of(step).level == 0 or _touches(cells, structure, -1)
+            brick_cell(step).level == 0 or _touches(cells, structure, -1)
         ):
             text = "no stud of it is above the plate or a brick placed before"
             yield (*at, "at"), f"{label} would float: {text}"
@@ -111,7 +111,7 @@ def _check_step(
     if step.place == "up" and step.support is None:
         yield at, "a brick placed from below needs 'support'"
     if step.support is not None:
-        cells = supported_span(support_of(step.support)).places
+        cells = supported_span(support_place(step.support)).places
         if other := _first_taken(cells, taken):
             yield (*at, "support", "at"), f"the support goes where {other} is"
 
@@ -126,16 +126,16 @@ def _check_stock(
 
     Every brick must be joined to the plate through others, never through a station.
     """
-    cells = {item.name: places_of(item, types) for _, item in stock}
+    cells = {item.name: filled_grid_places(item, types) for _, item in stock}
     for i, item in stock:
         at: KeyPath = ("assembly", "stock", i, "at")
-        own = places_of(item, types)
+        own = filled_grid_places(item, types)
         if message := _off_plate(own, studs):
             yield at, message
         if other := _first_taken(own, taken):
             yield at, f"{item.name} stands where {other} already stands"
         taken.update(dict.fromkeys(own, item.name))
-    held = joined_to_plate(cells)
+    held = bricks_joined_to_plate(cells)
     stations = [item.name for _, item in stock if item.station]
     for i, item in stock:
         at = ("assembly", "stock", i, "at")
@@ -237,10 +237,10 @@ def find_structure_problems(assembly: LegoSection) -> Found:
     for item in assembly.stock:
         if item.fixed or assembly.storage_plate is None:
             words = f"{item.name} of the stock"
-            taken.update(dict.fromkeys(places_of(item, types), words))
+            taken.update(dict.fromkeys(filled_grid_places(item, types), words))
     studs = {k: brick.places for k, brick in enumerate(read.bricks)}
-    fixed = [places_of(item, types) for item in assembly.stock if item.fixed]
-    held = joined_to_plate(studs, frozenset().union(*fixed))
+    fixed = [filled_grid_places(item, types) for item in assembly.stock if item.fixed]
+    held = bricks_joined_to_plate(studs, frozenset().union(*fixed))
     _, stations, supply = _free_stock(assembly)
     total = Counter(brick.brick.name for brick in read.bricks)
     need: Counter[str] = Counter()

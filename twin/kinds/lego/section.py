@@ -25,7 +25,7 @@ from twin.kinds.lego.structure import (
     StructureSection,
 )
 from twin.scenario.sections.kind import AssemblySection
-from twin.scenario.sections.shapes import Colour, PoseSection, as_planned
+from twin.scenario.sections.shapes import Colour, PoseSection, to_planning_class
 
 Studs = Two[Annotated[int, Field(ge=1, le=1000)]]
 TwistDeg = Annotated[float, Field(gt=0, lt=90)]
@@ -273,22 +273,22 @@ class LegoSection(AssemblySection):
 def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
     """Return the brick types by name: the library, then those of the scenario."""
     own = assembly.bricks.items()
-    return {**BRICKS, **{k: as_planned(BrickType, v, name=k) for k, v in own}}
+    return {**BRICKS, **{k: to_planning_class(BrickType, v, name=k) for k, v in own}}
 
 
-def cell_of(item: StockSection | BrickStepSection | StructureBrickSection) -> Cell:
+def brick_cell(item: StockSection | BrickStepSection | StructureBrickSection) -> Cell:
     """Return the cell of a brick of the stock, of a step or of a structure."""
     return Cell(*item.at, item.turned, item.raised)
 
 
-def places_of(
+def filled_grid_places(
     item: StockSection | BrickStepSection, types: Mapping[str, BrickType]
 ) -> frozenset[GridPlace]:
     """Return the places on the grid that a brick of the stock or of a step fills."""
-    return PlacedBrick("", types[item.brick], cell_of(item)).places
+    return PlacedBrick("", types[item.brick], brick_cell(item)).places
 
 
-def support_of(item: SupportSection, *, up: bool = False) -> Support:
+def support_place(item: SupportSection, *, up: bool = False) -> Support:
     """Return the place of a supporting tool, which is above for a place from below."""
     x, y, z = item.at
     cell = Cell(x, y, z, raised=item.raised)

@@ -59,7 +59,7 @@ def sequence(
     that some robots of the cell can do, among all that stands there by then; ways between steps
     are left to planning.
     """
-    from planning.tasks.highs_solver import require_candidates
+    from planning.tasks.highs_solver import check_candidates
     from twin.host.progress import StageWatch
     from twin.kinds.lego.kind import buildable_sequence
     from twin.kinds.lego.section import LegoSection
@@ -77,7 +77,7 @@ def sequence(
     cell = build_workcell(loaded, scenario.parent)
     try:
         sequenced = buildable_sequence(lego, cell, StageWatch())
-        require_candidates(sequenced.candidates.problem)
+        check_candidates(sequenced.candidates.problem)
     except InfeasibleStepError as error:
         raise error.with_message(f"{scenario}: {error}") from None
     found = sequenced.found

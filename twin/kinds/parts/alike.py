@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import product, zip_longest
 from typing import TypeVar
 
-from scheduling.copies import numbered
+from scheduling.copies import product_part_name
 from twin.document.validation import Found
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.between import FitSection
@@ -52,7 +52,7 @@ def alike_parts(section: PartsSection) -> tuple[AlikeParts, ...]:
         if part.several:
             goals = len(_poses(part.goals))
             count = part.count or len(_poses(part.starts)) or goals
-            names = tuple(numbered(part.name, k) for k in range(1, count + 1))
+            names = tuple(product_part_name(part.name, k) for k in range(1, count + 1))
             found.append(AlikeParts(part.name, names, goals, part.source is not None))
     return tuple(found)
 
@@ -142,7 +142,7 @@ def _pairs(pairs: Sequence[Pair], kinds: dict[str, AlikeParts]) -> tuple[Pair, .
     )
 
 
-def of_each(
+def expand_pairs(
     pairs: Mapping[frozenset[str], float], alike: Sequence[AlikeParts]
 ) -> dict[frozenset[str], float]:
     """Return what holds for pairs, of a kind for each of its parts.

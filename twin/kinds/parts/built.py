@@ -24,8 +24,8 @@ from planning.parts.assembly import (
 from planning.tasks.task import (
     TimeLag,
 )
-from planning.transforms import Transform, readonly
-from twin.kinds.parts.line import Line, MachineJob, written_out
+from planning.transforms import Transform, read_only_copy
+from twin.kinds.parts.line import Line, MachineJob, write_out_line
 from twin.kinds.parts.section import (
     PartGripSection,
     PartSection,
@@ -33,25 +33,29 @@ from twin.kinds.parts.section import (
     PlaceOfWork,
     StepSection,
 )
-from twin.scenario.sections.shapes import as_planned, build_transform, plain_values
+from twin.scenario.sections.shapes import (
+    build_transform,
+    plain_values,
+    to_planning_class,
+)
 
 
 def build_assembly(section: PartsSection) -> PartAssembly:
     """Return goals, steps, grips and supplies of a section, its products written out."""
-    return assembly_of(written_out(section))
+    return assembly_of(write_out_line(section))
 
 
 def assembly_of(line: Line) -> PartAssembly:
     """Return goals, steps, grips and supplies of what is written out."""
     section = line.section
-    usual = as_planned(
+    usual = to_planning_class(
         PartHandling, section, grips=_grip_rules(section.grips, GripRules())
     )
-    return as_planned(
+    return to_planning_class(
         PartAssembly,
         section,
         goals={
-            part.name: readonly(build_transform(part.goal))
+            part.name: read_only_copy(build_transform(part.goal))
             for part in section.parts
             if part.goal is not None
         },
@@ -89,11 +93,13 @@ def _balance(section: PartsSection) -> StandingRules | None:
     if not own.check:
         return None
     joints = (
-        as_planned(Joint, item, first=first, second=second)
+        to_planning_class(Joint, item, first=first, second=second)
         for item in section.joined
         for first, second in [item.parts]
     )
-    return as_planned(StandingRules, own, touch=section.touch_m, joints=tuple(joints))
+    return to_planning_class(
+        StandingRules, own, touch=section.touch_m, joints=tuple(joints)
+    )
 
 
 def _grip_rules(section: PartGripSection, rules: GripRules) -> GripRules:
@@ -136,12 +142,12 @@ def _step(
     if step.place is not None:
         stop = None if at is None else _spot(section, at)
         own = {"name": step.known_as, "part": step.place}
-        return as_planned(PlacePart, step, stop=stop, **own, **when)
+        return to_planning_class(PlacePart, step, stop=stop, **own, **when)
     assert at is not None
     if job is not None:
         own = {"machine": job.machine, "part": at.part, "door": job.door}
-        return as_planned(MachineWork, step, **own, **when)
-    return as_planned(
+        return to_planning_class(MachineWork, step, **own, **when)
+    return to_planning_class(
         Work, step, process=_process(section, step), spot=_spot(section, at), **when
     )
 
@@ -155,7 +161,7 @@ def _spot(section: PartsSection, at: PlaceOfWork) -> Spot:
     if at.pose is not None:
         pose = pose @ build_transform(at.pose)
     frame = at.frame if at.fixture is not None else None
-    return Spot(_words(at), at.part or at.fixture, frame, readonly(pose))
+    return Spot(_words(at), at.part or at.fixture, frame, read_only_copy(pose))
 
 
 def _process(section: PartsSection, step: StepSection) -> Process:
@@ -165,11 +171,11 @@ def _process(section: PartsSection, step: StepSection) -> Process:
     turn = own.turn_deg if step.turn_deg is None else step.turn_deg
     turns = np.arange(own.turns) * 360.0 / own.turns if turn is None else [turn]
     path = own.path if step.path is None else step.path
-    return as_planned(
+    return to_planning_class(
         Process,
         own,
         name=step.process,
-        path=tuple(readonly(build_transform(pose)) for pose in path),
+        path=tuple(read_only_copy(build_transform(pose)) for pose in path),
         turns=tuple(np.deg2rad(turns).tolist()),
     )
 

@@ -7,13 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from planning.expectations import ChangedTool, Expectations, WantedProcess, WantedRest
+from planning.expectations import (
+    ChangedTool,
+    Expectations,
+    ExpectedProcess,
+    ExpectedRest,
+)
 from planning.expectations import Place as WantedPlace
 from planning.parts.assembly import MachineWork, PlacePart, Work
-from planning.transforms import Transform, readonly
-from twin.kinds.parts.alike import of_each
+from planning.transforms import Transform, read_only_copy
+from twin.kinds.parts.alike import expand_pairs
 from twin.kinds.parts.built import assembly_of, joined_pairs, overlaps_of
-from twin.kinds.parts.line import written_out
+from twin.kinds.parts.line import write_out_line
 from twin.kinds.parts.section import PartsSection
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.shapes import build_transform
@@ -21,7 +26,7 @@ from twin.scenario.sections.shapes import build_transform
 
 def expectations_of(section: PartsSection, cell: CellSection) -> Expectations:
     """Return the goals of the parts, where they lie on their way, and what is done to them."""
-    line = written_out(section, whole=True)
+    line = write_out_line(section, whole=True)
     assembly, parts = assembly_of(line), {p.name: p for p in line.section.parts}
     gone = {
         name for leaving in line.supply.leaves.values() for name, _ in leaving.parts
@@ -44,11 +49,11 @@ def expectations_of(section: PartsSection, cell: CellSection) -> Expectations:
             lies = where[step.part]
             machine = section.processes[step.process].machine
             done = step.words, step.part, lies, step.process, machine
-            rests.append(WantedRest(*done, **known, step=k))
+            rests.append(ExpectedRest(*done, **known, step=k))
         elif step.stop is not None:
             frame = _fixture_frame(cell, step.stop.owner, step.stop.frame)
-            where[step.part] = readonly(frame @ step.stop.pose)
-            rests.append(WantedRest(step.words, step.part, where[step.part], step=k))
+            where[step.part] = read_only_copy(frame @ step.stop.pose)
+            rests.append(ExpectedRest(step.words, step.part, where[step.part], step=k))
         else:
             where[step.part] = assembly.goals[step.part]
             if step.part not in gone:
@@ -83,10 +88,10 @@ def expectations_of(section: PartsSection, cell: CellSection) -> Expectations:
             name for name in assembly.goals if assembly.handling(name).grips.suction
         ),
         processes=tuple(processes),
-        joined=of_each(joined_pairs(section), line.alike),
+        joined=expand_pairs(joined_pairs(section), line.alike),
         overlaps_m={
             **overlaps_of(line.section).said,
-            **of_each(overlaps_of(section).said, line.alike),
+            **expand_pairs(overlaps_of(section).said, line.alike),
         },
         rests=tuple(rests),
         doors=frozenset(job.door for job in line.jobs.values() if job.door),
@@ -130,7 +135,7 @@ def _fixture_frame(
     return np.eye(4)
 
 
-def _wanted_process(cell: CellSection, step: Work, known: Any) -> WantedProcess:
+def _wanted_process(cell: CellSection, step: Work, known: Any) -> ExpectedProcess:
     spot, tool = step.spot, step.process.tool
     owner, pose = spot.owner, spot.pose
     robots = step.robots
@@ -140,12 +145,12 @@ def _wanted_process(cell: CellSection, step: Work, known: Any) -> WantedProcess:
     if any(item.name == owner for item in cell.fixtures):
         pose = _fixture_frame(cell, owner, spot.frame) @ pose
         owner = None
-    return WantedProcess(
+    return ExpectedProcess(
         words=step.words,
         process=step.process.name,
         owner=owner,
         pose=pose,
-        path=step.process.path or (readonly(np.eye(4)),),
+        path=step.process.path or (read_only_copy(np.eye(4)),),
         frame=step.process.frame,
         robots=robots,
         tool=tool,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, PlacedRobot, Workcell
 from planning.expectations import Expectations
 from planning.tasks.task import CLOSE, DOOR, OPEN, ActuationKey
-from planning.transforms import readonly
+from planning.transforms import read_only_copy
 from twin.document.validation import Found
 from twin.document.yaml_text import KeyPath
 from twin.durations.composed import AnyDuration, SkillOverride
@@ -22,7 +22,7 @@ from twin.kinds.parts.alike import (
     listed_steps,
     with_named_parts,
 )
-from twin.kinds.parts.line import Line, machine_durations, written_out
+from twin.kinds.parts.line import Line, machine_durations, write_out_line
 from twin.kinds.parts.problems import (
     disturbed_machines,
     find_part_problems,
@@ -32,7 +32,7 @@ from twin.kinds.parts.section import PartSection, PartsSection
 from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import CellSection, RobotSection, actuation_model
 from twin.scenario.sections.kind import AssemblyKind, IdleReason
-from twin.scenario.sections.shapes import as_planned, build_transform
+from twin.scenario.sections.shapes import build_transform, to_planning_class
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
@@ -68,7 +68,7 @@ class PartKind(AssemblyKind):
     @property
     def line(self) -> Line:
         """The products that are planned."""
-        return written_out(self.section, whole=self.whole)
+        return write_out_line(self.section, whole=self.whole)
 
     def written_out(self) -> PartKind:
         """Return the same with every product planned by itself."""
@@ -125,11 +125,13 @@ class PartKind(AssemblyKind):
         self, cell: Workcell, robots: Sequence[RobotSection]
     ) -> Mapping[str, float]:
         """Return how likely robots whose repeatability is stated miss the places of parts, by ROBOT/PART."""
-        from planning.steps.tool_changes import with_every_tool
+        from planning.steps.tool_changes import with_all_tools_mounted
         from twin.kinds.parts.fits import place_misses
         from twin.kinds.parts.ordered_parts import OrderedParts
 
-        return place_misses(OrderedParts(with_every_tool(cell), self.section), robots)
+        return place_misses(
+            OrderedParts(with_all_tools_mounted(cell), self.section), robots
+        )
 
     def default_durations(self) -> Mapping[str, AnyDuration]:
         """Return nothing: skills take their motions, and what tools take to close and to open."""
@@ -203,17 +205,17 @@ class PartKind(AssemblyKind):
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
     ) -> PlannedMotions:
         """Find the candidates, choose, and plan one task after another."""
-        from twin.planning.in_turns import plan_in_turns
+        from twin.planning.in_turns import plan_sequentially
 
         assembly, work = self._work(cell, watch)
-        return self.finished(plan_in_turns(cell, assembly, work, settings, watch))
+        return self.finished(plan_sequentially(cell, assembly, work, settings, watch))
 
     def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
         """Return the work of any number of products, looked at when they are planned; see ``AssemblyKind``.
 
         All are looked at beforehand where that is one search, so only for the sake of spare ones.
         """
-        from planning.parts.candidates import StepsAhead
+        from planning.parts.candidates import LazyCandidates
         from planning.parts.work import first_work
         from planning.tasks.work import WorkAhead
         from twin.kinds.parts.built import assembly_of
@@ -229,14 +231,14 @@ class PartKind(AssemblyKind):
             first = self._work(cell, watch)[1].of_first
         else:
             with watch.stage("assignment", ASSIGNMENT):
-                first = partial(first_work, StepsAhead(cell, assembly))
+                first = partial(first_work, LazyCandidates(cell, assembly))
         return WorkAhead(self.steps(), first, self.wanted_steps(), period)
 
     def _work(self, cell: Workcell, watch: StageWatch) -> tuple[Any, AssemblyWork]:
         """Return what is built, and its work."""
         from planning.parts.alike import find_alike_candidates
         from planning.parts.candidates import find_candidates
-        from planning.parts.order import find_ordered_candidates, in_found_order
+        from planning.parts.order import find_ordered_candidates, order_steps_by_search
         from planning.parts.work import part_work
         from twin.kinds.parts.built import assembly_of
         from twin.planning.in_turns import ASSIGNMENT
@@ -245,7 +247,9 @@ class PartKind(AssemblyKind):
         with watch.stage("assignment", ASSIGNMENT):
             if self.section.order == "find":
                 find = partial(find_ordered_candidates, progress=watch.reporter(ORDERS))
-                found = find_alike_candidates(cell, assembly, find, in_found_order)
+                found = find_alike_candidates(
+                    cell, assembly, find, order_steps_by_search
+                )
             else:
                 found = find_alike_candidates(cell, assembly, find_candidates)
             work = part_work(found)
@@ -274,7 +278,7 @@ def _doors(line: Line, folder: Path) -> Iterator[CellObject]:
         if job.door is None or door is None:
             continue
         shape = build_shape(job.door, door.described, folder)
-        pose = readonly(build_transform(door.pose))
+        pose = read_only_copy(build_transform(door.pose))
         yield CellObject(
             job.door, DOOR, shape, pose, fixed=True, colour=_GREY_BLUE, later=True
         )
@@ -283,9 +287,9 @@ def _doors(line: Line, folder: Path) -> Iterator[CellObject]:
 def _part(part: PartSection, line: Line, folder: Path) -> CellObject:
     shape = build_shape(part.name, part.described, folder)
     if part.centre_of_mass_m is not None:
-        shape = replace(shape, own_centre=readonly(part.centre_of_mass_m))
+        shape = replace(shape, own_centre=read_only_copy(part.centre_of_mass_m))
     spare = [name for own in line.alike if own.goals for name in own.names]
-    return as_planned(
+    return to_planning_class(
         CellObject,
         part,
         kind=part.shape_words,

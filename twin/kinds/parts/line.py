@@ -11,9 +11,9 @@ from itertools import product as product_of
 from typing import TypeVar
 
 from planning.tasks.task import LAG, TimeLag
-from planning.tasks.work import Leaving, Lying, Refill, Supply
-from planning.transforms import Transform, readonly, translation
-from scheduling.copies import numbered
+from planning.tasks.work import Leaving, PlacedPart, Refill, Supply
+from planning.transforms import Transform, read_only_copy, translation
+from scheduling.copies import product_part_name
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.kinds.parts.alike import AlikeParts, alike_parts, with_named_parts
@@ -71,12 +71,16 @@ def machine_jobs(section: PartsSection, period: int) -> Mapping[int, MachineJob]
         machine, door, part = process.machine, None, None
         if machine is None:
             counted[name, 0] += 1
-            machine = name if uses[name] == 1 else numbered(name, counted[name, 0])
+            machine = (
+                name if uses[name] == 1 else product_part_name(name, counted[name, 0])
+            )
         elif machine in section.machines and section.machines[machine].door:
             counted[machine, product] += 1
             turn = counted[machine, product]
             part = f"{machine}.door{turn if turn > 1 else ''}"
-            door = part if section.products is None else numbered(part, product)
+            door = (
+                part if section.products is None else product_part_name(part, product)
+            )
         found[number] = MachineJob(machine, door, part, product)
     return found
 
@@ -134,7 +138,7 @@ class Line:
         return tuple(dict.fromkeys(name for name in names if name is not None))
 
 
-def written_out(section: PartsSection, *, whole: bool = False) -> Line:
+def write_out_line(section: PartsSection, *, whole: bool = False) -> Line:
     """Return the line of an assembly.
 
     Args:
@@ -165,12 +169,12 @@ def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
     for name, source in section.sources.items():
         if isinstance(source, ConveyorSection):
             found.append(("arrive", name, source.interval))
-            found.append(("present", presenter(name, source), source.advance))
+            found.append(("present", feeding_machine(name, source), source.advance))
         else:
             found.append(("present", name, source.refill_time))
     if section.products is not None:
         found.append(("leave", OUTFEED, section.products.leave_time))
-    for own in written_out(section).lags.values():
+    for own in write_out_line(section).lags.values():
         for lag in own:
             if lag.machine is not None:
                 found.append((LAG, lag.machine, Fixed(value_s=lag.least)))
@@ -180,20 +184,20 @@ def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
     )
 
 
-def presenter(name: str, source: SourceSection) -> str:
+def feeding_machine(name: str, source: SourceSection) -> str:
     """Return the machine after whose task the next part is there."""
     return f"{name}.end" if isinstance(source, ConveyorSection) else name
 
 
-def slots(source: SourceSection) -> tuple[Transform, ...]:
+def source_places(source: SourceSection) -> tuple[Transform, ...]:
     """Return where the parts of a full source lie, in the order in which they are taken."""
     pose = build_transform(source.pose)
     if isinstance(source, TraySection):
-        return tuple(readonly(pose @ at) for at in source.grid.places())
+        return tuple(read_only_copy(pose @ at) for at in source.grid.places())
     if isinstance(source, StackSection):
         down = [translation(0.0, 0.0, -k * source.pitch_m) for k in range(source.count)]
-        return tuple(readonly(pose @ at) for at in down)
-    return (readonly(pose),)
+        return tuple(read_only_copy(pose @ at) for at in down)
+    return (read_only_copy(pose),)
 
 
 class _Writer:
@@ -206,7 +210,9 @@ class _Writer:
         self.products = 1 if products is None else products.count
         if whole and products is not None:
             self.products += products.spare
-        self.slots = {name: slots(item) for name, item in section.sources.items()}
+        self.slots = {
+            name: source_places(item) for name, item in section.sources.items()
+        }
         self.taken: dict[str, list[str]] = {name: [] for name in section.sources}
         for name in section.taken:
             if (source := self.parts[name].source) is not None:
@@ -287,7 +293,7 @@ class _Writer:
 
     def _name(self, part: str, product: int) -> str:
         own = self.section.products is not None and part in self.section.placed
-        return numbered(part, product) if own else part
+        return product_part_name(part, product) if own else part
 
     def _taken(self, names: list[str], q: int) -> str:
         return self._name(names[q % len(names)], q // len(names) + 1)
@@ -314,11 +320,11 @@ class _Writer:
         """Return what comes up at a source with a part counted from 0."""
         names, places = self.taken[source], self.slots[source]
         last = min(first + len(places), self.products * len(names))
-        parts: tuple[Lying, ...] = tuple(
+        parts: tuple[PlacedPart, ...] = tuple(
             (self._taken(names, q), places[q % len(places)]) for q in range(first, last)
         )
         section = self.section.sources[source]
-        machine = presenter(source, section)
+        machine = feeding_machine(source, section)
         if isinstance(section, ConveyorSection):
             return Refill(machine, parts, source, section.buffer)
         return Refill(machine, parts)
@@ -339,14 +345,14 @@ class _Writer:
     def _goal(self, name: str, product: int) -> Transform:
         goal = self._part(name, product, None).goal
         assert goal is not None
-        return readonly(build_transform(goal))
+        return read_only_copy(build_transform(goal))
 
     def _joined(self) -> Iterator[JoinedSection]:
         """Yield the joints of all products, with their names."""
         for joint, product in self._of_products(self.section.joined):
             by = joint.by
             if by is not None and self.section.products is not None:
-                by = numbered(by, product)
+                by = product_part_name(by, product)
             yield joint.model_copy(update={"by": by})
 
     def _of_products(self, pairs: Sequence[Pair]) -> Iterator[tuple[Pair, int]]:
@@ -362,7 +368,7 @@ class _Writer:
             return step
         update: dict[str, object] = {
             "after": tuple(
-                x.model_copy(update={"step": numbered(x.step, product)})
+                x.model_copy(update={"step": product_part_name(x.step, product)})
                 for x in step.follows
             )
         }
@@ -370,7 +376,9 @@ class _Writer:
             if (name := getattr(step, key)) is not None:
                 own = key in ("name", "until")
                 update[key] = (
-                    numbered(name, product) if own else self._name(name, product)
+                    product_part_name(name, product)
+                    if own
+                    else self._name(name, product)
                 )
         if step.at is not None and step.at.part is not None:
             part = self._name(step.at.part, product)

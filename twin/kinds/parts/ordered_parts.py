@@ -42,19 +42,19 @@ class OrderedParts:
     @cached_property
     def there(self) -> Workcell:
         """The cell as steps find it: parts that are alike are nowhere, as each may come from anywhere."""
-        from planning.parts.alike import from_nowhere
+        from planning.parts.alike import without_start_places
 
-        return from_nowhere(self.cell, self.listed)
+        return without_start_places(self.cell, self.listed)
 
     @cached_property
     def found(self) -> PartAssembly | str:
         """The assembly in its order, the one that is found if the file asks for that; or why not."""
-        from planning.parts.order import in_found_order
+        from planning.parts.order import order_steps_by_search
 
         if self.section.order != "find":
             return self.listed
         try:
-            return in_found_order(self.there, self.listed)
+            return order_steps_by_search(self.there, self.listed)
         except (ConstructionError, InfeasibleStepError) as error:
             return error.message
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from planning.tasks.task import ARRIVE, LEAVE, PRESENT, Task, is_done_to_a_product
-from scheduling.copies import Pattern, numbered
+from scheduling.copies import Pattern, product_part_name
 from twin.kinds.parts.line import Line
 
 
@@ -47,7 +47,7 @@ def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
             for handling in task.handlings:
                 part, number = line.numbers[handling.object]
                 if number > line.period:
-                    own = numbered(part, number - line.period)
+                    own = product_part_name(part, number - line.period)
                     yield task.index, picks[own], 1
         elif task.kind == ARRIVE:
             arrive.setdefault(task.robot, []).append(task.index)

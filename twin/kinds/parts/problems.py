@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import networkx as nx
 
-from twin.document.validation import Found, unknown_name, unless_known
+from twin.document.validation import Found, check_known_name, unknown_name
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.alike import find_alike_problems
-from twin.kinds.parts.line import OUTFEED, Line, presenter
+from twin.kinds.parts.line import OUTFEED, Line, feeding_machine
 from twin.kinds.parts.section import PartsSection, StepSection
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.standing import unlike_ends
+from twin.scenario.sections.standing import check_distinct_ends
 
 
 def find_part_problems(section: PartsSection, cell: CellSection) -> Found:
@@ -53,10 +53,10 @@ def _check_steps(section: PartsSection) -> Found:
     # Two different things are joined, by a step that there is.
     for k, item in enumerate(section.joined):
         at = ("assembly", "joined", k)
-        yield from unlike_ends(
+        yield from check_distinct_ends(
             at, item.parts, section.placed, "joined to", " by a step"
         )
-        yield from unless_known((*at, "by"), "step", item.by, names)
+        yield from check_known_name((*at, "by"), "step", item.by, names)
     # Two different things fit each other, and how is said once.
     listed: dict[frozenset[str], int] = {}
     for k, fit in enumerate(section.fits):
@@ -64,7 +64,9 @@ def _check_steps(section: PartsSection) -> Found:
         first, second = fit.parts
         earlier = listed.setdefault(frozenset(fit.parts), k)
         own = [
-            *unlike_ends(at, fit.parts, section.placed, "pressed into", " by a step")
+            *check_distinct_ends(
+                at, fit.parts, section.placed, "pressed into", " by a step"
+            )
         ]
         yield from own
         if not own and earlier != k:
@@ -75,7 +77,7 @@ def _check_until(section: PartsSection, names: dict[str, int]) -> Found:
     """What is kept hold of is let go of after a step that comes later."""
     for k, step in enumerate(section.steps):
         at: KeyPath = ("assembly", "steps", k, "until")
-        yield from unless_known(at, "step", step.until, names)
+        yield from check_known_name(at, "step", step.until, names)
         later = names.get(step.until or "", k + 1)
         if later == k:
             words = "until names a later one, which joins it"
@@ -88,15 +90,15 @@ def _check_until(section: PartsSection, names: dict[str, int]) -> Found:
 def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Found:
     parts = {part.name: part for part in section.parts}
     process = section.processes.get(step.process or "")
-    yield from unless_known((*at, "place"), "part", step.place, parts)
+    yield from check_known_name((*at, "place"), "part", step.place, parts)
     own = parts.get(step.place or "")
     if own is not None and own.goal is None and own.goals is None:
         yield (*at, "place"), f"{step.place} has no goal"
     none = f"there is no process {step.process!r}: give processes one"
-    yield from unless_known(
+    yield from check_known_name(
         (*at, "process"), "process", step.process, section.processes, none
     )
-    yield from unless_known((*at, "hold"), "part", step.hold, parts)
+    yield from check_known_name((*at, "hold"), "part", step.hold, parts)
     if step.hold is not None and step.hold == step.place and step.hold in parts:
         words = f"{step.hold} is in the hand of who places it: hold another part"
         yield (*at, "hold"), words
@@ -111,7 +113,7 @@ def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Found:
         words = "a part is put down at a fixture or in the world"
         yield (*at, "at", "part"), words
         return
-    yield from unless_known((*at, "at", "part"), "part", place.part, parts)
+    yield from check_known_name((*at, "at", "part"), "part", place.part, parts)
     if place.part in parts:
         frames = tuple(parts[place.part].frames)
         yield from _unless_framed(at, place.part, place.frame, frames)
@@ -137,7 +139,7 @@ def _check_machines(section: PartsSection) -> Found:
     for name, process in section.processes.items():
         at: KeyPath = ("assembly", "processes", name, "machine")
         none = f"there is no machine {process.machine!r}: give machines one"
-        yield from unless_known(at, "machine", process.machine, machines, none)
+        yield from check_known_name(at, "machine", process.machine, machines, none)
     used = {process.machine for process in section.processes.values()}
     for name in machines:
         if name not in used:
@@ -182,7 +184,7 @@ def _check_order(section: PartsSection, names: dict[str, int]) -> Found:
     for k, step in enumerate(section.steps):
         for i, own in enumerate(step.follows):
             name, at = own.step, ("assembly", "steps", k, "after", i)
-            yield from unless_known(at, "step", name, names)
+            yield from check_known_name(at, "step", name, names)
             if name not in names:
                 continue
             after.add_edge(k, names[name])
@@ -204,7 +206,7 @@ def _check_line(section: PartsSection) -> Found:
         at: KeyPath = ("assembly", "parts", i)
         none = f"there is no source {part.source!r}: give sources one"
         own = (*at, "source")
-        yield from unless_known(own, "source", part.source, sources, none)
+        yield from check_known_name(own, "source", part.source, sources, none)
         if part.source in sources and part.name not in placed:
             words = f"so nothing comes from {part.source}"
             yield own, f"no step places {part.name}, {words}"
@@ -224,7 +226,7 @@ def machine_names(section: PartsSection) -> Found:
     """Yield the names of machines, each with its key."""
     for name, source in section.sources.items():
         at: KeyPath = ("assembly", "sources", name)
-        for machine in dict.fromkeys((name, presenter(name, source))):
+        for machine in dict.fromkeys((name, feeding_machine(name, source))):
             yield at, machine
     for name in section.machines:
         yield ("assembly", "machines", name), name
@@ -260,7 +262,7 @@ def _check_work(section: PartsSection, cell: CellSection) -> Found:
     for name, machine in section.machines.items():
         for i, own in enumerate(machine.fixtures):
             at = ("assembly", "machines", name, "fixtures", i)
-            yield from unless_known(at, "fixture", own, fixtures)
+            yield from check_known_name(at, "fixture", own, fixtures)
     things = (*(part.name for part in section.parts), *fixtures)
     pairs = {
         "joined": [item.parts for item in section.joined],
@@ -270,18 +272,18 @@ def _check_work(section: PartsSection, cell: CellSection) -> Found:
         for k, both in enumerate(listed):
             for i, name in enumerate(both):
                 at = ("assembly", key, k, "parts", i)
-                yield from unless_known(at, "part or fixture", name, things)
+                yield from check_known_name(at, "part or fixture", name, things)
     names = [robot.name for robot in robots]
     for k, step in enumerate(section.steps):
         at = ("assembly", "steps", k)
         for i, name in enumerate(step.robots or ()):
-            yield from unless_known((*at, "robots", i), "robot", name, names)
+            yield from check_known_name((*at, "robots", i), "robot", name, names)
         if step.hold is not None and len(robots) == 1:
             yield (*at, "hold"), "another robot has to hold it, and there is only one"
         if step.at is None or step.at.fixture is None:
             continue
         known = (*at, "at", "fixture")
-        yield from unless_known(known, "fixture", step.at.fixture, fixtures)
+        yield from check_known_name(known, "fixture", step.at.fixture, fixtures)
         if (fixture := fixtures.get(step.at.fixture)) is not None:
             frames = tuple(fixture.frames)
             yield from _unless_framed(at, fixture.name, step.at.frame, frames)

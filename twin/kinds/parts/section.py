@@ -127,7 +127,7 @@ class PartSection(ShapedSection):
         return self.count is not None or bool(self.starts) or bool(self.goals)
 
     @property
-    def weight_told(self) -> bool:
+    def mass_is_given(self) -> bool:
         """Whether it is known what it weighs."""
         return self.mass_kg > 0.0 or self.density_kg_m3 is not None
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from planning.transforms import Transform, readonly, translation
+from planning.transforms import Transform, read_only_copy, translation
 from twin.document.section import Section, Several, Two, with_tuples
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
@@ -56,7 +56,7 @@ class PlacesSection(PoseSection):
         inside = (
             [translation(0.0, 0.0, 0.0)] if self.grid is None else self.grid.places()
         )
-        return [readonly(pose @ at) for at in inside]
+        return [read_only_copy(pose @ at) for at in inside]
 
 
 def _listed(places: Any) -> Any:

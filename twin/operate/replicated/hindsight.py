@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 from planning.cell.workcell import start_state
 from planning.errors import InfeasibleStepError, TransitError
 from planning.tasks.task import FAILED, GONE
-from planning.worlds.onward import Situation
+from planning.worlds.onward import ReplanningState
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
-from twin.engine.bulk.bulk_engine import held_back
+from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.host.progress import StageWatch
@@ -71,7 +71,7 @@ class Hindsight:
         if lost:
             cell = self.motions.cell
             world = World(start_state(cell), out=lost)
-            now, motions = Situation(world, self.motions.task_plan), self.motions
+            now, motions = ReplanningState(world, self.motions.task_plan), self.motions
             if motions.work is not None:
                 motions = replace(
                     motions, work=find_infeasible_steps(motions.work, now, cell)[0]
@@ -95,5 +95,7 @@ class Hindsight:
         }
         model = replace(self.model, disturbances=own.changed(failures=failures))
         return Simulator(
-            held_back(tpg, model), model, TaskSeeds.of(self.tpg).onward(tpg, 0).names
+            with_window_holds(tpg, model),
+            model,
+            TaskSeeds.of(self.tpg).onward(tpg, 0).names,
         )

@@ -14,7 +14,7 @@ from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
-from twin.engine.bulk.bulk_engine import held_back
+from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.operation import Operation, operate
 from twin.operate.replicated.hindsight import Hindsight
@@ -64,7 +64,7 @@ class OperatedRows:
 
 
 @dataclass(frozen=True)
-class Operated:
+class OperatingWorkload:
     """What it takes to operate a plan, sent along with its timing graph.
 
     Attributes:
@@ -108,11 +108,13 @@ class Operated:
 class Operator:
     """Operates replications of a plan, one after the other."""
 
-    def __init__(self, operated: Operated, model: ExecutionModel, seed: int) -> None:
+    def __init__(
+        self, operated: OperatingWorkload, model: ExecutionModel, seed: int
+    ) -> None:
         self._operated, self._model, self._seed = operated, model, seed
         about = operated.scenario, operated.motions, operated.tpg
         self._hindsight = Hindsight(*about, model)
-        self._held = held_back(operated.tpg, model)
+        self._held = with_window_holds(operated.tpg, model)
 
     def run(self, replication: int) -> Operation:
         """Operate a replication."""

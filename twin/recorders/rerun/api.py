@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from planning.errors import OutputError, RequestError
-from planning.files import replacing
+from planning.files import replace_atomically
 from twin.host.arguments import checks_arguments
 from twin.recorders.rerun.viewer import open_viewer, render_stills
 from twin.run.folder import RECORDING
@@ -57,7 +57,7 @@ def replay(
         if out is None:
             open_viewer(recording)
             return ()
-        with replacing(Path(out)) as temporary:
+        with replace_atomically(Path(out)) as temporary:
             temporary.write_bytes(recording.read_bytes())
         return (Path(out),)
 

@@ -34,7 +34,7 @@ from twin.recorders.rerun.entities import (
     time_column,
 )
 from twin.recorders.rerun.fingers import split_fingers
-from twin.run.team_colours import rgb
+from twin.run.team_colours import parse_rgb
 from twin.run.trajectory import Placement, Trajectory
 
 _FRAME_S = 0.05
@@ -69,7 +69,7 @@ def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot, colour: str) -> Urdf
     entity = entity_path(part)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / robot.model.urdf.name
-        description = painted_description(robot, rgb(colour), linear=True)
+        description = painted_description(robot, parse_rgb(colour), linear=True)
         split_fingers(robot, description.getroot())
         description.write(path)
         tree = UrdfTree.from_file_path(
@@ -215,18 +215,18 @@ def log_objects(
         own = rows[item.name]
         seen = {0: not item.later, own[0].t_ns: True}
         if item.later:
-            own = [unseen(item), *own]
+            own = [hidden_until_later(item), *own]
         if own[-1].holder == GONE:
             *own, last = own
             seen[last.t_ns] = False
         if seen == {0: True}:
             draw_object(rec, item)
         else:
-            draw_later(rec, item, list(seen), list(seen.values()))
+            draw_temporary_object(rec, item, list(seen), list(seen.values()))
         place_object(rec, item.name, own)
 
 
-def unseen(item: CellObject) -> Placement:
+def hidden_until_later(item: CellObject) -> Placement:
     """Return where an object is to come up, from the start on.
 
     A frame needs a pose before there is anything in it: the viewer warns of one that has none.
@@ -241,7 +241,7 @@ def draw_object(rec: rr.RecordingStream, item: CellObject) -> None:
         rec.log(path, frame, kind.from_fields(**fields), static=True)
 
 
-def draw_later(
+def draw_temporary_object(
     rec: rr.RecordingStream,
     item: CellObject,
     t_ns: Sequence[int],

@@ -36,7 +36,7 @@ def camera(tpg: TemporalPlanGraph) -> rrb.EyeControls3D:
     from the side from which it can be seen from the nearest.
     """
     points = site_points(tpg)
-    views = [eye_on(points, towards) for towards in _directions(tpg)]
+    views = [camera_looking_at(points, towards) for towards in _directions(tpg)]
     target, eye = min(views, key=lambda view: float(np.linalg.norm(view[1] - view[0])))
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=[0, 0, 1]
@@ -59,12 +59,12 @@ def site_points(tpg: TemporalPlanGraph) -> Array:
     ]
     chains = {chain.robot: chain for chain in tpg.chains}
     for robot in tpg.cell.robots:
-        ways = [robot.home[None]]
+        configurations = [robot.home[None]]
         if robot.name in chains:
             chain = chains[robot.name]
             step = max(1, len(chain.waypoints) // _MOST_CONFIGURATIONS)
-            ways += [chain.start[None], chain.waypoints[::step]]
-        points += [_outline(robot, q) for q in np.vstack(ways)]
+            configurations += [chain.start[None], chain.waypoints[::step]]
+        points += [_outline(robot, q) for q in np.vstack(configurations)]
     return np.vstack(points)
 
 
@@ -80,7 +80,7 @@ def _outline(robot: PlacedRobot, q: Array) -> Array:
     return np.vstack(out)
 
 
-def eye_on(points: Array, towards: Array) -> tuple[Array, Array]:
+def camera_looking_at(points: Array, towards: Array) -> tuple[Array, Array]:
     """Return what an eye looks at and where it is, so that points fill its picture.
 
     Args:

@@ -42,7 +42,7 @@ _FRAME_NS = NANOSECONDS // 20
 """Least time between two frames [ns]."""
 
 
-def held_open(robot: PlacedRobot, tree: UrdfTree) -> dict[str, float]:
+def open_finger_joints(robot: PlacedRobot, tree: UrdfTree) -> dict[str, float]:
     """Return the joints of a robot's fingers, and at which value each is open [m].
 
     Args:
@@ -119,7 +119,9 @@ def _sliding(parent: str, name: str, visual: Element, axis: Array) -> Iterator[E
     yield from (link, joint)
 
 
-def way_to_touch(robot: PlacedRobot, item: CellObject, in_flange: Transform) -> float:
+def closing_distance(
+    robot: PlacedRobot, item: CellObject, in_flange: Transform
+) -> float:
     """Return how far each finger of a robot closes on a part; 0 where they would not touch it [m].
 
     Args:
@@ -137,7 +139,7 @@ def way_to_touch(robot: PlacedRobot, item: CellObject, in_flange: Transform) -> 
     return 0.5 * sum(max(pad.way or 0.0, 0.0) for pad in pads.sides)
 
 
-def finger_moves(
+def finger_motions(
     tpg: TemporalPlanGraph,
     run: ExecutionRecord,
     placements: Sequence[Placement],
@@ -159,8 +161,10 @@ def finger_moves(
             pose = _in_flange(robot, q, task, own)
             if pose is not None:
                 begin = end - int(run.duration_ns[k][node])
-                way = way_to_touch(robot, tpg.cell.object(task.object), pose)
-                yield begin, end, act.act, way
+                displacement = closing_distance(
+                    robot, tpg.cell.object(task.object), pose
+                )
+                yield begin, end, act.act, displacement
 
 
 def _in_flange(
@@ -198,15 +202,15 @@ def move_fingers(
         rec: the recording.
         tree: of the robot.
         robot: whose fingers they are.
-        moves: as ``finger_moves`` yields them.
+        moves: as ``finger_motions`` yields them.
     """
-    fingers = held_open(robot, tree) if moves else {}
+    fingers = open_finger_joints(robot, tree) if moves else {}
     joints = {joint.name: joint for joint in tree.joints()}
     for name, opened in fingers.items():
         t_ns: list[int] = []
         values: list[float] = []
-        for begin, end, act, way in sorted(moves):
-            closed = opened - way
+        for begin, end, act, displacement in sorted(moves):
+            closed = opened - displacement
             first, last = (opened, closed) if act == CLOSE else (closed, opened)
             count = max(1, (end - begin) // _FRAME_NS)
             for j in range(count + 1):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from planning.files import replacing
+from planning.files import replace_atomically
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -27,13 +27,13 @@ from twin.recorders.rerun.bodies import (
 )
 from twin.recorders.rerun.entities import entity_path, time_column
 from twin.recorders.rerun.event_rows import EventBacklog
-from twin.recorders.rerun.fingers import finger_moves, move_fingers
+from twin.recorders.rerun.fingers import finger_motions, move_fingers
 from twin.recorders.rerun.plan_words import PlanWords
 from twin.run.activities import IDLE, WAITING, Activity, plan_colours, robot_activities
 from twin.run.events import Event
 from twin.run.execution_record import ExecutionRecord
 from twin.run.folder import RECORDING
-from twin.run.team_colours import rgb, team_colours
+from twin.run.team_colours import parse_rgb, team_colours
 from twin.run.tracking import nearest_on_path
 from twin.run.trajectory import object_placements, robot_trajectories
 
@@ -72,7 +72,7 @@ def write_recording(
     Raises:
         OutputError: the file cannot be written.
     """
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         rec = rr.RecordingStream(
             "assembly-twin",
             recording_id=f"{name}-{run.seed}-{run.replication}-{run.policy}",
@@ -93,7 +93,7 @@ def write_recording(
         ):
             tree = draw_robot(rec, robot, colours[robot.name])
             move_robot(rec, tree, robot, motion)
-            moves = list(finger_moves(tpg, run, placements, robot))
+            moves = list(finger_motions(tpg, run, placements, robot))
             move_fingers(rec, tree, robot, moves)
         log_objects(rec, tpg.cell, placements)
         names = RobotNames(rec, list(colours))
@@ -108,7 +108,7 @@ def write_recording(
             waits = ""
             if event.kind == "waiting":
                 chain = index[event.robot]
-                waits = waits_for(words, run, chain, event.node, event.t_ns)
+                waits = describe_wait(words, run, chain, event.node, event.t_ns)
             backlog.take(event, waits or event.detail)
         backlog.send(rec, words, run.makespan_ns, ended=True)
         rec.send_property("makespan_s", rr.AnyValues(value=run.makespan_s))
@@ -138,7 +138,7 @@ def _log_progress(
             done,
             np.arange(len(done)),
             chain.robot,
-            rgb(colours[chain.robot]),
+            parse_rgb(colours[chain.robot]),
         )
     waits = [wait for wait in run.waits() if wait.chain not in machines]
     times = np.array([0, *(w.start_ns for w in waits), *(w.end_ns for w in waits)])
@@ -168,7 +168,7 @@ def _log_tracking(
             near = nearest_on_path(tpg.chains[k], own.q, own.node)
             off = 1000.0 * np.abs(near - own.q).max(axis=1)
             entity = entity_path(entities.TRACKING, name)
-            _log_steps(rec, entity, own.t_ns, off, name, rgb(colours[name]))
+            _log_steps(rec, entity, own.t_ns, off, name, parse_rgb(colours[name]))
 
 
 def _log_steps(
@@ -250,7 +250,7 @@ def log_lanes(
         )
 
 
-def waits_for(
+def describe_wait(
     words: PlanWords, run: ExecutionRecord, chain: int, node: int, t_ns: int
 ) -> str:
     """Return whom a node of a run waited for at a time [ns], in words; empty for nobody."""
@@ -266,5 +266,5 @@ def waits_for(
 def _text(words: PlanWords, run: ExecutionRecord, chain: int, item: Activity) -> str:
     waits = ""
     if item.state == WAITING:
-        waits = waits_for(words, run, chain, item.first, item.start_ns)
+        waits = describe_wait(words, run, chain, item.first, item.start_ns)
     return waits or words.state(item.state, item.task)

@@ -79,7 +79,7 @@ class AssemblyKind(Protocol):
     allows_deviation: ClassVar[bool] = True
 
     @property
-    def at_once(self) -> bool:
+    def space_time(self) -> bool:
         """True if planned in space and time: robots move at once, on shortened paths.
 
         Its robots then move at the speeds of their joints, and its plan cannot be turned into

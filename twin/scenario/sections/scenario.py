@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
 from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, ActuationKey
-from twin.document.section import Name, Section, attributes, parts_of
+from twin.document.section import Name, Section, docstring_attributes, iterate_nested
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.durations.model import DurationModel, Skill
 from twin.registry import KINDS, PLANNERS, SECTIONS
@@ -150,9 +150,9 @@ class Scenario(Section):
         return tuple(
             {
                 "key": ".".join(map(str, (*path, key))),
-                "check": attributes(type(section))[key],
+                "check": docstring_attributes(type(section))[key],
             }
-            for path, section in parts_of(self)
+            for path, section in iterate_nested(self)
             if isinstance(section, Section)
             for key in type(section).model_fields
             if key.split("_")[0] == "check" and getattr(section, key) is False
@@ -210,7 +210,7 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _paths_of_constructions(self) -> Scenario:
-        if self.planning.paths != "auto" and not self.kind.at_once:
+        if self.planning.paths != "auto" and not self.kind.space_time:
             raise ValueError(
                 f"planning.paths says how the paths of a construction are found: leave it out"
                 f" for kind {self.assembly.kind!r}, or set it to 'auto'"
@@ -251,7 +251,7 @@ def follow_references(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"execution": execution})
 
 
-def resolved(scenario: Scenario) -> dict[str, Any]:
+def resolve_scenario(scenario: Scenario) -> dict[str, Any]:
     """Return the scenario with every default filled in, ready for JSON, without the sections of wings.
 
     Nothing of a run depends on these.
@@ -265,7 +265,7 @@ def resolved(scenario: Scenario) -> dict[str, Any]:
     return content
 
 
-def restored(content: Mapping[str, Any]) -> Scenario:
+def restore_scenario(content: Mapping[str, Any]) -> Scenario:
     """Return the scenario whose resolved content is given.
 
     Raises:

@@ -16,7 +16,13 @@ from planning.bounds import (
     MOST_JOINTS,
     THINNEST_M,
 )
-from planning.transforms import Transform, from_quat_wxyz, from_rpy, quat_wxyz, readonly
+from planning.transforms import (
+    Transform,
+    from_quat_wxyz,
+    from_rpy,
+    quat_wxyz,
+    read_only_copy,
+)
 from twin.document.section import Section, Three
 
 if TYPE_CHECKING:
@@ -77,7 +83,7 @@ def pose_section(transform: Transform) -> PoseSection:
     )
 
 
-def as_planned(model: type[Planned], section: Section, **own: Any) -> Planned:
+def to_planning_class(model: type[Planned], section: Section, **own: Any) -> Planned:
     """Return the data class of planning that a section describes.
 
     Args:
@@ -111,7 +117,7 @@ def plain_values(section: Section) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """Return a value with transforms for poses."""
     if isinstance(value, PoseSection):
-        return readonly(build_transform(value))
+        return read_only_copy(build_transform(value))
     if isinstance(value, dict):
         return {key: _plain(entry) for key, entry in value.items()}
     return value

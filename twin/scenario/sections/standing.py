@@ -58,7 +58,7 @@ JoinedParts = Annotated[
 """Two names, or a section in full."""
 
 
-def unlike_ends(
+def check_distinct_ends(
     at: KeyPath,
     ends: tuple[str, str],
     placed: Iterable[str],

@@ -13,7 +13,7 @@ from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENC
 from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.bulk.max_plus import Completions
 from twin.engine.execution_model import ExecutionModel
-from twin.study.gains.replays import Lever, Replay
+from twin.study.gains.replays import Intervention, Replay
 from twin.uncertainty.chain_draws import Cause
 
 WAIT_NAMES = {
@@ -28,10 +28,10 @@ _STANDS: dict[Cause, str] = {
 _EVERYONE = "all robots"
 _SKILL_NAMES = {TRANSIT: "every motion", STRAIGHT: "every straight way"}
 
-Scored = Iterator[tuple[float, Lever]]
+Scored = Iterator[tuple[float, Intervention]]
 
 
-class Most(NamedTuple):
+class CandidateLimits(NamedTuple):
     """Most candidates of each kind, those that were critical for the longest time.
 
     Attributes:
@@ -51,14 +51,17 @@ class Most(NamedTuple):
         return self.tasks + self.waits + groups + 5
 
 
-MANY = Most(tasks=20, skills=7, waits=12, robots=8)
-FEW = Most(tasks=6, skills=7, waits=0, robots=2)
+MANY = CandidateLimits(tasks=20, skills=7, waits=12, robots=8)
+FEW = CandidateLimits(tasks=6, skills=7, waits=0, robots=2)
 """By longest paths, and by events, which take a thousand times as long."""
 
 
 def candidates(
-    replay: Replay, found: Completions, model: ExecutionModel, most: Most = MANY
-) -> list[Lever]:
+    replay: Replay,
+    found: Completions,
+    model: ExecutionModel,
+    most: CandidateLimits = MANY,
+) -> list[Intervention]:
     """Return what is worth trying, by kind.
 
     The time that a lever takes on the critical path, in the mean over the replications, is the
@@ -73,7 +76,7 @@ def candidates(
         for cause, name in WAIT_NAMES.items():
             edges = np.flatnonzero(replay.graph.cause == cause)
             if found.critical_edge[edges].any():
-                levers.append(Lever("wait", name, edges=edges))
+                levers.append(Intervention("wait", name, edges=edges))
     for stand in _STANDS:
         stands = list(_standstills(replay, found, stand))
         # One robot's standstills are all there are.
@@ -93,7 +96,7 @@ def task_names(tasks: Sequence[Task]) -> list[str]:
     ]
 
 
-def _best(scored: Scored, most: int) -> list[Lever]:
+def _best(scored: Scored, most: int) -> list[Intervention]:
     """Return the levers that were critical longest; none that never were."""
     ordered = sorted(
         ((score, k, lever) for k, (score, lever) in enumerate(scored) if score > 0),
@@ -108,7 +111,7 @@ def _tasks(replay: Replay, work: Nanoseconds) -> Scored:
     for index in np.unique(task).tolist():
         rows = np.flatnonzero(task == index)
         robot = replay.tpg.tasks[index].robot
-        lever = Lever("task", names[index], robot, index, rows)
+        lever = Intervention("task", names[index], robot, index, rows)
         yield float(work[rows].sum()), lever
 
 
@@ -121,13 +124,13 @@ def _skills(replay: Replay, work: Nanoseconds) -> Scored:
     for skill in (*names, TRANSIT):
         rows = np.flatnonzero(kind == skill)
         name = _SKILL_NAMES.get(skill, f"every {skill}")
-        yield float(work[rows].sum()), Lever("skill", name, rows=rows)
+        yield float(work[rows].sum()), Intervention("skill", name, rows=rows)
 
 
 def _robots(replay: Replay, work: Nanoseconds) -> Scored:
     for robot, rows in _rows_of_robots(replay):
         name = f"all tasks of {robot}"
-        yield float(work[rows].sum()), Lever("robot", name, robot, rows=rows)
+        yield float(work[rows].sum()), Intervention("robot", name, robot, rows=rows)
 
 
 def _waits(replay: Replay, found: Completions) -> Scored:
@@ -151,7 +154,10 @@ def _waits(replay: Replay, found: Completions) -> Scored:
         name = f"{names[then]} waits for {names[first]}"
         robot = replay.tpg.tasks[then].robot
         own = np.array(edges, dtype=np.int64)
-        yield float(critical[own].sum()), Lever("wait", name, robot, then, edges=own)
+        yield (
+            float(critical[own].sum()),
+            Intervention("wait", name, robot, then, edges=own),
+        )
 
 
 def _standstills(replay: Replay, found: Completions, cause: Cause) -> Scored:
@@ -161,7 +167,7 @@ def _standstills(replay: Replay, found: Completions, cause: Cause) -> Scored:
     every = ("", np.arange(len(stood)))
     for robot, rows in (every, *_rows_of_robots(replay)):
         name = f"{_STANDS[cause]} of {robot or _EVERYONE}"
-        lever = Lever("stall", name, robot, None, rows, (cause,))
+        lever = Intervention("stall", name, robot, None, rows, (cause,))
         yield float(stood[rows].sum()), lever
 
 
@@ -171,14 +177,16 @@ def _rows_of_robots(replay: Replay) -> Iterator[tuple[str, Nanoseconds]]:
         yield chain.robot, np.arange(first[k], first[k + 1])
 
 
-def _others(model: ExecutionModel) -> list[Lever]:
+def _others(model: ExecutionModel) -> list[Intervention]:
     """Return what belongs to no node: stops by the clock, and messages."""
     levers = []
     own = model.disturbances
     if own.breakdowns is not None and own.breakdowns.clock == "run":
-        levers.append(Lever("stall", "breakdowns by the clock", stops="breakdowns"))
+        levers.append(
+            Intervention("stall", "breakdowns by the clock", stops="breakdowns")
+        )
     if own.emergency_stops:
-        levers.append(Lever("stall", "emergency stops", stops="emergency stops"))
+        levers.append(Intervention("stall", "emergency stops", stops="emergency stops"))
     if not model.messages.instant and model.policy != "open-loop":
-        levers.append(Lever("message", "messages on their way", messages=True))
+        levers.append(Intervention("message", "messages on their way", messages=True))
     return levers

@@ -13,9 +13,14 @@ from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import Report, report_nothing
 from twin.study.gains.candidates import FEW, MANY, candidates
 from twin.study.gains.paired_quantiles import PairedQuantiles
-from twin.study.gains.replays import Lever, Replay, needs_events, replay_cost
+from twin.study.gains.replays import (
+    Intervention,
+    Replay,
+    needs_event_engine,
+    replay_cost,
+)
 from twin.study.replications.experiment import Experiment
-from twin.study.replications.statistics import Figures, Told, mean_interval
+from twin.study.replications.statistics import Figures, SummaryEntry, mean_interval
 from twin.study.replications.workload import Workload
 
 SHORTER, GONE = 0.2, 1.0
@@ -58,8 +63,8 @@ class Saving(Figures):
         p90_s: of its P90 [s].
     """
 
-    mean_s: Told
-    p90_s: Told
+    mean_s: SummaryEntry
+    p90_s: SummaryEntry
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,7 @@ class Gain:
         gone: when it takes none.
     """
 
-    lever: Lever
+    lever: Intervention
     shorter: Saving
     gone: Saving
 
@@ -127,7 +132,7 @@ def cell_gains(
     candidates are tried follows from the size of the plan alone, never from the clock.
     """
     numbers = np.arange(_affordable(load, count, share), dtype=np.int64)
-    engine = "events" if needs_events(load) else "paths"
+    engine = "events" if needs_event_engine(load) else "paths"
     if len(numbers) == 0:
         return CellGains(0, engine, ())
     replay = Replay(load, numbers)
@@ -149,7 +154,7 @@ def _gains(
     load: Workload,
     replay: Replay,
     base: Array,
-    levers: Sequence[Lever],
+    levers: Sequence[Intervention],
 ) -> Iterator[Gain]:
     confidence = experiment.precision.confidence
     # Mirror images stay together only where none of them is left out.
@@ -174,15 +179,17 @@ def _gains(
 def _affordable(load: Workload, count: int, share: float) -> int:
     """Return how many replications of a cell are executed again."""
     levers, least, most, budget = MANY.levers, _LEAST_RUNS, _MOST_RUNS, _BUDGET
-    if needs_events(load):
+    if needs_event_engine(load):
         levers, budget = FEW.levers, _BUDGET_BY_EVENTS
         least, most = _LEAST_BY_EVENTS, _MOST_BY_EVENTS
     affordable = share * budget / (2 * levers * replay_cost(load))
     # A replication of a study takes a few times as long as to execute it again by paths.
-    affordable = max(affordable, count / (4 * levers if needs_events(load) else levers))
-    if needs_events(load) and affordable < least:
+    affordable = max(
+        affordable, count / (4 * levers if needs_event_engine(load) else levers)
+    )
+    if needs_event_engine(load) and affordable < least:
         return 0
-    if not needs_events(load):
+    if not needs_event_engine(load):
         least = max(_FEWEST, min(least, _MOST_VALUES // 4 // replay_cost(load)))
     most = max(least, min(most, _MOST_VALUES // replay_cost(load)))
     return min(count, int(np.clip(affordable, least, most)) // 2 * 2)

@@ -13,13 +13,13 @@ import numpy as np
 from planning.tasks.task import TRANSIT
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
-from scheduling.motion_times import at_full_speed, is_driven
+from scheduling.motion_times import is_driven, with_full_speed_times
 from twin.durations.nanoseconds import Nanoseconds
-from twin.engine.bulk.bulk_engine import BulkEngine, bulk_contraction
+from twin.engine.bulk.bulk_engine import BulkEngine, contract_for_bulk
 from twin.engine.bulk.max_plus import (
     Completions,
     PrecedenceArrays,
-    explain,
+    explain_completions,
     makespans,
     policy_graph,
 )
@@ -27,7 +27,7 @@ from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.study.replications.workload import Workload
 from twin.uncertainty.chain_draws import Cause
-from twin.uncertainty.contraction import uncontracted
+from twin.uncertainty.contraction import trivial_contraction
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.node_times import (
     NodeTimes,
@@ -35,7 +35,7 @@ from twin.uncertainty.node_times import (
     SegmentTimes,
     Standstill,
 )
-from twin.uncertainty.stops import sample_stops
+from twin.uncertainty.stop_times import draw_stops
 
 Kind = Literal["task", "skill", "robot", "wait", "stall", "message"]
 
@@ -45,7 +45,7 @@ def _none() -> Indices:
 
 
 @dataclass(frozen=True)
-class Lever:
+class Intervention:
     """Something that takes time in a plan, and could take less or none.
 
     Attributes:
@@ -79,7 +79,7 @@ class Lever:
         return self.kind != "stall" or not self.robot
 
 
-def needs_events(load: Workload) -> bool:
+def needs_event_engine(load: Workload) -> bool:
     """Tell whether a plan can be executed again by the event engine only."""
     model = load.execution
     return bool(load.reasons) and (
@@ -92,8 +92,8 @@ def needs_events(load: Workload) -> bool:
 def replay_cost(load: Workload) -> int:
     """Return how many nodes and edges are looked at in one replication."""
     tpg = load.tpg
-    if not (needs_events(load) and load.execution.policy == "open-loop"):
-        tpg = bulk_contraction(tpg, load.execution).tpg
+    if not (needs_event_engine(load) and load.execution.policy == "open-loop"):
+        tpg = contract_for_bulk(tpg, load.execution).tpg
     return sum(len(chain) for chain in tpg.chains) + len(tpg.edges)
 
 
@@ -125,20 +125,22 @@ class Replay:
         self._seed = load.seed
         self._bulk: BulkEngine | None = None
         self._simulator: Simulator | None = None
-        if needs_events(load) if by_events is None else by_events:
+        if needs_event_engine(load) if by_events is None else by_events:
             self._simulator = Simulator(load.tpg, model)
-            cut = uncontracted(load.tpg)
+            cut = trivial_contraction(load.tpg)
             if self._simulator.contraction is not None:
-                cut = bulk_contraction(load.tpg, model)
-            free = at_full_speed(load.tpg)
+                cut = contract_for_bulk(load.tpg, model)
+            free = with_full_speed_times(load.tpg)
             sampler = NodeTimeSampler(free, model.durations, model.disturbances)
             times = sampler.sample_segments(cut, seed=load.seed, replications=numbers)
-            graph = until_work_is_done(cut.tpg, policy_graph(cut.tpg, model.policy))
+            graph = graph_until_work_is_done(
+                cut.tpg, policy_graph(cut.tpg, model.policy)
+            )
         else:
             self._bulk = BulkEngine(load.tpg, model)
             cut = self._bulk.contraction
             times = self._bulk.sample(seed=load.seed, replications=numbers)
-            graph = until_work_is_done(cut.tpg, self._bulk.graph)
+            graph = graph_until_work_is_done(cut.tpg, self._bulk.graph)
             self._bulk.graph = graph
         self.tpg, self.graph = cut.tpg, graph
         self.numbers, self.times = numbers[~times.fails], times.completing()
@@ -153,16 +155,18 @@ class Replay:
         """Return what came of the replications as they were drawn."""
         if self._bulk is not None:
             return self._bulk.execute(self.times)
-        return explain(self.graph, *self._by_events(self.times, self._model))
+        return explain_completions(
+            self.graph, *self._by_events(self.times, self._model)
+        )
 
-    def makespans_ns(self, lever: Lever, share: float) -> Nanoseconds:
+    def makespans_ns(self, lever: Intervention, share: float) -> Nanoseconds:
         """Return when all work is done with a lever a share shorter, shape (r,) [ns]."""
         if len(lever.edges):
             busy_ns = self.times.busy_ns
-            return eased_makespans(self.graph, busy_ns, lever.edges, share)
+            return makespans_with_eased_waits(self.graph, busy_ns, lever.edges, share)
         model = self._model
         if lever.messages:
-            model = replace(model, messages=quicker(model.messages, share))
+            model = replace(model, messages=speed_up_messages(model.messages, share))
         if lever.stops:
             fewer = _shorter_stops(model.disturbances, lever.stops, share)
             model = replace(model, disturbances=fewer)
@@ -173,7 +177,7 @@ class Replay:
             return makespans(self.graph, self._by_events(times, model)[1])
 
     @contextmanager
-    def _shortened(self, lever: Lever, share: float) -> Iterator[SegmentTimes]:
+    def _shortened(self, lever: Intervention, share: float) -> Iterator[SegmentTimes]:
         """Give the times of nodes while a lever takes a share less.
 
         Each node is made shorter by itself; standstills stay as they were drawn unless they
@@ -187,14 +191,14 @@ class Replay:
             for k, group in enumerate(groups):
                 if group.cause in lever.causes:
                     own = np.isin(group.node, rows)
-                    less = shortened(group.duration_ns, share)
+                    less = shorten_times(group.duration_ns, share)
                     less = np.where(own, less, group.duration_ns)
                     gone = group.duration_ns - less
                     np.subtract.at(busy_ns, (group.node, group.column), gone)
                     groups[k] = replace(group, duration_ns=less)
         elif len(rows):
             work = self.work_ns[rows]
-            busy_ns[rows] = kept - work + shortened(work, share)
+            busy_ns[rows] = kept - work + shorten_times(work, share)
         try:
             yield replace(self.times, standstills=tuple(groups))
         finally:
@@ -222,7 +226,7 @@ class Replay:
                     for own in stood
                 ),
                 (-1,) * len(stood),
-                sample_stops(
+                draw_stops(
                     self.tpg, model.disturbances, seed=self._seed, replication=number
                 ),
                 speed_override=tuple(np.split(override, cuts)) if len(override) else (),
@@ -233,7 +237,7 @@ class Replay:
         return start, end
 
 
-def until_work_is_done(
+def graph_until_work_is_done(
     tpg: TemporalPlanGraph, graph: PrecedenceArrays
 ) -> PrecedenceArrays:
     """Return the graph of runs that are over when all work is done.
@@ -250,7 +254,7 @@ def until_work_is_done(
     return graph._replace(last=last) if np.any(last >= 0) else graph
 
 
-def eased_makespans(
+def makespans_with_eased_waits(
     graph: PrecedenceArrays, busy_ns: Nanoseconds, edges: Indices, share: float
 ) -> Nanoseconds:
     """Return makespans when what nodes wait for by some edges alone is a share shorter.
@@ -285,19 +289,19 @@ def eased_makespans(
             else:
                 np.maximum(free, met, out=free)
         if waits:
-            free += shortened(np.maximum(np.max(waits, axis=0) - free, 0), share)
+            free += shorten_times(np.maximum(np.max(waits, axis=0) - free, 0), share)
         end[n] = free + busy_ns[n]
     return makespans(graph, end)
 
 
-def shortened(times_ns: Nanoseconds, share: float) -> Nanoseconds:
+def shorten_times(times_ns: Nanoseconds, share: float) -> Nanoseconds:
     """Return times less a share of them, in whole nanoseconds."""
     return np.asarray(np.rint((1.0 - share) * times_ns), dtype=np.int64)
 
 
-def quicker(messages: Messages, share: float) -> Messages:
+def speed_up_messages(messages: Messages, share: float) -> Messages:
     """Return messages that take a share less time."""
-    report, release = shortened(
+    report, release = shorten_times(
         np.array([messages.report_ns, messages.release_ns]), share
     ).tolist()
     return messages._replace(report_ns=report, release_ns=release)

@@ -17,7 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.errors import OutputError
-from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz, replacing
+from planning.files import (
+    NPZ_ERRORS,
+    digest_parts,
+    read_file,
+    read_npz,
+    replace_atomically,
+)
 from planning.transforms import Array, Indices
 from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import (
@@ -28,7 +34,7 @@ from scheduling.graph.temporal_plan_graph import (
 from scheduling.graph.windows import window_gaps
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.max_plus import OTHER, Completions
-from twin.operate.replicated.operating import Operated, OperatedRows
+from twin.operate.replicated.operating import OperatedRows, OperatingWorkload
 from twin.run.throughput import product_nodes
 from twin.study.replications.experiment import Block
 
@@ -252,7 +258,7 @@ def empty_rows(
     tpg: TemporalPlanGraph,
     *,
     engine: str,
-    operated: Operated | None = None,
+    operated: OperatingWorkload | None = None,
 ) -> ReplicationRows:
     """Return rows to be filled, of those robots that have work, or may get some."""
     count = block.count
@@ -331,7 +337,7 @@ def write_block(folder: Path, result: BlockResult, made_from: str = "") -> None:
     arrays["robots"] = np.array(result.rows.robots, dtype=str)
     arrays = {name: np.asarray(values) for name, values in arrays.items()}
     arrays[_SEAL] = np.array([made_from, _digest(arrays, block, made_from)])
-    with replacing(_path(folder, block)) as temporary:
+    with replace_atomically(_path(folder, block)) as temporary:
         np.savez_compressed(temporary, **arrays)
 
 
@@ -383,12 +389,12 @@ def _digest(
 ) -> str:
     """Return a hash of what a block holds, which it is, and what it was made from."""
     digest = hashlib.sha256(f"{block} {made_from}".encode())
-    for piece in arrays_text(arrays):
+    for piece in digest_parts(arrays):
         digest.update(piece)
     return digest.hexdigest()
 
 
-def put_aside(folder: Path, block: Block) -> Path:
+def quarantine_block(folder: Path, block: Block) -> Path:
     """Move the file of a block that cannot be used out of the way; return where it is now.
 
     Raises:

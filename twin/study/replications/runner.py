@@ -17,13 +17,13 @@ from twin.host.progress import Report, report_nothing
 from twin.study.replications.block_results import (
     BlockResult,
     blocks_done,
-    put_aside,
+    quarantine_block,
     read_block,
     write_block,
 )
 from twin.study.replications.executors import parallelism
 from twin.study.replications.experiment import Block, Experiment, blocks_of
-from twin.study.replications.workload import Workload, compute_block, pack
+from twin.study.replications.workload import Workload, compute_block, pack_workload
 
 BULK_BLOCK, EVENTS_BLOCK = 500, 20
 """Replications of a block, by engine: about as much work as is worth sending away."""
@@ -86,7 +86,7 @@ def run_replications(
             if run.has_enough(target):
                 break
     for block in sorted(done - wanted, key=lambda b: (b.cell, b.first)):
-        place = put_aside(folder, block)
+        place = quarantine_block(folder, block)
         _log.warning("%s: is no block of this study and counts for nothing", place)
     return begin
 
@@ -113,7 +113,7 @@ class _Run:
         progress: Report,
     ) -> None:
         self._experiment, self._folder = experiment, folder
-        self._parcels = [pack(load) for load in workloads]
+        self._parcels = [pack_workload(load) for load in workloads]
         self._made_from = [load.made_from for load in workloads]
         # 8 bytes a replication, by cell and first replication of its block.
         self._makespans: list[dict[int, Array]] = [{} for _ in workloads]
@@ -135,7 +135,7 @@ class _Run:
         try:
             self._count(read_block(self._folder, block, self._made_from[block.cell]))
         except OutputError as error:
-            place = put_aside(self._folder, block)
+            place = quarantine_block(self._folder, block)
             _log.warning("%s; computed anew, the file is now %s", error, place)
             return False
         return True

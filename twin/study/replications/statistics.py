@@ -18,7 +18,7 @@ from scipy import stats
 
 from planning.errors import RequestError, TwinError
 from planning.transforms import Array
-from twin.host.atomic_files import finite
+from twin.host.atomic_files import finite_or_none
 
 _SYMMETRIC = 1e-9
 """Skewness over the root of the sample size below which Hall's interval is Student's."""
@@ -58,8 +58,8 @@ class Interval:
         needed = self.replications_needed
         return {
             "estimate": self.estimate,
-            "low": finite(self.low),
-            "high": finite(self.high),
+            "low": finite_or_none(self.low),
+            "high": finite_or_none(self.high),
             "count": self.count,
             **({} if needed is None else {"replications_needed": needed}),
         }
@@ -87,7 +87,7 @@ class Interval:
         return "; ".join(filter(None, (known, told)))
 
 
-Told = Annotated[Interval, PlainSerializer(Interval.content)]
+SummaryEntry = Annotated[Interval, PlainSerializer(Interval.content)]
 """An estimate with its interval; a bound that is infinite is None in the file."""
 
 

@@ -21,12 +21,12 @@ from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import (
     Completions,
     PrecedenceArrays,
-    explain,
+    explain_completions,
     policy_graph,
 )
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
-from twin.operate.replicated.operating import SAME, Operated, Operator
+from twin.operate.replicated.operating import SAME, OperatingWorkload, Operator
 from twin.run.execution_record import DeadlockError, ExecutionRecord
 from twin.study.replications.block_results import (
     COMPLETED,
@@ -61,10 +61,10 @@ class Workload:
     reasons: tuple[str, ...] = ()
     made_from: str = ""
     free: TemporalPlanGraph | None = None
-    operated: Operated | None = None
+    operated: OperatingWorkload | None = None
 
 
-def pack(workload: Workload) -> bytes:
+def pack_workload(workload: Workload) -> bytes:
     """Pack a workload for travel; a worker unpacks the same one once."""
     return zlib.compress(pickle.dumps(workload, protocol=5), 1)
 
@@ -138,7 +138,7 @@ class Engines:
             [-1 if run is None else run.replication for run in runs],
             [run.replication for run in done],
         )
-        found = explain(
+        found = explain_completions(
             self._node_graph,
             _columns([run.start_ns for run in done], len(self._node_graph.order)),
             _columns([run.end_ns for run in done], len(self._node_graph.order)),
@@ -224,7 +224,7 @@ class Engines:
             nodes = len(graph.order)
             times = _columns([run.start_ns], nodes), _columns([run.end_ns], nodes)
             which = np.arange(len(rows.outcome)) == place
-            rows.fill(which, explain(graph, *times), tpg)
+            rows.fill(which, explain_completions(graph, *times), tpg)
         return None
 
 

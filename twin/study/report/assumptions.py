@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from twin.check.finding import Subject
+from twin.check.finding import CheckContext
 from twin.check.robots import check_skill_times, check_speeds
 from twin.durations.measured import Packaged
 from twin.durations.model import DurationModel
@@ -56,7 +56,7 @@ def assumptions(result: StudyResult) -> Iterator[tuple[str, str]]:
     yield "Made with", ", ".join(f"{k} {v}" for k, v in versions().items())
 
 
-def warnings(subject: Subject) -> list[str]:
+def warnings(subject: CheckContext) -> list[str]:
     """Return what ``twin check`` says of the times that a study rests on."""
     found = [*check_skill_times(subject), *check_speeds(subject)]
     return [f"{'.'.join(map(str, item.at))}: {item.message}" for item in found]
@@ -124,7 +124,7 @@ def _motions(result: StudyResult) -> str:
             "planned and executed with each joint within its limits of speed, acceleration and jerk"
             " (speed_model limits)"
         )
-    if model == "joint" or Subject(scenario, result.request.base).kind.at_once:
+    if model == "joint" or CheckContext(scenario, result.request.base).kind.space_time:
         speed = "each joint within its own speed limit (speed_model joint)"
     else:
         speed = (

@@ -21,10 +21,10 @@ from twin.host.pictures import (
     INK,
     WIDTH_IN,
     bar_chart,
-    fitted,
     legend_below,
     new_picture,
     style_axes,
+    wrap_name,
 )
 from twin.run.activities import part_names
 from twin.study.replications.block_results import TaskTally, task_groups
@@ -178,7 +178,7 @@ def _draw_tasks(
         # A name stands where its bar is seen; a wider one would run into its neighbour's.
         seen = max(float(left[k]), begin), min(float(right[k]), until)
         width = (seen[1] - seen[0]) / (until - begin) * _PANEL_IN * 72.0 - 1.5
-        label = fitted(texts[k], width, _NAME_SIZE, lines=3)
+        label = wrap_name(texts[k], width, _NAME_SIZE, lines=3)
         if label:
             axes.text(
                 0.5 * sum(seen),

@@ -18,7 +18,7 @@ from twin.engine.bulk.max_plus import OTHER
 from twin.host.pictures import INK, bar_chart, legend_below, one_chart
 from twin.run.throughput import takts_s
 from twin.scenario.variations import Variant, is_of_execution
-from twin.study.folder import plain
+from twin.study.folder import plain_value
 from twin.study.products import Due
 from twin.study.replications.block_results import WAIT_COLUMNS, ProductTimes
 from twin.study.replications.statistics import Interval
@@ -101,9 +101,11 @@ def draw_response(summary: StudySummary, key: str, policies: Sequence[str]) -> F
             continue
         others = {k: v for k, v in cell.variant.items() if k != key}
         line = (cell.policy, cell_label(cell.policy, others))
-        entry = (plain(cell.variant[key]), cell.makespan_s)
+        entry = (plain_value(cell.variant[key]), cell.makespan_s)
         lines.setdefault(line, []).append(entry)
-    values = list(dict.fromkeys(plain(cell.variant[key]) for cell in summary.cells))
+    values = list(
+        dict.fromkeys(plain_value(cell.variant[key]) for cell in summary.cells)
+    )
     numeric = all(isinstance(value, int | float) for value in values)
     lines_each = max([1, *Counter(policy for policy, _ in lines).values()])
     seen: Counter[str] = Counter()

@@ -6,7 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin.drawing.markup import breakable, bullets, paragraph, table, text, told_table
+from twin.drawing.markup import (
+    breakable,
+    bullets,
+    escape_text,
+    paragraph,
+    table,
+    text_table,
+)
 from twin.operate.replicated.operating import RUNGS
 from twin.run.policies import OPEN_LOOP
 from twin.study.folder import task_columns
@@ -86,9 +93,9 @@ def _table(caption: str, gains: Sequence[Gain]) -> str:
         kind = (
             f'<span class="kind">{KINDS.get(gain.lever.kind, gain.lever.kind)}</span>'
         )
-        row = [str(rank), kind, text(gain.lever.name) + bar]
+        row = [str(rank), kind, escape_text(gain.lever.name) + bar]
         for saving in (gain.shorter, gain.gone):
-            row += [estimate(one) for one in (saving.mean_s, saving.p90_s)]
+            row += [format_estimate(one) for one in (saving.mean_s, saving.p90_s)]
         rows.append(row)
     return table(caption, [*head, f"{P90}, gone"], rows, "gains")
 
@@ -107,7 +114,7 @@ def critical_tasks_table(
     rows = [
         [
             str(rank),
-            text(names[columns["task"][k]]),
+            escape_text(names[columns["task"][k]]),
             f"{100 * share[k]:.0f} %",
             f"{slack_s[k]:.1f}",
             f"{time_s[k]:.1f}",
@@ -167,7 +174,7 @@ def lines_table(summary: StudySummary) -> str:
         if line.start_up:
             words += f"; takt and work in progress without the first {line.start_up}"
         break
-    return told_table(words, line_rows(summary))
+    return text_table(words, line_rows(summary))
 
 
 def window_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
@@ -231,14 +238,14 @@ def prevented_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
 
 def operated_tables(summary: StudySummary) -> str:
     """Return both for the report with what was given up, nothing where failures are not planned anew."""
-    out = told_table("what came of failures for good, means", operated_rows(summary))
+    out = text_table("what came of failures for good, means", operated_rows(summary))
     texts = [
         f"{cell.label}: step {step} in {count} of {cell.replications} replications"
         for cell in summary.cells
         for step, count in (cell.operated.given_up if cell.operated else {}).items()
     ]
     words = "which failure is worth preventing first: the same draws without it"
-    out += told_table(words, prevented_rows(summary), "named")
+    out += text_table(words, prevented_rows(summary), "named")
     return out + bullets("Steps that were given up", texts)
 
 
@@ -271,7 +278,7 @@ def ranking_table(summary: StudySummary, policy: str) -> str:
             str(row.rank),
             *(breakable(row.variant[key]) for key in keys),
             f"{row.mean_s:.1f}",
-            text(row.behind),
+            escape_text(row.behind),
             "" if row.rank == 1 or row.told_apart else "not told apart",
         ]
         for row in rows
@@ -288,13 +295,13 @@ def refused_table(summary: StudySummary) -> str:
     """Return the layouts that have no plan, with the reason; nothing where all have one."""
     keys = list(summary.refused[0].layout) if summary.refused else []
     rows = [
-        [*(breakable(item.layout[key]) for key in keys), text(item.reason)]
+        [*(breakable(item.layout[key]) for key in keys), escape_text(item.reason)]
         for item in summary.refused
     ]
     return table("Layouts without a plan", [*keys, "reason"], rows, "named")
 
 
-def lead(result: StudyResult) -> str:
+def replication_sentence(result: StudyResult) -> str:
     """Return in words how much was replicated."""
     experiment, summary = result.request.experiment, result.summary
     counts = sorted({cell.replications for cell in summary.cells})
@@ -321,10 +328,13 @@ def makespans_table(
     head += ["not completed"] + ([f"within {deadline:g} s"] if deadline else [])
     rows = []
     for cell in summary.cells if cells is None else cells:
-        row = [text(cell.policy), *(breakable(cell.variant[key]) for key in keys)]
+        row = [
+            escape_text(cell.policy),
+            *(breakable(cell.variant[key]) for key in keys),
+        ]
         row.append(str(cell.replications))
         row += map(
-            estimate,
+            format_estimate,
             (
                 cell.makespan_s,
                 cell.makespan_p50_s,
@@ -333,9 +343,9 @@ def makespans_table(
                 cell.makespan_p99_s,
             ),
         )
-        row.append(estimate(cell.not_completed, percent=True))
+        row.append(format_estimate(cell.not_completed, percent=True))
         if deadline:
-            row.append(estimate(cell.in_time, percent=True))
+            row.append(format_estimate(cell.in_time, percent=True))
         rows.append(row)
     share = f"{100 * summary.confidence:g} %"
     return table(f"Makespan in seconds, with {share} intervals", head, rows)
@@ -347,7 +357,10 @@ def tornado_table(cell: CellSummary) -> str:
     return table(
         f"{cell.label}: change of the mean makespan [s], the same draws",
         ["input", f"{share} less", f"{share} more"],
-        [[text(o.name), estimate(o.less_s), estimate(o.more_s)] for o in cell.tornado],
+        [
+            [escape_text(o.name), format_estimate(o.less_s), format_estimate(o.more_s)]
+            for o in cell.tornado
+        ],
         "named",
     )
 
@@ -357,12 +370,15 @@ def sobol_table(cell: CellSummary) -> str:
     return table(
         f"{cell.label}: share in the variance of the mean makespan",
         ["input", "alone", "alone and together with others"],
-        [[text(o.name), estimate(o.first), estimate(o.total)] for o in cell.sobol],
+        [
+            [escape_text(o.name), format_estimate(o.first), format_estimate(o.total)]
+            for o in cell.sobol
+        ],
         "named",
     )
 
 
-def differences(summary: StudySummary) -> str:
+def difference_list(summary: StudySummary) -> str:
     """Return a list of the policies against the first one."""
     texts = []
     for entry in summary.differences:
@@ -374,7 +390,7 @@ def differences(summary: StudySummary) -> str:
     return bullets("Differences, replication by replication", texts)
 
 
-def collided(summary: StudySummary) -> str:
+def collision_lists(summary: StudySummary) -> str:
     """Return lists of what collides when nobody waits, and when bases are off, if that was studied."""
     titles = {True: "When nobody waits for anybody", False: "When bases are off"}
     out = ""
@@ -388,7 +404,7 @@ def collided(summary: StudySummary) -> str:
     return out
 
 
-def estimate(found: Interval | None, *, percent: bool = False) -> str:
+def format_estimate(found: Interval | None, *, percent: bool = False) -> str:
     """Return an estimate with its interval in small letters under it."""
     if found is None:
         return "-"

@@ -9,24 +9,24 @@ from collections.abc import Iterator
 from importlib.resources import files
 from typing import Any
 
-from twin.check.finding import Subject
+from twin.check.finding import CheckContext
 from twin.check.picture import cell_figure
 from twin.drawing.markup import (
     bullets,
-    drawn_in,
+    escape_text,
     heading,
     page,
     pairs,
     paragraph,
-    text,
-    told_table,
+    save_and_embed_picture,
+    text_table,
 )
 from twin.host.atomic_files import write_text
 from twin.host.pictures import WIDTH_IN
 from twin.host.progress import Report
-from twin.run.policies import shown_policy
+from twin.run.policies import preferred_policy
 from twin.scenario.sections.kind import assembly_kind
-from twin.scenario.variations import varied
+from twin.scenario.variations import apply_variation
 from twin.study.folder import BLOCKS, REPORT
 from twin.study.gains.gains import LEADING
 from twin.study.products import product_times
@@ -44,18 +44,18 @@ from twin.study.report.page_tables import (
     HONEST,
     OPERATED,
     busy_rows,
-    collided,
+    collision_lists,
     critical_tasks_table,
-    differences,
+    difference_list,
     gains_tables,
     holding_texts,
     lateness_list,
-    lead,
     lines_table,
     makespans_table,
     operated_tables,
     ranking_table,
     refused_table,
+    replication_sentence,
     sobol_table,
     tornado_table,
     window_rows,
@@ -99,7 +99,7 @@ def write_report(result: StudyResult, progress: Report) -> None:
         progress(DRAWING, 2 + place, cells + 2)
     pieces += _made(result)
     title = f"{result.summary.scenario}: study"
-    write_text(result.folder / REPORT, page(title, style(), pieces))
+    write_text(result.folder / REPORT, page(title, report_style(), pieces))
     progress(DRAWING, cells + 2, cells + 2)
 
 
@@ -117,7 +117,7 @@ def _file_name(label: str) -> str:
     return f"{name[:_LONGEST_NAME]}-{hashlib.sha256(label.encode()).hexdigest()[:8]}"
 
 
-def style() -> str:
+def report_style() -> str:
     """Return the style sheet of pages."""
     sheet = files("twin.study.report").joinpath("report.css")
     return sheet.read_text(encoding="utf-8")
@@ -126,10 +126,10 @@ def style() -> str:
 def _first_page(result: StudyResult) -> Pieces:
     """Yield results, what is worth fixing, the cell, and what all that rests on."""
     request, summary = result.request, result.summary
-    yield paragraph(lead(result))
+    yield paragraph(replication_sentence(result))
     cell = shown_cell(result.summary, result.request.experiment.policies)
-    scenario = varied(request.scenario, summary.cells[cell].variant)
-    subject = Subject(scenario, request.base)
+    scenario = apply_variation(request.scenario, summary.cells[cell].variant)
+    subject = CheckContext(scenario, request.base)
     doubts = [*warnings(subject), *summary.warnings]
     doubts += [
         f"check off: {own['key']}: {own['check']}" for own in scenario.checks_off
@@ -161,7 +161,9 @@ def _first_page(result: StudyResult) -> Pieces:
     if len(summary.cells) > 1:
         yield paragraph("The other policies and variants follow one by one.", "note")
     yield heading("The cell")
-    yield drawn_in(result.folder, cell_figure(subject, width_in=WIDTH_IN), "cell")
+    yield save_and_embed_picture(
+        result.folder, cell_figure(subject, width_in=WIDTH_IN), "cell"
+    )
     yield heading("What it rests on")
     yield pairs(assumptions(result))
 
@@ -176,16 +178,16 @@ def _lines(result: StudyResult, cell: int) -> Pieces:
     yield lateness_list(summary)
     times = product_times(result.folder / BLOCKS, cell)
     if times is not None:
-        scenario = varied(result.request.scenario, summary.cells[cell].variant)
+        scenario = apply_variation(result.request.scenario, summary.cells[cell].variant)
         due = assembly_kind(scenario.assembly).due()
-        yield drawn_in(result.folder, draw_line(times, due), "products")
+        yield save_and_embed_picture(result.folder, draw_line(times, due), "products")
 
 
 def _windows(summary: StudySummary) -> Pieces:
     """Yield how windows of time are kept, and what that costs, where there are any."""
     if any(cell.windows for cell in summary.cells):
         yield heading("Windows of time between steps")
-        yield told_table(
+        yield text_table(
             "time that passes from the end of the earlier step to the begin of the later one",
             window_rows(summary),
         )
@@ -197,9 +199,11 @@ def _layouts(result: StudyResult) -> Pieces:
     summary, policies = result.summary, result.request.experiment.policies
     if summary.ranking:
         yield heading("Which layout")
-        policy = shown_policy(policies)
+        policy = preferred_policy(policies)
         yield ranking_table(summary, policy)
-        yield drawn_in(result.folder, draw_ranking(summary, policy), "ranking")
+        yield save_and_embed_picture(
+            result.folder, draw_ranking(summary, policy), "ranking"
+        )
     yield refused_table(summary)
 
 
@@ -210,21 +214,25 @@ def _whole_study(result: StudyResult) -> Pieces:
     if len(summary.cells) > _AT_ONCE:
         yield heading("All policies and variants")
         yield makespans_table(summary)
-    yield differences(summary)
-    yield collided(summary)
+    yield difference_list(summary)
+    yield collision_lists(summary)
     blocks = result.folder / BLOCKS
     samples = [cell_makespans_s(blocks, cell) for cell in range(len(experiment.cells))]
     yield heading("How long it takes")
-    yield drawn_in(result.folder, draw_ecdf(summary, samples, policies), "makespan")
+    yield save_and_embed_picture(
+        result.folder, draw_ecdf(summary, samples, policies), "makespan"
+    )
     for key in experiment.variants[0]:
         yield heading(f"What {key} does")
         name = "response-" + key.replace(".", "-")
-        yield drawn_in(result.folder, draw_response(summary, key, policies), name)
+        yield save_and_embed_picture(
+            result.folder, draw_response(summary, key, policies), name
+        )
     yield heading("How busy robots and machines are")
     words = "share of the time at work, standstills in it included"
-    yield told_table(words, busy_rows(summary))
+    yield text_table(words, busy_rows(summary))
     yield heading("What the robots wait for")
-    yield drawn_in(result.folder, draw_waits(summary), "waits")
+    yield save_and_embed_picture(result.folder, draw_waits(summary), "waits")
 
 
 def _cell(result: StudyResult, cell: int) -> Pieces:
@@ -244,16 +252,18 @@ def _cell(result: StudyResult, cell: int) -> Pieces:
         return
     if drawn:
         yield heading("When tasks are done, and which are critical", 3)
-        yield drawn_in(result.folder, draw_bands(load.tpg, tally), f"gantt-{name}")
+        yield save_and_embed_picture(
+            result.folder, draw_bands(load.tpg, tally), f"gantt-{name}"
+        )
     yield critical_tasks_table(load, tally, label, _CRITICAL)
     yield heading("Which inputs the makespan hangs on", 3)
     if drawn:
         figure = draw_tornado(found.tornado, found.makespan_s.estimate)
-        yield drawn_in(result.folder, figure, f"tornado-{name}")
+        yield save_and_embed_picture(result.folder, figure, f"tornado-{name}")
     yield tornado_table(found)
     if found.sobol:
         yield heading("Which inputs it hangs on when all vary at once", 3)
-        yield drawn_in(result.folder, draw_sobol(found.sobol), "sobol")
+        yield save_and_embed_picture(result.folder, draw_sobol(found.sobol), "sobol")
         yield sobol_table(found)
     if not first:
         confidence = result.summary.confidence
@@ -273,7 +283,7 @@ def _made(result: StudyResult) -> Pieces:
         "engines": [_engine(cell) for cell in result.summary.cells],
     }
     yield heading("How it was made")
-    yield f"<pre>{text(json.dumps(design, indent=2, ensure_ascii=False))}</pre>"
+    yield f"<pre>{escape_text(json.dumps(design, indent=2, ensure_ascii=False))}</pre>"
 
 
 def _engine(cell: CellSummary) -> dict[str, Any]:

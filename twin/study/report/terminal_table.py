@@ -10,7 +10,7 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
-from twin.run.policies import shown_policy
+from twin.run.policies import preferred_policy
 from twin.study.folder import REPORT
 from twin.study.plans import words
 from twin.study.replications.statistics import Interval
@@ -127,7 +127,7 @@ def _print_ranking(
     console: Console, summary: StudySummary, policies: Sequence[str]
 ) -> None:
     """Print the layouts in their order under the policy that coordinates best."""
-    policy = shown_policy(policies)
+    policy = preferred_policy(policies)
     rows = summary.ranked(policy)
     keys = [
         k for k in rows[0].variant if len({str(row.variant[k]) for row in rows}) > 1

@@ -19,7 +19,7 @@ import numpy as np
 
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import BrickType, PlacedBrick, Press
-from planning.lego.bricks.brick_grips import SIDES, offsets, press_cell
+from planning.lego.bricks.brick_grips import SIDES, legal_offsets, press_cell
 from planning.lego.importers.apex_mr.task_files import (
     NONE,
     TOOLS,
@@ -406,7 +406,9 @@ def _presses_at(step: Record, kind: BrickType, *, up: bool) -> list[Press]:
     """Return the grips whose contact is the published cell, that of the given side first."""
     item, contact = PlacedBrick("", kind, step.cell("")), step.cell("press_")
     sides = sorted(SIDES, key=lambda k: k != step.content.get("press_side"))
-    grips = (Press(side, offset) for side in sides for offset in offsets(kind, side))
+    grips = (
+        Press(side, offset) for side in sides for offset in legal_offsets(kind, side)
+    )
     return [press for press in grips if press_cell(item, press, up=up) == contact]
 
 

@@ -14,7 +14,7 @@ from planning.lego.importers.brick_models.model import (
     BrickModel,
     FileFaults,
     ModelBrick,
-    finished_model,
+    finish_model,
     read_lines,
 )
 
@@ -34,7 +34,7 @@ def read_brick_list(path: Path) -> BrickModel:
 
     Raises:
         ScenarioError: lines are no bricks, or of a size that there is not, each by its number;
-            or see ``finished_model``.
+            or see ``finish_model``.
     """
     faults, bricks = FileFaults(path), []
     lowest: int | None = None
@@ -58,7 +58,7 @@ def read_brick_list(path: Path) -> BrickModel:
     notes = []
     if lowest:
         notes.append(f"the lowest layer, {lowest}, stands on the plate")
-    return finished_model(path, bricks, notes)
+    return finish_model(path, bricks, notes)
 
 
 def _shown(text: str) -> str:

@@ -22,7 +22,7 @@ from planning.lego.bricks.assembly import (
     Plate,
     StockBrick,
 )
-from planning.lego.bricks.brick_grips import presses
+from planning.lego.bricks.brick_grips import legal_presses
 from planning.lego.bricks.brick_world import (
     BrickWorld,
     brick_colour,
@@ -85,7 +85,7 @@ class Station(OnGrid):
     stand: str | None
 
 
-def stations(
+def find_stations(
     robot: PlacedRobot,
     plate: Plate,
     structure: GridSpan,
@@ -149,7 +149,9 @@ def _places(
 def _reaches(robot: PlacedRobot, plate: Plate, station: Station) -> bool:
     """Tell whether a robot reaches a station with every grip."""
     top, frames = top_pose(plate, station), robot.model.frames
-    grips = (BrickGrip(frames, station.brick, top, p) for p in presses(station.brick))
+    grips = (
+        BrickGrip(frames, station.brick, top, p) for p in legal_presses(station.brick)
+    )
     return all(
         any(
             isinstance(found, SkillPath)
@@ -185,7 +187,7 @@ class Finished:
         objects, plate = stock_objects(assembly), plate_fixture(self._plate)
         cell = Workcell(self._robots, (plate,), objects, Clearances())
         skills = BrickSkills(BrickWorld(cell, assembly))
-        for press in presses(station.brick):
+        for press in legal_presses(station.brick):
             found = skills.pick(robot, "station", grasp_number(press))
             if not isinstance(found, ResolvedSkill) or skills.latest(found) is not None:
                 return False
@@ -239,7 +241,7 @@ def _content(
     for robot, (name, x, _) in zip(robots, _ROBOTS, strict=True):
         stays_free = partial(finished.stays_free, name) if free else lambda _: True
         kinds = list(model.kinds)
-        for station in stations(
+        for station in find_stations(
             robot, plate, span, kinds, far=x > 0.0, stays_free=stays_free
         ):
             stock += _stock(name, station)
@@ -262,7 +264,7 @@ def _content(
     }
 
 
-def orientations(model: BrickModel) -> list[BrickModel]:
+def model_orientations(model: BrickModel) -> list[BrickModel]:
     """Return a model as it is, and turned by a quarter turn with a note of why, as far as they fit.
 
     Where neither fits between the stations, it is the model as it is.

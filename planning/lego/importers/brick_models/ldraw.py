@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.errors import ScenarioError, listed
+from planning.errors import ScenarioError, format_names
 from planning.lego.bricks.assembly import BrickType, Cell
 from planning.lego.importers.brick_models.ldraw_files import (
     INHERITED,
@@ -22,18 +22,18 @@ from planning.lego.importers.brick_models.ldraw_files import (
     STUD,
     Document,
     Reference,
+    brick_type_of_file,
     colour_of,
+    format_part_table,
     is_baseplate,
-    part_of,
     read_document,
-    table,
 )
 from planning.lego.importers.brick_models.model import (
     MOST_BRICKS,
     BrickModel,
     FileFaults,
     ModelBrick,
-    finished_model,
+    finish_model,
     read_lines,
 )
 from planning.transforms import Array
@@ -56,7 +56,7 @@ def read_ldraw(path: Path) -> BrickModel:
 
     Raises:
         ScenarioError: lines are no LDraw; parts are no bricks or plates, do not stand upright, or
-            are not on one grid, each by its line; or see ``finished_model``.
+            are not on one grid, each by its line; or see ``finish_model``.
     """
     document = read_document(path, read_lines(path))
     every = _parts(path, document)
@@ -91,7 +91,7 @@ def read_ldraw(path: Path) -> BrickModel:
         notes.append(
             "base plates are left out: the model stands on the plate of its cell"
         )
-    return finished_model(path, bricks, notes)
+    return finish_model(path, bricks, notes)
 
 
 def _parts(path: Path, document: Document) -> list[Reference]:
@@ -117,7 +117,7 @@ def _parts(path: Path, document: Document) -> list[Reference]:
         part = replace(item, pose=at.pose @ item.pose, colour=colour, via=via)
         model = document.models.get(item.name)
         # Some programs pack the library's parts into the file: those are bricks all the same.
-        if model is None or part_of(item.name) is not None:
+        if model is None or brick_type_of_file(item.name) is not None:
             out.append(part)
         elif len(via) < _DEEPEST:
             todo.append((part, iter(model)))
@@ -133,7 +133,7 @@ def _kinds(path: Path, parts: Sequence[Reference]) -> list[BrickType]:
     """Return the brick type of each part."""
     faults, seen, kinds = FileFaults(path), set[tuple[int, str]](), []
     for part in parts:
-        kind = part_of(part.name)
+        kind = brick_type_of_file(part.name)
         if kind is not None:
             kinds.append(kind)
         elif (part.line, part.name) not in seen:
@@ -141,7 +141,7 @@ def _kinds(path: Path, parts: Sequence[Reference]) -> list[BrickType]:
             faults.add(
                 part.line, f"{part.name[:60]!r} is no brick or plate that is known here"
             )
-    faults.check(choices=table())
+    faults.check(choices=format_part_table())
     return kinds
 
 
@@ -241,5 +241,5 @@ def _notes(document: Document, parts: Sequence[Reference]) -> Iterator[str]:
     unknown = sorted(c for c in codes if colour_of(c, document.colours) is None)
     if unknown:
         yield (
-            f"bricks of colour {listed(unknown)}, which is not known here, have that of their type"
+            f"bricks of colour {format_names(unknown)}, which is not known here, have that of their type"
         )

@@ -243,7 +243,7 @@ def _reference(words: Sequence[str], number: int) -> Reference | str:
     return Reference(number, pose, file_name(words[14]), words[1].casefold())
 
 
-def part_of(name: str) -> BrickType | None:
+def brick_type_of_file(name: str) -> BrickType | None:
     """Return the brick type of a part by the name of its file, None where it is none.
 
     Printed bricks are bricks.
@@ -258,11 +258,11 @@ def is_baseplate(name: str) -> bool:
     return name.removesuffix(".dat") in _BASEPLATES
 
 
-def number_of(size: tuple[int, int], height: int) -> str | None:
+def part_number(size: tuple[int, int], height: int) -> str | None:
     """Return the number of the part of a size in studs and levels, None where there is none."""
     return _OF_SIZE.get(((min(size), max(size)), height))
 
 
-def table() -> tuple[str, ...]:
+def format_part_table() -> tuple[str, ...]:
     """Return the parts in words, such as ``"3001 (2x4)"``."""
     return tuple(f"{numbers[0]} ({kind})" for kind, numbers in _NUMBERS.items())

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from planning.errors import ScenarioError, listed, told
+from planning.errors import ScenarioError, format_faults, format_names
 from planning.files import read_file
 from planning.lego.bricks.assembly import BrickType, Cell, GridPlace, OnGrid
-from planning.lego.bricks.grid import joined_to_plate
+from planning.lego.bricks.grid import bricks_joined_to_plate
 
 MOST_BRICKS = 20_000
 """Bricks that a model may have; far more than can be planned."""
@@ -104,7 +104,7 @@ class FileFaults:
         if not self._faults:
             return
         lines = [f"{self._path}:{at}: {words}" for at, words in sorted(self._faults)]
-        shown = told(lines) + (f"\n{form}" if form else "")
+        shown = format_faults(lines) + (f"\n{form}" if form else "")
         raise ScenarioError(shown, choices=tuple(choices))
 
 
@@ -136,7 +136,7 @@ def read_lines(path: Path) -> list[str]:
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
-def finished_model(
+def finish_model(
     path: Path, bricks: Sequence[ModelBrick], notes: Iterable[str] = ()
 ) -> BrickModel:
     """Return a model of bricks that may be anywhere on the grid, moved to its corner.
@@ -177,10 +177,10 @@ def _check_places(path: Path, bricks: Sequence[ModelBrick]) -> None:
                 overlaps.setdefault((other.words, item.words))
     if overlaps:
         pairs = [f"{a} and {b}" for a, b in overlaps]
-        raise ScenarioError(f"{path}: in one place: {listed(pairs)}")
-    held = joined_to_plate(dict(enumerate(places)))
+        raise ScenarioError(f"{path}: in one place: {format_names(pairs)}")
+    held = bricks_joined_to_plate(dict(enumerate(places)))
     loose = [item.words for k, item in enumerate(bricks) if k not in held]
     if loose:
         raise ScenarioError(
-            f"{path}: joined to nothing that stands where the lowest brick stands: {listed(loose)}"
+            f"{path}: joined to nothing that stands where the lowest brick stands: {format_names(loose)}"
         )

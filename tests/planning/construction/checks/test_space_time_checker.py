@@ -13,13 +13,16 @@ from hypothesis import strategies as st
 from planning.cell.workcell import Attachment, PlacedRobot, Workcell, WorldState
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.moving_checks import (
-    first_meeting,
-    left_by_robots,
-    met_by_robots,
-    motion_clear,
+    earliest_free_time,
+    first_conflict_time,
+    first_meeting_time,
+    is_motion_clear,
 )
-from planning.construction.checks.still_checks import still_clear
-from planning.construction.checks.time_windows import arrival_windows, strike_out
+from planning.construction.checks.still_checks import is_clear_of_still_objects
+from planning.construction.checks.time_windows import (
+    arrival_windows,
+    mark_blocked_cells,
+)
 from planning.construction.world.fixed_world import FixedWorld, PlannedTask
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.geometry.exact import hull_shape
@@ -38,10 +41,10 @@ from tests.planning.construction.toy_teams import (
     team,
 )
 
-_first_meeting = outer(first_meeting)
-_left_by_robots = outer(left_by_robots)
-_met_by_robots = outer(met_by_robots)
-_still_clear = outer(still_clear)
+_first_meeting = outer(first_meeting_time)
+_left_by_robots = outer(earliest_free_time)
+_met_by_robots = outer(first_conflict_time)
+_still_clear = outer(is_clear_of_still_objects)
 
 
 def bodies(cell: Workcell, robot: PlacedRobot, state: WorldState) -> list:  # type: ignore[type-arg]
@@ -191,7 +194,7 @@ def test_a_motion_is_free_when_it_is_clear_of_what_lies_still_and_meets_no_robot
     q0, t0, q1, t1 = random_motion(rng)
     still = _still_clear(checker.scene, q0, t0, q1, t1, 0.0)
     met = _met_by_robots(checker.scene, q0, t0, q1, t1)
-    assert motion_clear(checker.scene, q0, t0, q1, t1) == (still and np.isinf(met))
+    assert is_motion_clear(checker.scene, q0, t0, q1, t1) == (still and np.isinf(met))
     assert np.isinf(met) or t0 <= met <= t1
 
 
@@ -210,7 +213,7 @@ def test_a_place_is_left_as_soon_as_nobody_is_there(seed: int) -> None:
     first = int(np.floor(t / 0.1 + 1e-6))
     last = int(np.ceil(min(left, t + 12.0) / 0.1 - 1e-6))
     free = np.ones(max(last - first, 0), dtype=np.bool_)
-    strike_out(checker.scene, q, q, first, free)
+    mark_blocked_cells(checker.scene, q, q, first, free)
     if left > t:
         assert np.count_nonzero(free) <= 2  # proofs differ now and then
 
@@ -332,7 +335,7 @@ def test_free_cells_are_those_in_which_a_stand_is_free(seed: int) -> None:
     q0, _, q1, _ = random_motion(rng)
     q1 = q0 if seed % 2 else q1
     free = np.ones(120, dtype=np.bool_)
-    strike_out(checker.scene, q0, q1, 7, free)
+    mark_blocked_cells(checker.scene, q0, q1, 7, free)
     path = np.array([q0, q1])
     each = [checker.skill_free(path, 0.1 * k, 0.1 * (k + 1)) for k in range(7, 127)]
     # What is found free is proved. A proof may fail where another one that began with another

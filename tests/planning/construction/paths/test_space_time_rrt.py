@@ -22,13 +22,13 @@ from planning.construction.paths.base_paths import (
     SPACING,
     Lattice,
     base_path,
-    lattice_way,
+    lattice_path,
     lay_lattice,
-    stand_at,
+    write_base_configuration,
 )
 from planning.construction.paths.query import Query, SpaceTimePath
 from planning.construction.paths.roadmap import MOST
-from planning.construction.paths.rrt import query_to
+from planning.construction.paths.rrt import make_query
 from planning.construction.planner import plan_construction
 from planning.construction.problem.models import tower
 from planning.construction.problem.settings import PlannerSettings
@@ -302,7 +302,7 @@ def checker_of(*fixtures: Fixture) -> SpaceTimeChecker:
 
 def query_of(checker: SpaceTimeChecker, goal: Array) -> Query:
     """From START to one goal, at any time."""
-    query = query_to(checker, np.array([goal]), [np.array([[0.0, np.inf]])])
+    query = make_query(checker, np.array([goal]), [np.array([[0.0, np.inf]])])
     return packed(query._replace(start=np.array(START)))
 
 
@@ -313,7 +313,7 @@ def clear_steps(
     size = range(lattice.rows * lattice.columns)
     places = np.empty((len(size), len(query.start)))
     for at in size:
-        stand_at(query, 0, lattice, at, places[at])
+        write_base_configuration(query, 0, lattice, at, places[at])
     free = [checker.configuration_free(q, 0.0) for q in places]
     free[lattice.first] = free[lattice.last] = True
     graph = nx.DiGraph()
@@ -355,7 +355,7 @@ def test_no_way_over_the_lattice_is_shorter(
     checker = checker_of(*blocks(places))
     query = query_of(checker, np.array([x, y, 1.0, 0.5, 0.5]))
     lattice = lay_lattice(query, 0, 0.5)
-    way, times = lattice_way(checker.scene, query, 0, lattice, PLENTY)
+    way, times = lattice_path(checker.scene, query, 0, lattice, PLENTY)
     graph = clear_steps(checker, query, lattice)
     ends = lattice.first, lattice.last
     if not nx.has_path(graph, *ends):
@@ -394,7 +394,7 @@ def test_corners_of_a_way_can_be_driven_straight() -> None:
     goal = np.array([1.6, 0.0, 0.0, 0.0, 1.0])
     query = query_of(checker, goal)
     lattice = lay_lattice(query, 0, SPACING)
-    way, _ = lattice_way(checker.scene, query, 0, lattice, PLENTY)
+    way, _ = lattice_path(checker.scene, query, 0, lattice, PLENTY)
     corners = base_path(checker.scene, query, 0, 800)
     assert 4 <= len(corners) < len(way) / 2
     assert np.array_equal(corners[0], way[0])
@@ -410,7 +410,7 @@ def test_too_much_to_look_at_and_no_way_at_all() -> None:
     checker = checker_of(*maze())
     query = query_of(checker, np.array([1.6, 0.0, 0.0, 0.0, 1.0]))
     lattice = lay_lattice(query, 0, SPACING)
-    assert len(lattice_way(checker.scene, query, 0, lattice, 20)[0]) == 0
+    assert len(lattice_path(checker.scene, query, 0, lattice, 20)[0]) == 0
     shut = checker_of(*maze(), fixture("all", (0.1, 8.6, 0.3), (0.1, 0.0, 0.15)))
     assert len(base_path(shut.scene, query, 0, 800)) == 0
 
@@ -426,9 +426,9 @@ def test_a_maze_is_found_through_by_few_vertices() -> None:
         assert checker.motion_free(a, s, b, t)
 
 
-no_motions = roadmap.no_motions
-pop = outer(roadmap.pop)
-push = outer(roadmap.push)
+no_motions = roadmap.empty_motions
+pop = outer(roadmap.pop_motion)
+push = outer(roadmap.push_motion)
 
 
 @settings(deadline=None)

@@ -28,7 +28,7 @@ from planning.construction.problem.site import (
 )
 from planning.construction.problem.supply_layout import Spiral
 from planning.errors import ConstructionError
-from planning.statics.build_order import Fall
+from planning.statics.build_order import UnstableState
 from planning.transforms import Array
 from tests.planning.construction.toy_sites import toy_part, toy_problem
 
@@ -143,7 +143,7 @@ def some_order(balance: SiteBalance, rng: np.random.Generator) -> dict[str, floa
     while ready := balance.placeable(placed):
         part = ready[int(rng.integers(len(ready)))]
         needed = balance.needs(part, placed)
-        assert not isinstance(needed, Fall)
+        assert not isinstance(needed, UnstableState)
         since = max((placed[n] for n in needed), default=0.0)
         placed[part] = since + float(rng.uniform(0.1, 5.0))
     return placed
@@ -156,7 +156,7 @@ def needs_of(
     before: dict[str, float] = {}
     for name, end in placed.items():
         found = balance.needs(name, before)
-        assert not isinstance(found, Fall)
+        assert not isinstance(found, UnstableState)
         out[name], before[name] = found, end
     return out
 
@@ -223,7 +223,7 @@ def test_what_needs_a_counterweight_comes_after_it() -> None:
     balance = problem.balance
     placed = {"post": 1.0, "beam": 2.0}
     assert balance.placeable(placed) == ("weight",)
-    assert isinstance(balance.needs("tip", placed), Fall)
+    assert isinstance(balance.needs("tip", placed), UnstableState)
     placed["weight"] = 3.0
     assert balance.needs("tip", placed) == {"beam", "weight"}
     assert not stands([POST, BEAM, TIP])

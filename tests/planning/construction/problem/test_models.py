@@ -10,8 +10,13 @@ import pytest
 
 from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
 from planning.construction.problem.problem import face_grips
-from planning.construction.problem.supply_layout import Rows, Spiral, lay_out, lying
-from planning.transforms import Array, identity, readonly
+from planning.construction.problem.supply_layout import (
+    Rows,
+    Spiral,
+    pose_on_ground,
+    supply_poses,
+)
+from planning.transforms import Array, identity, read_only_copy
 
 MODELS = {"tower": tower, "wall": wall, "well": well, "pavilion": pavilion}
 COUNTS = {"tower": 15, "wall": 36, "well": 52, "pavilion": 113}
@@ -54,8 +59,8 @@ def test_cassettes_are_held_from_the_side_that_is_free() -> None:
 def test_parts_lie_on_the_ground_with_their_first_face_up(
     faces: tuple[str, ...],
 ) -> None:
-    part = ModelPart("p", readonly((0.3, 0.2, 0.1)), 1.0, identity(), faces)
-    pose = lying(part)
+    part = ModelPart("p", read_only_copy((0.3, 0.2, 0.1)), 1.0, identity(), faces)
+    pose = pose_on_ground(part)
     assert np.linalg.det(pose[:3, :3]) == pytest.approx(1.0)
     axis, sign = "xyz".index(faces[0][1]), 1.0 if faces[0][0] == "+" else -1.0
     assert np.allclose(pose[:3, axis], (0.0, 0.0, sign))
@@ -70,7 +75,7 @@ def test_parts_lie_on_the_ground_with_their_first_face_up(
 
 
 def test_the_spiral_is_that_of_the_paper() -> None:
-    poses = lay_out(wall(), Spiral())
+    poses = supply_poses(wall(), Spiral())
     for k, part in enumerate(wall()):
         at = poses[part.name][:3, 3]
         assert np.hypot(at[0], at[1]) == pytest.approx(3.0 + 0.05 * k)
@@ -79,8 +84,8 @@ def test_the_spiral_is_that_of_the_paper() -> None:
 
 
 def test_parts_across_the_radius() -> None:
-    along = lay_out(wall(), Spiral())
-    across = lay_out(wall(), Spiral(across=True))
+    along = supply_poses(wall(), Spiral())
+    across = supply_poses(wall(), Spiral(across=True))
     for name, pose in across.items():
         assert np.allclose(pose[:3, 3], along[name][:3, 3])
         outwards = pose[:2, 3] / np.linalg.norm(pose[:2, 3])
@@ -98,7 +103,7 @@ def test_parts_lie_near_where_they_belong() -> None:
             pairs = zip(few, order, strict=True)
             return sum(float(np.sum((spots[k] - p.goal[:2, 3]) ** 2)) for p, k in pairs)
 
-        poses = lay_out(few, layout, near=True)
+        poses = supply_poses(few, layout, near=True)
         chosen = tuple(
             next(k for k, s in enumerate(spots) if np.allclose(s, poses[p.name][:2, 3]))
             for p in few
@@ -117,7 +122,7 @@ def test_rows_fill_one_after_another() -> None:
 
 
 def test_grips_off_a_face_are_left_out() -> None:
-    size = readonly((0.6, 0.2, 0.1))
+    size = read_only_copy((0.6, 0.2, 0.1))
     grips = face_grips(size, ("+z", "+y"), (0.0, 0.25, -0.25, 0.4))
     assert [grip.touch[:3, 3].tolist() for grip in grips] == [
         [x, y, z] for x in (0.0, 0.25, -0.25) for y, z in ((0.0, 0.05), (0.1, 0.0))

@@ -18,11 +18,11 @@ from planning.construction.problem.supply_layout import Spiral
 from planning.contacts.precedence import (
     PartGraph,
     build_part_graph,
-    stacked,
+    parts_stacked_on,
     with_insertions,
 )
 from planning.errors import ConstructionError
-from planning.transforms import from_rpy, readonly, translation
+from planning.transforms import from_rpy, read_only_copy, translation
 
 
 def graph_of(parts: tuple[ModelPart, ...], touch: float = 0.03) -> PartGraph:
@@ -37,8 +37,8 @@ def graph_of(parts: tuple[ModelPart, ...], touch: float = 0.03) -> PartGraph:
 
 def block(name: str, x: float, y: float, z: float) -> ModelPart:
     """Return an upright block of 0.5 x 0.2 x 0.2 m."""
-    size = readonly((0.5, 0.2, 0.2))
-    return ModelPart(name, size, 10.0, readonly(translation(x, y, z)))
+    size = read_only_copy((0.5, 0.2, 0.2))
+    return ModelPart(name, size, 10.0, read_only_copy(translation(x, y, z)))
 
 
 def test_a_tower_is_a_chain() -> None:
@@ -148,9 +148,9 @@ def test_what_nothing_connects_to_the_ground_floats() -> None:
 def test_a_leaning_block_rests_on_what_is_below_it() -> None:
     leaning = ModelPart(
         "leaning",
-        readonly((0.5, 0.2, 0.2)),
+        read_only_copy((0.5, 0.2, 0.2)),
         10.0,
-        readonly(from_rpy((0.0, 0.0, 0.42), (0.0, np.radians(20.0), 0.0))),
+        read_only_copy(from_rpy((0.0, 0.0, 0.42), (0.0, np.radians(20.0), 0.0))),
     )
     graph = graph_of((block("low", 0.0, 0.0, 0.1), leaning), touch=0.05)
     assert graph.carriers["leaning"] == {"low"}
@@ -226,16 +226,16 @@ def test_stacks_lie_one_part_on_the_next_the_first_on_top(
     parts = tuple(
         ModelPart(
             f"p{k}",
-            readonly(rng.uniform(0.1, 0.3, 3)),
+            read_only_copy(rng.uniform(0.1, 0.3, 3)),
             1.0,
-            readonly(translation(*rng.uniform(-2.0, 2.0, 2), 0.1)),
+            read_only_copy(translation(*rng.uniform(-2.0, 2.0, 2), 0.1)),
             faces=(str(rng.choice(["+x", "-y", "+z"])),),
         )
         for k in range(count)
     )
     objects = part_objects(parts, Spiral(turn=0.5, high=high), near=near)
     starts = {item.name: (item, item.start) for item in objects}
-    found = stacked(starts)
+    found = parts_stacked_on(starts)
     for k in range(count):
         below = k + 1 if (k + 1) % high and k + 1 < count else None
         above = k - 1 if k % high else None
@@ -261,7 +261,10 @@ def test_a_part_waits_for_those_whose_way_in_leads_through_it() -> None:
     }
     parts = tuple(
         ModelPart(
-            name, readonly((0.3, 0.3, 0.1)), 1.0, readonly(translation(x, 0, 0.05))
+            name,
+            read_only_copy((0.3, 0.3, 0.1)),
+            1.0,
+            read_only_copy(translation(x, 0, 0.05)),
         )
         for name, x in (("left", 0.0), ("right", -0.3), ("far", 0.3))
     )
@@ -269,14 +272,14 @@ def test_a_part_waits_for_those_whose_way_in_leads_through_it() -> None:
     items = {part.name: (objects[part.name], part.goal) for part in parts}
     graph = graph_of(parts)
     assert set(graph.carriers.values()) == {frozenset()}
-    ways = {name: readonly(way) for name, way in sides.items()}
+    ways = {name: read_only_copy(way) for name, way in sides.items()}
     # The left one comes from where the right one will be.
     found = with_insertions(graph, items, ways, 0.1)
     assert found.carriers == {"left": set(), "right": {"left"}, "far": set()}
     assert found.never_placeable() == ()
     # Two that come through each other wait for each other.
     both = with_insertions(
-        graph, items, {**ways, "right": readonly((-1.0, 0.0, 0.0))}, 0.1
+        graph, items, {**ways, "right": read_only_copy((-1.0, 0.0, 0.0))}, 0.1
     )
     assert both.carriers["left"] == {"right"}
     assert set(both.never_placeable()) == {"left", "right"}

@@ -28,7 +28,7 @@ from planning.construction.problem.supply_layout import Rows, Spiral, SupplyLayo
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.robots.registry import robot_model
-from planning.transforms import from_rpy, readonly, translation
+from planning.transforms import from_rpy, read_only_copy, translation
 
 
 def standing(name: str, model: str, *park: float, base: float = 0.0) -> PlacedRobot:
@@ -184,7 +184,7 @@ def test_a_supply_in_collision_is_named() -> None:
 
 def test_parts_in_the_air_are_named() -> None:
     parts = tower(4)
-    loose = replace(parts[3], goal=readonly(translation(0.0, 0.0, 1.0)))
+    loose = replace(parts[3], goal=read_only_copy(translation(0.0, 0.0, 1.0)))
     with pytest.raises(ConstructionError, match="nothing connects beam4 to the ground"):
         require_grounded(problem(team(), (*parts[:3], loose)))
 

@@ -19,7 +19,7 @@ from planning.construction.world.timeline import (
     ObjectTimeline,
     RobotTimeline,
     cut_timeline,
-    pose_of,
+    decode_pose,
 )
 from planning.construction.world.tracks import SweptTrack, sweep_track
 from planning.errors import PlanInvariantError
@@ -87,7 +87,7 @@ def test_a_way_out_is_dropped_for_new_work_and_work_is_not() -> None:
     world = with_task(with_task(FixedWorld(cell), work), out, work=False)
     assert world.end == 3.0
     assert world.free_from("a") == 1.0
-    assert world.without_way_out("a").robots["a"].at(9.0).tolist() == [0.5, 0.0]
+    assert world.without_retreat("a").robots["a"].at(9.0).tolist() == [0.5, 0.0]
     assert world.robots["a"].at(9.0).tolist() == [1.5, 0.0]
 
 
@@ -183,7 +183,7 @@ def corners(q: Array, changes: list[HandChange], t: float) -> list[Array]:
         for part, pose in ((p, poses[p.joint + 1]) for p in ROVER.model.parts)
     ]
     for name, kept in [hand for since, hand in changes if since <= t][-1]:
-        pose = poses[-1] @ ROVER.model.flange @ pose_of(kept)
+        pose = poses[-1] @ ROVER.model.flange @ decode_pose(kept)
         out.append(ITEMS[name].shape.pieces[0].vertices @ pose[:3, :3].T + pose[:3, 3])
     return out
 

@@ -24,9 +24,9 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.brick_grips import (
     check_press,
     grip_pose,
-    offsets,
+    legal_offsets,
+    legal_presses,
     press_cell,
-    presses,
     side_studs,
 )
 from planning.lego.bricks.brick_tiles import BrickTiles
@@ -220,7 +220,7 @@ def test_half_a_turn_swaps_opposite_sides(grip: BrickGrip) -> None:
 @given(grips())
 def test_the_next_offset_is_one_stud_along_the_edge(grip: BrickGrip) -> None:
     side, offset = grip.press.side, grip.press.offset + 1
-    if offset in offsets(grip.brick, side):
+    if offset in legal_offsets(grip.brick, side):
         x, y = {1: (0, 1), 4: (0, 1), 2: (1, 0), 3: (1, 0)}[side]
         shifted = grip.top @ translation(x * STUD_PITCH, y * STUD_PITCH, 0.0)
         moved = replace(grip, press=Press(side, offset))
@@ -271,11 +271,11 @@ def test_the_side_studs_hold_level_from_outside(grip: BrickGrip) -> None:
 
 
 def test_the_number_of_grips() -> None:
-    assert len(presses(BRICKS["2x4"])) == 2 * 3 + 2 * 1
-    assert len(presses(BrickType("8x8", (8, 8), 0.01))) == 28
-    assert len(presses(BRICKS["1x8"])) == 2 * 7
+    assert len(legal_presses(BRICKS["2x4"])) == 2 * 3 + 2 * 1
+    assert len(legal_presses(BrickType("8x8", (8, 8), 0.01))) == 28
+    assert len(legal_presses(BRICKS["1x8"])) == 2 * 7
     # A single stud can only be gripped half beside it.
-    assert len(presses(BRICKS["1x1"])) == 4
+    assert len(legal_presses(BRICKS["1x1"])) == 4
 
 
 @pytest.mark.parametrize("press", [Press(1, 3), Press(1, -1), Press(2, 1), Press(5, 0)])

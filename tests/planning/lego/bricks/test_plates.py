@@ -22,25 +22,25 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.brick_grips import (
     grip_pose,
+    legal_presses,
     lever_cell,
     press_cell,
-    presses,
     side_contact_pose,
 )
 from planning.lego.bricks.grid import (
     box_pose,
     box_size,
     brick_height,
-    joined_to_plate,
+    bricks_joined_to_plate,
     plate_corner,
     top_pose,
 )
 from planning.lego.sequencing.sequencing import sequence_structure
-from planning.lego.skills.targets import contacts_at_rest, support_targets
+from planning.lego.skills.targets import resting_contacts, support_targets
 from planning.lego.stability.contacts import (
-    by_name,
+    bricks_by_name,
     filled_places,
-    joints,
+    find_joints,
     side_contacts,
 )
 from planning.lego.stability.partial_structures import PartialStructures
@@ -75,10 +75,10 @@ def shared(a, b) -> np.ndarray:
 @settings(max_examples=150, deadline=None)
 @given(STRUCTURES)
 def test_joints_are_where_boxes_meet(structure) -> None:
-    bricks = by_name(structure)
+    bricks = bricks_by_name(structure)
     found = {
         (j.lower, j.upper, bricks[j.upper].cell.level): j.studs
-        for j in joints(bricks, filled_places(bricks))
+        for j in find_joints(bricks, filled_places(bricks))
     }
     expected = {}
     boxes = {name: box(item) for name, item in bricks.items()}
@@ -101,7 +101,7 @@ def test_joints_are_where_boxes_meet(structure) -> None:
 @settings(max_examples=150, deadline=None)
 @given(STRUCTURES)
 def test_sides_touch_where_boxes_meet(structure) -> None:
-    bricks = by_name(structure)
+    bricks = bricks_by_name(structure)
     found = defaultdict(list)
     for c in side_contacts(bricks, filled_places(bricks)):
         x, y, z = c.point
@@ -122,8 +122,8 @@ def test_sides_touch_where_boxes_meet(structure) -> None:
 @settings(max_examples=100, deadline=None)
 @given(STRUCTURES)
 def test_what_is_joined_to_the_plate_is_what_joints_link(structure) -> None:
-    bricks = by_name(structure)
-    every = joints(bricks, filled_places(bricks))
+    bricks = bricks_by_name(structure)
+    every = find_joints(bricks, filled_places(bricks))
     held: set[str | None] = {None}
     while new := {
         name
@@ -133,7 +133,7 @@ def test_what_is_joined_to_the_plate_is_what_joints_link(structure) -> None:
     }:
         held |= new
     places = {n: i.places for n, i in bricks.items()}
-    assert joined_to_plate(places) == held - {None}
+    assert bricks_joined_to_plate(places) == held - {None}
 
 
 @settings(max_examples=60, deadline=None)
@@ -223,7 +223,7 @@ def test_a_plate_goes_on_a_brick_by_the_edges_that_are_flush() -> None:
     step = found.steps[-1]
     assert step.brick == BRICKS["2x4-plate"]
     assert {p.side for p in step.presses} == {1, 3, 4}
-    for press in presses(step.brick):
+    for press in legal_presses(step.brick):
         beside = PlacedBrick("wall", BRICKS["1x2"], lever_cell(step, press))
         assert (press in step.presses) == beside.studs.isdisjoint(POST.studs)
 
@@ -277,12 +277,12 @@ OTHERS = {
 }
 
 
-@pytest.mark.parametrize("press", presses(BRICKS["2x4-plate"]))
+@pytest.mark.parametrize("press", legal_presses(BRICKS["2x4-plate"]))
 def test_the_wall_touches_what_ends_beside_it_and_no_knobs(press: Press) -> None:
     """Which bricks around a plate may touch the tool, against the box of its wall."""
     item, grid = plate(20, 20, 2), Plate(np.eye(4))
     pose = box_pose(grid, item)
-    pairs = contacts_at_rest("r", item, pose, press, OTHERS, ())
+    pairs = resting_contacts("r", item, pose, press, OTHERS, ())
     tool = {next(iter(pair - {"r/tool"})) for pair in pairs if "r/tool" in pair}
     top = top_pose(grid, item)
     grip = grip_pose(top, item.brick, press)

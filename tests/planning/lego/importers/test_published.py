@@ -16,7 +16,7 @@ from benchmarks.fuzz.task_files import write_files, write_robots
 from planning.cell.workcell import Workcell
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press
 from planning.lego.bricks.brick_grips import press_cell
-from planning.lego.bricks.brick_world import press_of
+from planning.lego.bricks.brick_world import press_from_number
 from planning.lego.importers.apex_mr.importer import import_apex_mr
 from planning.lego.skills.candidates import find_candidates
 from planning.tasks.assignment import StepChoice
@@ -63,7 +63,7 @@ def _settled(step: LegoStep, choice: StepChoice) -> LegoStep:
     by = choice.support
     return replace(
         step,
-        presses=(press_of(choice.grasp),),
+        presses=(press_from_number(choice.grasp),),
         supports=() if by is None else (step.supports[by.pose],),
         stock=choice.object,
     )

@@ -23,7 +23,7 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.brick_grips import press_cell
 from planning.lego.bricks.grid import top_pose
 from planning.lego.importers.apex_mr.importer import import_apex_mr
-from planning.lego.skills.handovers import giver_rest, receive_poses
+from planning.lego.skills.handovers import giver_rest_poses, receive_poses
 from planning.lego.skills.targets import (
     BrickGrip,
     _contact,
@@ -223,7 +223,7 @@ def test_handovers_and_place_ups(task: str) -> None:
         # The first candidate is the published place of the handover.
         place = receive_poses(receiver, giver)[0]
         assert_reached(s, s.main, place, [7, 9])
-        assert_reached(s, s.helper, (giver_rest(giver),), [8])
+        assert_reached(s, s.helper, (giver_rest_poses(giver),), [8])
         give = handover_targets(s.grip(received_top(goal, place[1].pose)))
         assert_reached(s, s.helper, give.subgoals, [10, 11, 12, 13])
         (above,) = support_targets(_in_world_axes(s.plate, s.support), s.support)

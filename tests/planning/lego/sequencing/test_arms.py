@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError, ScenarioError
 from planning.lego.bricks.assembly import BRICKS, Cell, GridSpan, LegoStep, PlacedBrick
-from planning.lego.bricks.brick_grips import presses
+from planning.lego.bricks.brick_grips import legal_presses
 from planning.lego.bricks.grid import top_pose
 from planning.lego.importers.brick_models.brick_list import read_brick_list
 from planning.lego.importers.brick_models.cell import (
     Finished,
     Station,
+    find_stations,
     model_cell,
-    stations,
 )
 from planning.lego.insertion.rules import ArmLimits, SequencingRules
 from planning.lego.sequencing.arms import GripReach
@@ -28,7 +28,7 @@ from twin.document.yaml_text import scenario_text
 from twin.host.progress import StageWatch
 from twin.kinds.lego.kind import build_lego, buildable_sequence
 from twin.planning.build_workcell import build_workcell
-from twin.reading.scenario_file import scenario_of
+from twin.reading.scenario_file import parse_scenario
 from twin.scenario.sections.scenario import LegoSection
 
 
@@ -71,7 +71,7 @@ def _cell_of(folder: Path, bricks: list[PlacedBrick]) -> tuple[Workcell, LegoSec
     ]
     file.write_text("\n".join(lines) + "\n")
     content = {"version": 1, "name": "house", **model_cell(read_brick_list(file))}
-    scenario, _ = scenario_of(folder / "house.yaml", scenario_text(content, ""))
+    scenario, _ = parse_scenario(folder / "house.yaml", scenario_text(content, ""))
     assert isinstance(scenario.assembly, LegoSection)
     return build_workcell(scenario, folder), scenario.assembly
 
@@ -114,9 +114,9 @@ def test_reach_of_a_grip_is_that_of_each_arm_asked_by_itself(
     plate = build_lego(section).plate
     reach = GripReach(cell, plate)
     item = PlacedBrick("a", BRICKS[kind], Cell(x, y, z, turned))
-    for other in presses(item.brick):
+    for other in legal_presses(item.brick):
         reach(PlacedBrick("b", item.brick, Cell(x, y, z, turned)), other, up)
-    press = data.draw(st.sampled_from(presses(item.brick)))
+    press = data.draw(st.sampled_from(legal_presses(item.brick)))
     grips = [
         BrickGrip(r.model.frames, item.brick, top_pose(plate, item), press)
         for r in cell.robots
@@ -138,7 +138,7 @@ def _side_by_side() -> list[PlacedBrick]:
 
 
 def _barred(first: str, other: str) -> dict:
-    grips = presses(BRICKS["2x4"])
+    grips = legal_presses(BRICKS["2x4"])
     return {(first, press, False): (frozenset([other]),) for press in grips}
 
 
@@ -172,7 +172,7 @@ def test_a_brick_that_no_arm_reaches_is_named() -> None:
 
 
 def test_only_grips_that_some_arm_reaches_are_offered() -> None:
-    allowed = presses(BRICKS["2x4"])[3]
+    allowed = legal_presses(BRICKS["2x4"])[3]
 
     def reaches(item: PlacedBrick, press: object, up: bool) -> bool:
         return press == allowed
@@ -205,10 +205,10 @@ def test_stations_stand_where_picks_stay_free(
     cell, section = gate
     room = GridSpan(20, 28, 20, 28, 0, 1)
     asked = cell.robots[0], build_lego(section).plate, room, [BRICKS["2x4"]]
-    (found,) = stations(*asked, far=False, stays_free=lambda s: s.cell.y > 30)
+    (found,) = find_stations(*asked, far=False, stays_free=lambda s: s.cell.y > 30)
     assert found.cell.y > 30
     with pytest.raises(ScenarioError, match="no room for a feeding station"):
-        stations(*asked, far=False, stays_free=lambda _: False)
+        find_stations(*asked, far=False, stays_free=lambda _: False)
 
 
 @pytest.mark.nightly

@@ -16,11 +16,16 @@ from scipy.spatial.transform import Rotation
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick
 from planning.lego.insertion.rules import SequencingRules
-from planning.lego.insertion.tool_room import PLATE, BrickBoxes, blocking, tool_room
-from planning.lego.sequencing.blocking import remaining, smallest_blocking_set
+from planning.lego.insertion.tool_room import (
+    PLATE,
+    BrickBoxes,
+    blocking_bricks,
+    tool_room,
+)
+from planning.lego.sequencing.blocking import blocked_parts, smallest_blocking_set
 from planning.lego.sequencing.disassembly_search import Removal, find_assembly_sequence
-from planning.lego.sequencing.remedies import columns_below, on_plinth
-from planning.lego.sequencing.removal import shut_in
+from planning.lego.sequencing.remedies import raise_on_plinth, supporting_columns
+from planning.lego.sequencing.removal import find_unremovable_bricks
 from planning.lego.sequencing.sequencing import sequence_structure
 from tests.planning.lego.structures import brick, scattered
 
@@ -101,7 +106,7 @@ def _most_taken(bricks: Sequence[PlacedBrick], helpers: Sequence[str]) -> set[st
 )
 def test_those_that_stay_are_those_of_the_best_order(bricks, chosen):
     helpers = [item.name for k, item in enumerate(bricks) if k in chosen]
-    found = shut_in(bricks, frozenset(helpers))
+    found = find_unremovable_bricks(bricks, frozenset(helpers))
     assert {item.brick.name for item in found} == _most_taken(bricks, helpers)
     for item in found:
         assert item.behind
@@ -132,11 +137,11 @@ def test_a_helper_between_a_floor_and_what_hangs_is_shut_in():
         brick("lamp", "2x2", 22, 20, 3),
         brick("roof", "2x6", 20, 20, 4, True),
     ]
-    (found,) = shut_in(enclosed, frozenset(["helper"]))
+    (found,) = find_unremovable_bricks(enclosed, frozenset(["helper"]))
     assert found.words.startswith("'helper' (2x2 at [22, 20, 2]) is shut in behind")
     assert [item.name for item in found.behind[:2]] == ["floor", "lamp"]
     # Without the floor it comes off from below.
-    assert not shut_in(enclosed[1:], frozenset(["helper"]))
+    assert not find_unremovable_bricks(enclosed[1:], frozenset(["helper"]))
 
 
 def test_rules_may_ask_for_helpers_that_come_out_again():
@@ -231,13 +236,13 @@ def test_parts_remain_exactly_when_no_permutation_works(table):
         return all(perhaps(frozenset(order[: k + 1]), p) for k, p in enumerate(order))
 
     some = any(map(possible, permutations(_PARTS)))
-    assert (not remaining(_PARTS, perhaps)) == some
+    assert (not blocked_parts(_PARTS, perhaps)) == some
     core = smallest_blocking_set(_PARTS, perhaps)
     assert (not core) == some
     assert not any(perhaps(core, part) for part in core)
     fewer = chain.from_iterable(combinations(sorted(core), k) for k in range(len(core)))
     for parts in fewer:
-        assert not remaining(parts, perhaps)
+        assert not blocked_parts(parts, perhaps)
 
 
 def _hanging():
@@ -278,7 +283,7 @@ def test_a_plinth_makes_room_below():
     lamp = next(item for item in found.sequence if item.name == "lamp")
     assert lamp.step.up
     assert lamp.step.cell.z == 16
-    raised, plinth = on_plinth(_hanging(), 14)
+    raised, plinth = raise_on_plinth(_hanging(), 14)
     assert len(plinth) == sum(step.temporary for step in found.steps) == 14
     assert {item.name: item.cell.z for item in raised}["beam"] == 17
     with pytest.raises(InfeasibleStepError, match="from below is not allowed"):
@@ -298,7 +303,7 @@ def test_columns_reach_from_a_brick_to_what_is_below(kind, level, taken):
         own, "x"
     )
     types = [b for b in BRICKS.values() if b.height in (1, 3)]
-    for column in columns_below(item, filled, types):
+    for column in supporting_columns(item, filled, types):
         seen, top = set(filled), level
         for part in column:
             places = part.places
@@ -407,6 +412,6 @@ def test_boxes_and_what_they_meet(seed: int, count: int, clearance: float) -> No
     low, high = boxes[:, 0] + shrink, boxes[:, 1] - shrink
     meets = np.array([np.all((low < b[1]) & (high > b[0]), axis=1).any() for b in them])
     names = tuple(f"b{k}" for k in range(30))
-    found = blocking(boxes, BrickBoxes(names, them), clearance=clearance)
+    found = blocking_bricks(boxes, BrickBoxes(names, them), clearance=clearance)
     want = [PLATE] if low[:, 2].min() < 0.0 else []
     assert found == [*want, *(names[k] for k in np.flatnonzero(meets))]

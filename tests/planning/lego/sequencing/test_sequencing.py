@@ -26,7 +26,7 @@ from planning.lego.bricks.assembly import (
     StockBrick,
     Support,
 )
-from planning.lego.bricks.brick_grips import press_cell, presses
+from planning.lego.bricks.brick_grips import legal_presses, press_cell
 from planning.lego.importers.apex_mr.importer import import_apex_mr
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules
@@ -72,7 +72,7 @@ def _replay(structure, found: SequencedStructure, scaffold=()) -> None:
             assert below or step.cell.level == 0
         there.append(brick)
         assert item.step.presses[0] == step.press
-        assert set(item.step.presses) <= set(presses(brick.brick))
+        assert set(item.step.presses) <= set(legal_presses(brick.brick))
         for press in item.step.presses:
             force = _force(brick, there, up=step.up)
             loads = _loads(brick, press, force, up=step.up)

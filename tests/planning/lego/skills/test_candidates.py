@@ -24,8 +24,8 @@ from planning.lego.bricks.assembly import (
     StockBrick,
     Support,
 )
-from planning.lego.bricks.brick_grips import grip_pose, presses
-from planning.lego.bricks.brick_world import BrickWorld, grasp_number, press_of
+from planning.lego.bricks.brick_grips import grip_pose, legal_presses
+from planning.lego.bricks.brick_world import BrickWorld, grasp_number, press_from_number
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.expansion import lego_work
@@ -106,7 +106,7 @@ def test_costs_are_joint_distances_from_home(found: LegoCandidates) -> None:
         kind = found.world.stock[item.object].brick
         tool = frame_pose(found.world.cell.robot(item.robot), attach, "tool")
         assert tool == pytest.approx(
-            grip_pose(top, kind, press_of(item.grasp)), abs=1e-6
+            grip_pose(top, kind, press_from_number(item.grasp)), abs=1e-6
         )
         posts = (attach, place.path.waypoints[2])
         way = sum(float(np.abs(q - home[item.robot]).sum()) for q in posts)
@@ -139,9 +139,9 @@ def test_all_grips_are_tried_where_none_is_prescribed() -> None:
     some = find_candidates(*overhang(steps=steps), alternatives=2)
     kept = {c.grasp for c in some.problem.primaries if c.step == 1}
     assert kept < tried
-    assert tried <= {grasp_number(p) for p in presses(STEPS[0].brick)}
+    assert tried <= {grasp_number(p) for p in legal_presses(STEPS[0].brick)}
     for press in (Press(1, 0), Press(4, 6)):
-        assert press_of(grasp_number(press)) == press
+        assert press_from_number(grasp_number(press)) == press
 
 
 def test_a_brick_out_of_reach_is_explained() -> None:
@@ -232,7 +232,7 @@ def every_way(found: LegoCandidates, step: int) -> list[StepChoice]:
             if isinstance(option, ResolvedSkill) and not skills.after(option)
         ]
     out = []
-    for robot, press in product(home, presses(world.step(step).brick)):
+    for robot, press in product(home, legal_presses(world.step(step).brick)):
         grasp = grasp_number(press)
         beside = {
             support: place
@@ -258,13 +258,13 @@ def every_way(found: LegoCandidates, step: int) -> list[StepChoice]:
 def test_the_cheapest_of_all_grips_and_supports_is_found() -> None:
     """What is left out unseen is never in a plan that is cheaper than the one found."""
     found = find_candidates(*overhang(steps=OPEN))
-    ways = [every_way(found, 1), every_way(found, 2)]
-    grips = {(c.step, c.robot, c.object, c.grasp) for way in ways for c in way}
+    kinds = [every_way(found, 1), every_way(found, 2)]
+    grips = {(c.step, c.robot, c.object, c.grasp) for way in kinds for c in way}
     kept = {(c.step, c.robot, c.object, c.grasp) for c in found.problem.primaries}
     assert kept < grips, "nothing was left out, so that nothing is tested"
-    assert len({c.support for c in ways[0]}) >= 2
+    assert len({c.support for c in kinds[0]}) >= 2
     assert {s.pose for s in found.problem.supports} == {0, 1}
-    plans = (TaskPlan(pair) for pair in product(*ways) if _allowed(pair))
+    plans = (TaskPlan(pair) for pair in product(*kinds) if _allowed(pair))
     least = min(objective(found.problem, plan) for plan in plans)
     assert objective(found.problem, assign_steps(found.problem)) == pytest.approx(least)
 

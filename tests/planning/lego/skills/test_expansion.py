@@ -247,7 +247,7 @@ def test_other_ways_of_a_step_differ_and_are_remembered(
 def test_everything_can_be_planned_in_sequence(
     found: LegoCandidates, plan: TaskPlan
 ) -> None:
-    from planning.motion.sequential import MotionSettings, plan_sequential
+    from planning.motion.sequential import MotionSettings, plan_motions_sequentially
     from planning.motion.speed import L1Speed
     from planning.motion.transit import RrtConnect
 
@@ -259,7 +259,7 @@ def test_everything_can_be_planned_in_sequence(
         r.name: RrtConnect(r.model.lower, r.model.upper, speeds[r.name]) for r in robots
     }
     durations = dict.fromkeys(SKILLS, 8.0)
-    motion = plan_sequential(
+    motion = plan_motions_sequentially(
         found.world.cell,
         expansions.callables(),
         work.link,

@@ -19,7 +19,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.grid import box_from_top
-from planning.lego.skills.handovers import giver_rest, receive_poses
+from planning.lego.skills.handovers import giver_rest_poses, receive_poses
 from planning.lego.skills.targets import (
     DEFAULT_TWIST,
     LEVER_WALL,
@@ -196,7 +196,7 @@ def test_a_handover_is_held_out_towards_the_giver(
 
 @given(TOPS)
 def test_the_giver_waits_in_front_of_itself_pointing_down(base: Transform) -> None:
-    rest = giver_rest(base)
+    rest = giver_rest_poses(base)
     assert rest.frame == "flange"
     np.testing.assert_allclose(
         (inverse(base) @ rest.pose)[:3, 3], [0.2, 0.0, 0.5], atol=1e-12

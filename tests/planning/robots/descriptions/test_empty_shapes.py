@@ -7,7 +7,7 @@ import pytest
 from planning.errors import RobotModelError
 from planning.robots.descriptions.fitting import Fitting
 from planning.robots.descriptions.urdf_file import GivenLimits
-from planning.robots.overview import overview
+from planning.robots.overview import robot_overview
 from planning.robots.registry import robot_model
 from tests.twin.program import invoke
 
@@ -79,9 +79,9 @@ def described(folder: Path, form: str, text: str = URDF) -> Path:
 def test_what_has_no_volume_is_left_out_and_told(form: str, tmp_path: Path) -> None:
     model = robot_model(str(described(tmp_path, form)))
     assert [part.body.name for part in model.parts] == ["foot_0", "rod_0"]
-    (words,) = overview(model).left_out
+    (words,) = robot_overview(model).left_out
     assert "link 'rod'" in words
-    assert any(words in line for line in overview(model).words)
+    assert any(words in line for line in robot_overview(model).words)
 
 
 @pytest.mark.parametrize("form", REFUSED)
@@ -93,7 +93,7 @@ def test_what_no_body_measures_is_refused(form: str, tmp_path: Path) -> None:
 def test_a_body_stays(tmp_path: Path) -> None:
     model = robot_model(str(described(tmp_path, '<mesh filename="body.obj"/>')))
     assert len(model.parts) == 3
-    assert overview(model).left_out == ()
+    assert robot_overview(model).left_out == ()
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_a_body_stays(tmp_path: Path) -> None:
 def test_so_it_is_in_mjcf(geom: str, there: bool, tmp_path: Path) -> None:
     speeds = Fitting(limits=GivenLimits(velocity=(1.0,)))
     model = robot_model(str(described(tmp_path, geom, MJCF)), None, speeds)
-    assert bool(overview(model).left_out) != there
+    assert bool(robot_overview(model).left_out) != there
 
 
 def test_the_program_refuses_what_no_body_measures(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from planning.errors import FittingError, RobotModelError
 from planning.robots.descriptions.fitting import Fitting, Tool, hold_joints
-from planning.robots.descriptions.read_description import urdf_of_mjcf
+from planning.robots.descriptions.read_description import mjcf_to_urdf
 from planning.robots.descriptions.urdf_file import GivenLimits
 from planning.robots.descriptions.xml_files import read_xml
 from planning.robots.registry import robot_model
@@ -184,7 +184,7 @@ SETTINGS = """<mujoco model="axes"><worldbody><body name="base" childclass="turn
 def urdf_of(text: str, tmp_path: Path) -> Element:
     path = tmp_path / "made.xml"
     path.write_text(text)
-    return urdf_of_mjcf(read_xml(path), path)
+    return mjcf_to_urdf(read_xml(path), path)
 
 
 def test_only_what_turns_has_its_range_in_degrees(tmp_path: Path) -> None:

@@ -34,13 +34,13 @@ from twin.durations.composed import SkillOverride
 from twin.durations.measured import packaged_timings
 from twin.durations.nanoseconds import Nanoseconds
 from twin.durations.normal import Lognormal
-from twin.engine.bulk.bulk_engine import BulkEngine, held_back
+from twin.engine.bulk.bulk_engine import BulkEngine, with_window_holds
 from twin.engine.bulk.max_plus import (
     OTHER,
     Past,
     completions,
     end_times,
-    explain,
+    explain_completions,
     makespans,
     policy_graph,
     precedence_arrays,
@@ -317,7 +317,7 @@ def test_engines_hold_back_to_the_same_nanosecond(
         ),
         hold=hold,
     )
-    held = held_back(tpg, model)
+    held = with_window_holds(tpg, model)
     assert_same_ends(held, model, seed, [0, 1, 2])
     if latency == 0.0:
         run = Simulator(held, model).run(seed=seed)
@@ -335,7 +335,7 @@ def test_engines_agree_where_robots_keep_to_limits(seed: int, windows: int) -> N
     tpg = windowed_tpg(seed, windows=windows)
     driven = with_limits(tpg, np.random.default_rng(seed), lambda chain, _: chain)
     model = ExecutionModel(VARIED, hold=0.9)
-    assert_same_ends(held_back(driven, model), model, seed, [0, 1])
+    assert_same_ends(with_window_holds(driven, model), model, seed, [0, 1])
 
 
 @settings(max_examples=25, deadline=None)
@@ -348,7 +348,7 @@ def test_every_run_ends_whatever_stops_it(
     model = ExecutionModel(
         VARIED, disturbances=Disturbances(emergency_stops=(stop,)), hold=0.95
     )
-    run = Simulator(held_back(tpg, model), model).run(seed=seed)
+    run = Simulator(with_window_holds(tpg, model), model).run(seed=seed)
     assert run.outcome == "completed"
 
 
@@ -358,9 +358,11 @@ def test_nothing_is_held_back_where_nothing_asks_for_it() -> None:
         ExecutionModel(VARIED),
         ExecutionModel(VARIED, "sequential", hold=0.95),
     ):
-        assert held_back(tpg, model) is tpg
+        assert with_window_holds(tpg, model) is tpg
     assert (
-        held_back(replace(tpg, windows=()), ExecutionModel(VARIED, hold=0.9)).windows
+        with_window_holds(
+            replace(tpg, windows=()), ExecutionModel(VARIED, hold=0.9)
+        ).windows
         == ()
     )
 
@@ -456,7 +458,7 @@ def test_slack_of_what_was_executed_counts_neither_messages_nor_braking(
         np.stack([np.concatenate(getattr(run, name)) for run in runs], axis=1)
         for name in ("start_ns", "end_ns")
     )
-    found = explain(precedence_arrays(tpg), start, end)
+    found = explain_completions(precedence_arrays(tpg), start, end)
     assert found.waited_ns[:, OTHER].sum() > 0
     assert not np.any(found.slack_ns[found.critical])
     assert found.slack_ns.min() == 0 < found.slack_ns.max()

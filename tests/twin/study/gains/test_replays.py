@@ -19,7 +19,12 @@ from twin.engine.execution_model import Messages
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.run.execution_record import Policy
 from twin.study.gains.candidates import candidates
-from twin.study.gains.replays import Lever, Replay, eased_makespans, needs_events
+from twin.study.gains.replays import (
+    Intervention,
+    Replay,
+    makespans_with_eased_waits,
+    needs_event_engine,
+)
 from twin.study.replications.experiment import Block
 from twin.study.replications.workload import Engines, Workload
 from twin.uncertainty.disturbances import (
@@ -41,11 +46,11 @@ BUSY = Disturbances(
 NUMBERS = np.arange(12)
 
 
-def levers(load: Workload, replay: Replay) -> list[Lever]:
+def levers(load: Workload, replay: Replay) -> list[Intervention]:
     return candidates(replay, replay.base(), load.execution)
 
 
-def require_equal(quick: Replay, events: Replay, lever: Lever) -> None:
+def require_equal(quick: Replay, events: Replay, lever: Intervention) -> None:
     """Both give the same nanoseconds, however much of what a lever is of is gone."""
     for share in (0.0, 0.2, 1.0):
         found, expected = (own.makespans_ns(lever, share) for own in (quick, events))
@@ -76,7 +81,7 @@ def test_messages_give_the_nanoseconds_of_the_event_engine(policy: Policy) -> No
     late = replace(load.execution, messages=Messages.of_seconds(3, 0.3, 0.1))
     load = replace(load, execution=late)
     quick, events = Replay(load, NUMBERS), Replay(load, NUMBERS, by_events=True)
-    assert not needs_events(load)
+    assert not needs_event_engine(load)
     found = levers(load, quick)
     assert {lever.kind for lever in found} == {
         *("task", "skill", "robot", "stall", "message")
@@ -151,7 +156,7 @@ def test_what_robots_do_after_their_last_work_gains_nothing() -> None:
             if load.tpg.tasks[task].kind != TRANSIT:
                 continue
             rows = np.flatnonzero(every == task)
-            home = Lever("task", "HOME", chain.robot, task, rows)
+            home = Intervention("task", "HOME", chain.robot, task, rows)
             needed = np.isin(replay.graph.source, rows).any()
             if needed:
                 continue
@@ -209,7 +214,7 @@ def test_eased_waits_are_what_they_are_by_hand(share: float) -> None:
     load = toy_workload(4)
     replay = Replay(load, NUMBERS)
     edges = np.arange(0, len(replay.graph.source), 2)
-    found = eased_makespans(replay.graph, replay.times.busy_ns, edges, share)
+    found = makespans_with_eased_waits(replay.graph, replay.times.busy_ns, edges, share)
     eased = set(edges.tolist())
     by_hand = [
         _by_hand(replay.graph, busy, eased, share)

@@ -23,7 +23,7 @@ from twin.study.replications.executors import InProcess, open_executor
 from twin.study.replications.experiment import Block, Experiment
 from twin.study.replications.runner import run_replications
 from twin.study.replications.statistics import Precision
-from twin.study.replications.workload import Workload, compute_block, pack
+from twin.study.replications.workload import Workload, compute_block, pack_workload
 from twin.uncertainty.disturbances import Disturbances, SkillFailure
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -174,8 +174,10 @@ def test_workers_stay_from_one_step_of_sampling_to_the_next(tmp_path: Path) -> N
 
 
 def test_engines_fill_the_same_rows(tmp_path: Path) -> None:
-    bulk = compute_block(pack(toy_workload()), Block(0, 3, 9))
-    events = compute_block(pack(toy_workload(reasons=("asked",))), Block(0, 3, 9))
+    bulk = compute_block(pack_workload(toy_workload()), Block(0, 3, 9))
+    events = compute_block(
+        pack_workload(toy_workload(reasons=("asked",))), Block(0, 3, 9)
+    )
     assert (bulk.rows.engine, events.rows.engine) == ("bulk", "events")
     ours, theirs = bulk.rows.columns(), events.rows.columns()
     for name in ours.keys() - {"engine"}:
@@ -221,12 +223,14 @@ def test_a_replication_that_raises_is_a_row_with_its_error() -> None:
     models = load.execution.durations.models
     broken = dict(models) | {"pick": _Broken(), "place-up": _Broken()}
     own = Workload(load.tpg, ExecutionModel(SkillDurations(broken)), 5)
-    rows = compute_block(pack(own), Block(0, 0, 60)).rows
+    rows = compute_block(pack_workload(own), Block(0, 0, 60)).rows
     wrong = rows.outcome == "error"
     assert 0 < np.count_nonzero(wrong) < 60
     assert all("ArithmeticError: no quantile" in text for text in rows.error[wrong])
     assert all(rows.outcome[~wrong] == "completed")
-    well = compute_block(pack(own), Block(0, int(np.flatnonzero(~wrong)[0]), 1)).rows
+    well = compute_block(
+        pack_workload(own), Block(0, int(np.flatnonzero(~wrong)[0]), 1)
+    ).rows
     assert well.makespan_ns[0] == rows.makespan_ns[~wrong][0]
 
 

@@ -9,8 +9,8 @@ from planning.contacts.interference import Overlaps
 from planning.parts.assembly import PlacePart
 from planning.parts.part_steps import spot_pose
 from planning.transforms import Array, Transform
-from twin.check.finding import Findings, in_file
-from twin.check.lying import (
+from twin.check.finding import Findings, name_in_file
+from twin.check.placements import (
     check_centres,
     check_fixtures,
     check_meshes,
@@ -155,7 +155,7 @@ class PartChecks(PartsContext):
         """Return the parts that steps place."""
         placed = {step.place for step in self.section.steps if step.place}
         objects = self.subject.cell.objects
-        return [part for part in objects if in_file(part.name, placed) in placed]
+        return [part for part in objects if name_in_file(part.name, placed) in placed]
 
     def key_at(self, path: KeyPath, key: str) -> KeyPath:
         """Return the key of a property of a part; where it begins may be its source."""

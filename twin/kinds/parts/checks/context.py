@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cached_property, wraps
 
-from twin.check.finding import Findings, KindChecks, Subject
+from twin.check.finding import CheckContext, Findings, KindChecks
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.section import PartsSection
 
@@ -26,20 +26,20 @@ class PartsContext(KindChecks):
         return OrderedParts(self.subject.cell, self.section)
 
 
-def ordered_parts(subject: Subject) -> OrderedParts:
+def ordered_parts(subject: CheckContext) -> OrderedParts:
     """Return the assembly of parts of a scenario."""
     checks = subject.checks
     assert isinstance(checks, PartsContext)
     return checks.parts
 
 
-def of_parts(
-    check: Callable[[Subject, OrderedParts], Findings],
-) -> Callable[[Subject], Findings]:
+def for_part_assemblies(
+    check: Callable[[CheckContext, OrderedParts], Findings],
+) -> Callable[[CheckContext], Findings]:
     """Return a check of assemblies of parts as one of scenarios with such an assembly."""
 
     @wraps(check)
-    def checked(subject: Subject) -> Findings:
+    def checked(subject: CheckContext) -> Findings:
         return check(subject, ordered_parts(subject))
 
     return checked

@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture, PlacedRobot
-from planning.geometry.touching import Lying, near_to
+from planning.geometry.touching import PlacedObject, nearby_entities
 from planning.grips.pads import own_bodies
 from planning.grips.tool_grips import robot_grips
 from planning.kinematics.kinematics import frame_in_last_joint
@@ -21,10 +21,16 @@ from planning.kinematics.orientations import (
 from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PlacePart
 from planning.parts.part_skills import process_targets
-from planning.parts.part_steps import lying_by_then, steps_in_order
+from planning.parts.part_steps import objects_at_step, steps_in_order
 from planning.transforms import Array, inverse, translation
-from twin.check.finding import Finding, Findings, Subject, in_file, millimetres
-from twin.kinds.parts.checks.context import of_parts
+from twin.check.finding import (
+    CheckContext,
+    Finding,
+    Findings,
+    format_millimetres,
+    name_in_file,
+)
+from twin.kinds.parts.checks.context import for_part_assemblies
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.sources import TraySection
 
@@ -35,8 +41,8 @@ _TOLD = 4
 """How many orientations are named."""
 
 
-@of_parts
-def check_turning(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield parts and places of work for which no robot turns its tool as they need, whatever its joints do."""
     assembly, frame = parts.listed, parts.listed.frame
     for _, step, where, end in steps_in_order(subject.cell, assembly):
@@ -64,8 +70,10 @@ def check_turning(subject: Subject, parts: OrderedParts) -> Findings:
             process_targets(work.process, known.place, turn).targets.subgoals
             for turn in work.process.turns
         )
-        ways = [[goal.pose[:3, :3] for goal in own] for own in targets]
-        wanted = [(robot, way) for robot in robots for way in ways]
+        orientations = [[goal.pose[:3, :3] for goal in own] for own in targets]
+        wanted = [
+            (robot, orientation) for robot in robots for orientation in orientations
+        ]
         if found := _turned(wanted, work.process.frame):
             at = parts.step_at(number)
             yield Finding(at, f"{work.words} cannot be done: {found}", error=True)
@@ -79,28 +87,30 @@ def _turned(wanted: Sequence[tuple[PlacedRobot, list[Array]]], frame: str) -> st
         frame: of their tools.
     """
     if not wanted or any(
-        all(can_turn(r, frame, at) for at in way) for r, way in wanted
+        all(can_turn(r, frame, at) for at in orientation) for r, orientation in wanted
     ):
         return ""
     needed = dict.fromkeys(
         " then ".join(
             f"{direction_words(at[:, 2])}, y axis {direction_words(at[:, 1])}"
-            for at in {at.tobytes(): at for at in (way[0], way[-1])}.values()
+            for at in {
+                at.tobytes(): at for at in (orientation[0], orientation[-1])
+            }.values()
         )
-        for _, way in wanted
+        for _, orientation in wanted
     )
     can = dict.fromkeys(f"{r.name}: {turning_words(r, frame)}" for r, _ in wanted)
     return f"{'; '.join(can)}; needed: {'; or '.join([*needed][:_TOLD])}"
 
 
-def _placing(subject: Subject, step: PlacePart, frame: str) -> list[PlacedRobot]:
+def _placing(subject: CheckContext, step: PlacePart, frame: str) -> list[PlacedRobot]:
     """Return the robots that may do a step and have the frame for it."""
     robots = (r for r in subject.cell.robots if frame in {"flange", *r.model.frames})
     return [robot for robot in robots if step.done_by(robot.name)]
 
 
-@of_parts
-def check_room(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_room(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield parts beside whose neighbours no tool has room, by whatever grip.
 
     Of parts that are alike the first step may take any: there is none only where each lacks room.
@@ -125,7 +135,7 @@ def check_room(subject: Subject, parts: OrderedParts) -> Findings:
                     parts,
                     robots,
                     (cell.object(own), at),
-                    lying_by_then(cell, where, own),
+                    objects_at_step(cell, where, own),
                 )
                 for own, at in ends
             ]
@@ -137,8 +147,8 @@ def check_room(subject: Subject, parts: OrderedParts) -> Findings:
 def _lack(
     parts: OrderedParts,
     robots: Sequence[PlacedRobot],
-    part: Lying,
-    lying: Mapping[str, Lying],
+    part: PlacedObject,
+    placed: Mapping[str, PlacedObject],
 ) -> tuple[float, str, str] | None:
     """Return how much room the grip on a part lacks that lacks least [m], beside what, and which grip.
 
@@ -155,7 +165,7 @@ def _lack(
         tip = inverse(frame_in_last_joint(robot.model, rules.frame))
         for grip in robot_grips(robot, item.shape, at, at, rules):
             pose = at @ grip.pose @ tip
-            near = near_to((Fixture("tool", body, pose), pose), lying, clear)
+            near = nearby_entities((Fixture("tool", body, pose), pose), placed, clear)
             if not near:
                 return None
             beside = min(near, key=lambda name: near[name])
@@ -165,7 +175,7 @@ def _lack(
 
 
 def _no_room(
-    subject: Subject,
+    subject: CheckContext,
     parts: OrderedParts,
     name: str,
     key: str,
@@ -176,7 +186,7 @@ def _no_room(
     """Return the finding: an error at the pitch of a source whose parts lie too near to each other."""
     at, remedy = subject.thing_at(name, key), "move one of the two"
     sources = {part.name: part.source for part in parts.section.parts}
-    own, other = (sources.get(in_file(n, sources)) for n in (name, beside))
+    own, other = (sources.get(name_in_file(n, sources)) for n in (name, beside))
     source = parts.section.sources.get(own or "")
     in_source = key == "start" and own == other and source is not None
     if in_source:
@@ -185,14 +195,14 @@ def _no_room(
     where = "where it lies" if key == "start" else "in its place"
     return Finding(
         at,
-        f"no grip on {name} has room beside its neighbours {where}: {grip} lacks least, {millimetres(lack)}"
+        f"no grip on {name} has room beside its neighbours {where}: {grip} lacks least, {format_millimetres(lack)}"
         f" beside {beside}; {remedy}, or take a slimmer tool",
         error=in_source,
     )
 
 
-@of_parts
-def check_lifts(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_lifts(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield parts that are not lifted clear of what comes up where they lay, such as the next of a conveyor."""
     assembly, cell = parts.listed, parts.cell
     clear = cell.clearances.robot_object + MARGIN - 1e-9
@@ -200,23 +210,26 @@ def check_lifts(subject: Subject, parts: OrderedParts) -> Findings:
         refill = assembly.supply.refills.get(number)
         if refill is None or not isinstance(step, PlacePart):
             continue
-        name, ways, part = (
+        name, orientations, part = (
             step.part,
             assembly.handling(step.part),
             cell.object(step.part),
         )
         coming = {k: (cell.object(k), at) for k, at in dict(refill.parts).items()}
-        lengths = ways.leave + np.arange(0.0, _FARTHEST, _STEP)
-        out = [translation(*(x * np.array(ways.extraction))) for x in lengths.tolist()]
-        near = [near_to((part, up @ where[name]), coming, clear) for up in out]
+        lengths = orientations.leave + np.arange(0.0, _FARTHEST, _STEP)
+        out = [
+            translation(*(x * np.array(orientations.extraction)))
+            for x in lengths.tolist()
+        ]
+        near = [nearby_entities((part, up @ where[name]), coming, clear) for up in out]
         if first := near[0]:
             other = min(first, key=lambda k: first[k])
             remedy = f": {lengths[near.index({})]:.3f} is enough" if {} in near else ""
             own = {p.name: p.leave_m for p in parts.section.parts}
-            told = own[in_file(name, own)] is not None
+            told = own[name_in_file(name, own)] is not None
             yield Finding(
                 subject.thing_at(name, "leave_m") if told else ("assembly", "leave_m"),
-                f"{name} is lifted by leave_m {ways.leave:g}, and then {other} comes up where it lay, at a"
-                f" distance of {millimetres(abs(first[other]))}; lift it farther{remedy}",
+                f"{name} is lifted by leave_m {orientations.leave:g}, and then {other} comes up where it lay, at a"
+                f" distance of {format_millimetres(abs(first[other]))}; lift it farther{remedy}",
                 error=True,
             )

@@ -9,27 +9,27 @@ import numpy as np
 from planning.cell.robot_model import ToolGrip
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
-from planning.grips.cups import too_wide
+from planning.grips.cups import describe_too_wide_cups
 from planning.grips.grip import GripRules
 from planning.grips.shape_grips import part_grips
 from planning.grips.tool_grips import (
+    least_thickness,
     robot_rules,
-    thinnest,
     tool_rules,
 )
 from planning.transforms import Transform
 from twin.check.finding import (
+    CheckContext,
     Finding,
     Findings,
-    Subject,
-    millimetres,
+    format_millimetres,
 )
-from twin.kinds.parts.checks.context import of_parts
+from twin.kinds.parts.checks.context import for_part_assemblies
 from twin.kinds.parts.ordered_parts import OrderedParts
 
 
-@of_parts
-def check_grips(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_grips(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield parts that the fingers cannot span, or cannot hold both at the start and in place."""
     assembly, robots = parts.listed, subject.cell.robots
     tools = dict.fromkeys(robot.model.grip for robot in robots)
@@ -38,11 +38,11 @@ def check_grips(subject: Subject, parts: OrderedParts) -> Findings:
         rules = assembly.handling(name).grips
         widest = max(tool_rules(rules, tool).opening for tool in tools)
         listing = "; ".join(_opens(tool, rules) for tool in tools)
-        least = thinnest(part.shape)
+        least = least_thickness(part.shape)
         if least > widest and not rules.suction:
             yield Finding(
                 subject.thing_at(name, "size_m"),
-                f"no fingers span {name}: its shortest edge is {millimetres(least)}, and {listing}",
+                f"no fingers span {name}: its shortest edge is {format_millimetres(least)}, and {listing}",
                 error=True,
             )
             continue
@@ -73,7 +73,7 @@ def _no_face(
     )
     for own in (plain, drawn if drawn.lips else plain):
         if not part_grips(shape, at, at, own):
-            words = too_wide(shape, at, at, own) if own.suction else None
+            words = describe_too_wide_cups(shape, at, at, own) if own.suction else None
             return f"{robot.tool or robot.name}: {words}" if words else ""
     return None
 
@@ -81,9 +81,9 @@ def _no_face(
 def _opens(tool: ToolGrip | None, rules: GripRules) -> str:
     """Return in words how far a tool opens, and where that is written."""
     if tool is None:
-        return f"they open to {millimetres(rules.opening)} (assembly.grips.opening_m)"
+        return f"they open to {format_millimetres(rules.opening)} (assembly.grips.opening_m)"
     if tool.opening is None:
         return f"{tool.tool} holds any face"
     if tool.opening[1] == 0.0:
         return f"{tool.tool} holds nothing"
-    return f"{tool.tool} opens to {millimetres(tool.opening[1])} (cell.tools)"
+    return f"{tool.tool} opens to {format_millimetres(tool.opening[1])} (cell.tools)"

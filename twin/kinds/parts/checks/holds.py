@@ -11,20 +11,20 @@ from planning.cell.workcell import CellObject, PlacedRobot
 from planning.grips.fingers import load_on_pads
 from planning.grips.grip import GripRules
 from planning.grips.pads import own_bodies
-from planning.grips.tool_grips import not_held, robot_grips
+from planning.grips.tool_grips import describe_missed_contact, robot_grips
 from planning.parts.assembly import PartAssembly, PlacePart
 from planning.tasks.task import CLOSE, HOLD, OPEN
 from planning.transforms import Transform
 from twin.check.finding import (
+    CheckContext,
     Finding,
     Findings,
-    Subject,
-    millimetres,
+    format_millimetres,
 )
 from twin.check.tools import finger_gap, has_fingers
 from twin.document.yaml_text import KeyPath
 from twin.durations.model import DurationModel
-from twin.kinds.parts.checks.context import of_parts
+from twin.kinds.parts.checks.context import for_part_assemblies
 from twin.kinds.parts.ordered_parts import OrderedParts
 
 _USES = {
@@ -36,8 +36,8 @@ _USES = {
 """What tools do in a skill of an assembly of parts."""
 
 
-@of_parts
-def check_holds(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_holds(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield parts that tools would not touch as they must to hold them.
 
     Where no tool would, at the start or in place, it is an error.
@@ -63,7 +63,7 @@ def check_holds(subject: Subject, parts: OrderedParts) -> Findings:
 
 
 def _placing(
-    subject: Subject, assembly: PartAssembly, part: str
+    subject: CheckContext, assembly: PartAssembly, part: str
 ) -> Iterator[PlacedRobot]:
     """Yield the robots that may do a step that places a part, if they have the frame for it."""
     own = [s for s in assembly.steps if isinstance(s, PlacePart) and s.part == part]
@@ -83,15 +83,15 @@ def _missed(
     """
     first: str | None = None
     for grip in robot_grips(robot, part.shape, at, at, rules):
-        words = not_held(robot, part, grip, rules)
+        words = describe_missed_contact(robot, part, grip, rules)
         if words is None:
             return ""
         first = first or words
     return first
 
 
-@of_parts
-def check_friction(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_friction(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield parts that slip, or turn about the axis of the pads, by whatever grip a tool holds them.
 
     Looked at where the tool says with which force it closes.
@@ -114,7 +114,7 @@ def check_friction(subject: Subject, parts: OrderedParts) -> Findings:
             grip = robot.model.grip
             yield Finding(
                 subject.robot_at(robot.name, "tool", "model"),
-                f"the pads of {grip.tool} hold {name} ({part.mass:g} kg) at best {millimetres(worst.lever)} beside"
+                f"the pads of {grip.tool} hold {name} ({part.mass:g} kg) at best {format_millimetres(worst.lever)} beside"
                 f" its centre of mass: {worst.force:.3g} N pull along them and {round(worst.torque, 6):.3g} N m turn it about"
                 f" their axis; friction bears {worst.most_force:.3g} N or {round(worst.most_torque, 6):.3g} N m (force_n"
                 f" {grip.force:g}, balance.friction {assembly.friction:g}): hold it nearer to its centre of mass,"
@@ -122,8 +122,8 @@ def check_friction(subject: Subject, parts: OrderedParts) -> Findings:
             )
 
 
-@of_parts
-def check_pads(subject: Subject, _: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_pads(subject: CheckContext, _: OrderedParts) -> Findings:
     """Yield tools with fingers whose shapes do not tell where their pads are."""
     for robot in subject.unlike_robots:
         model = robot.model
@@ -139,7 +139,7 @@ def check_pads(subject: Subject, _: OrderedParts) -> Findings:
             )
 
 
-def check_grip_times(subject: Subject) -> Findings:
+def check_grip_times(subject: CheckContext) -> Findings:
     """Yield times of whole skills that leave no time to move, or that hide what is said of a tool."""
     scenario = subject.scenario
     if not scenario.actuations:
@@ -193,7 +193,7 @@ def _keys(skill: str) -> str:
     return f"{keys} of the tool or of assembly.grips"
 
 
-def _said(subject: Subject) -> Iterator[tuple[KeyPath, str]]:
+def _said(subject: CheckContext) -> Iterator[tuple[KeyPath, str]]:
     """Yield where the file says what tools take to close and to open."""
     scenario = subject.scenario
     places: list[tuple[KeyPath, object]] = [

@@ -11,12 +11,12 @@ from planning.cell.workcell import (
 )
 from planning.steps.tool_changes import with_each_tool
 from twin.check.finding import (
+    CheckContext,
     Finding,
     Findings,
-    Subject,
-    in_file,
+    name_in_file,
 )
-from twin.kinds.parts.checks.context import of_parts
+from twin.kinds.parts.checks.context import for_part_assemblies
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.section import PartsSection
 
@@ -24,8 +24,8 @@ _NAMED = 4
 """How many parts without a mass are named."""
 
 
-@of_parts
-def check_payloads(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_payloads(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield tools and parts that are too heavy for who carries them, and masses that nobody tells.
 
     A part that no robot which may place it carries is an error; a tool that is too heavy by itself may
@@ -42,7 +42,7 @@ def check_payloads(subject: Subject, parts: OrderedParts) -> Findings:
         return
     yield from _light_tools(subject, robots, given)
     moved = set(section.taken)
-    light = [p.name for p in section.parts if p.name in moved and not p.weight_told]
+    light = [p.name for p in section.parts if p.name in moved and not p.mass_is_given]
     if light:
         more = f" and {len(light) - _NAMED} more" if len(light) > _NAMED else ""
         has = "have" if len(light) > 1 else "has"
@@ -53,7 +53,7 @@ def check_payloads(subject: Subject, parts: OrderedParts) -> Findings:
         )
 
 
-def _given(subject: Subject) -> dict[str, float]:
+def _given(subject: CheckContext) -> dict[str, float]:
     """Return the payloads that the scenario gives, by robot [kg]."""
     cell = subject.scenario.cell
     return {
@@ -63,7 +63,7 @@ def _given(subject: Subject) -> dict[str, float]:
     }
 
 
-def _heavy_tools(subject: Subject, robots: Sequence[PlacedRobot]) -> Findings:
+def _heavy_tools(subject: CheckContext, robots: Sequence[PlacedRobot]) -> Findings:
     for robot in robots:
         drives = robot.model.drives
         if drives is None or drives.tool_mass <= drives.payload:
@@ -77,7 +77,7 @@ def _heavy_tools(subject: Subject, robots: Sequence[PlacedRobot]) -> Findings:
 
 
 def _light_tools(
-    subject: Subject, robots: Sequence[PlacedRobot], given: dict[str, float]
+    subject: CheckContext, robots: Sequence[PlacedRobot], given: dict[str, float]
 ) -> Findings:
     seen: set[str] = set()
     for robot in robots:
@@ -95,13 +95,13 @@ def _light_tools(
 
 
 def _too_heavy(
-    subject: Subject,
+    subject: CheckContext,
     section: PartsSection,
     part: CellObject,
     robots: Sequence[PlacedRobot],
 ) -> Findings:
     for step in section.steps:
-        if step.place != in_file(part.name, {step.place or ""}):
+        if step.place != name_in_file(part.name, {step.place or ""}):
             continue
         free = dict(_spare(robots, step.robots))
         if part.mass > max(free.values(), default=math.inf):

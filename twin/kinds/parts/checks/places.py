@@ -9,11 +9,11 @@ import numpy as np
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture, PlacedRobot
 from planning.geometry.touching import (
-    Lying,
-    near_to,
-    nearest_to,
-    nearest_words,
-    standing,
+    PlacedObject,
+    describe_nearest,
+    nearby_entities,
+    nearest_entity,
+    standing_fixtures,
 )
 from planning.grips.tool_grips import tool_bodies
 from planning.kinematics.kinematics import frame_in_last_joint
@@ -21,20 +21,20 @@ from planning.parts.assembly import MachineWork, PlacePart, Process
 from planning.parts.part_skills import process_targets
 from planning.parts.part_steps import (
     KnownStep,
-    lying_by_then,
+    objects_at_step,
     steps_in_order,
     wide_joints,
 )
 from planning.transforms import Transform, inverse
 from twin.check.finding import (
+    CheckContext,
     Finding,
     Findings,
-    Subject,
-    in_file,
-    millimetres,
-    position,
+    format_millimetres,
+    format_position,
+    name_in_file,
 )
-from twin.kinds.parts.checks.context import of_parts
+from twin.kinds.parts.checks.context import for_part_assemblies
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.section import MachineSection
 
@@ -45,8 +45,8 @@ _BESIDE = 0.5
 """A machine works at parts no farther than this from its door, and from each other [m]."""
 
 
-@of_parts
-def check_goals(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_goals(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield parts of an assembly that overlap, or hang in the air, in their places."""
     cell, section, assembly = parts.there, parts.section, parts.found
     if isinstance(assembly, str):
@@ -59,10 +59,10 @@ def check_goals(subject: Subject, parts: OrderedParts) -> Findings:
         at, place = subject.thing_at(name, "goal"), "in its place"
         if step.stop is not None:
             at, place = parts.step_at(number, "at"), f"at {step.stop.words}"
-        lying = lying_by_then(cell, where, but=name)
+        lying = objects_at_step(cell, where, but=name)
         overlaps, part = assembly.overlaps, (cell.object(name), goal)
-        touched = near_to(part, lying, section.touch_m)
-        for other, deep in overlaps.too_deep(name, part, lying).items():
+        touched = nearby_entities(part, lying, section.touch_m)
+        for other, deep in overlaps.is_too_deep(name, part, lying).items():
             when = "is" if where.get(other) is not None else "stands"
             yield Finding(
                 at,
@@ -71,7 +71,7 @@ def check_goals(subject: Subject, parts: OrderedParts) -> Findings:
                 error=True,
             )
         if not touched and not assembly.joined_to(name):
-            near = nearest_words(name, part, lying)
+            near = describe_nearest(name, part, lying)
             yield Finding(
                 at,
                 f"{name} would be left in the air: {place} it touches neither a fixture nor a"
@@ -80,18 +80,18 @@ def check_goals(subject: Subject, parts: OrderedParts) -> Findings:
             )
 
 
-@of_parts
-def check_joints(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_joints(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield what is joined to something that is farther from it than the joint says."""
     listed = [set(item.parts) for item in parts.section.joined]
     known = set().union(*listed)
     for joint, words in wide_joints(subject.cell, parts.listed):
-        own = {in_file(name, known) for name in joint.ends}
+        own = {name_in_file(name, known) for name in joint.ends}
         yield Finding(("assembly", "joined", listed.index(own)), words, error=True)
 
 
-@of_parts
-def check_balance(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_balance(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield the first part that would fall, in the order in which parts are put in place."""
     from planning.parts.balance import PartBalance, balance_groups
 
@@ -109,8 +109,8 @@ def check_balance(subject: Subject, parts: OrderedParts) -> Findings:
             return
 
 
-@of_parts
-def check_works(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield processes in which the tool stays far from all that they are done at.
 
     Some tools do work at a distance, and their processes say at which (``distance_m``).
@@ -118,7 +118,7 @@ def check_works(subject: Subject, parts: OrderedParts) -> Findings:
     for number, known, step, robots in parts.works():
         if number > parts.count:
             continue  # of another product
-        lying = standing(subject.cell) | known.others
+        lying = standing_fixtures(subject.cell) | known.others
         there = {name: lying[name] for name in known.touched} or lying
         found = [
             (gap, robot.name, name)
@@ -132,15 +132,18 @@ def check_works(subject: Subject, parts: OrderedParts) -> Findings:
         said = f"distance_m {room:g} says" if room else "works at"
         yield Finding(
             parts.step_at(number),
-            f"{step.words}: the tool of {robot} stays {millimetres(gap)} away from {name}, the nearest that it"
-            f" could work at, and at most {millimetres(_BRIDGED + room)} is what a tool {said}: move the place"
+            f"{step.words}: the tool of {robot} stays {format_millimetres(gap)} away from {name}, the nearest that it"
+            f" could work at, and at most {format_millimetres(_BRIDGED + room)} is what a tool {said}: move the place"
             f" of work or the tool's frame {step.process.frame!r}; for what works at a distance, such as a"
             f" camera, say processes.{step.process.name}.distance_m",
         )
 
 
 def _nearest(
-    robot: PlacedRobot, known: KnownStep, process: Process, there: Mapping[str, Lying]
+    robot: PlacedRobot,
+    known: KnownStep,
+    process: Process,
+    there: Mapping[str, PlacedObject],
 ) -> Iterator[tuple[str, float]]:
     """Yield what is nearest to the tool of a robot at each pose of its path, and how far it is [m]."""
     body = Shape((), tuple(tool_bodies(robot.model)))
@@ -148,13 +151,13 @@ def _nearest(
     way = process_targets(process, known.place, process.turns[0])
     for goal in way.targets.subgoals[way.first : way.last + 1]:
         pose: Transform = goal.pose @ tip
-        found = nearest_to((Fixture("tool", body, pose), pose), there)
+        found = nearest_entity((Fixture("tool", body, pose), pose), there)
         if found is not None:
             yield found
 
 
-@of_parts
-def check_machines(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield machines that work at parts elsewhere than they stand, or nowhere that anybody tells.
 
     Where a machine names its fixtures, a part that lies on none of them cannot be worked at. Where it does
@@ -177,13 +180,17 @@ def check_machines(subject: Subject, parts: OrderedParts) -> Findings:
         spread = float(np.linalg.norm(pose[:3, 3] - first[:3, 3]))
         tell = f"machines.{name}.fixtures says where it stands"
         if own.fixtures:
-            named = {k: v for k, v in standing(cell).items() if k in own.fixtures}
-            nearest = nearest_to(lying, named)
-            if nearest is not None and not near_to(lying, named, parts.section.touch_m):
+            named = {
+                k: v for k, v in standing_fixtures(cell).items() if k in own.fixtures
+            }
+            nearest = nearest_entity(lying, named)
+            if nearest is not None and not nearby_entities(
+                lying, named, parts.section.touch_m
+            ):
                 yield Finding(
                     at,
                     f"{name} works at {step.part}, which lies on none of its fixtures by then: {nearest[0]} is"
-                    f" {millimetres(nearest[1])} away (touch_m {parts.section.touch_m:g}); put it there before"
+                    f" {format_millimetres(nearest[1])} away (touch_m {parts.section.touch_m:g}); put it there before"
                     " ({place: PART, at: {fixture: NAME}}), or change machines."
                     + name
                     + ".fixtures",
@@ -198,17 +205,19 @@ def check_machines(subject: Subject, parts: OrderedParts) -> Findings:
             yield Finding(
                 at,
                 f"{name} works at {step.part} {spread:.2f} m away from where it worked before, at"
-                f" {position(first[:3, 3].tolist())}: one of the two is not in the machine; {tell}",
+                f" {format_position(first[:3, 3].tolist())}: one of the two is not in the machine; {tell}",
             )
         elif step.part not in moved and own.door is None:
             yield Finding(
                 at,
                 f"{name} works at {step.part} where that lies at the start, at"
-                f" {position(pose[:3, 3].tolist())}: no step brings it to the machine; {tell}",
+                f" {format_position(pose[:3, 3].tolist())}: no step brings it to the machine; {tell}",
             )
 
 
-def _from_door(own: MachineSection, lying: Lying, subject: Subject) -> float | None:
+def _from_door(
+    own: MachineSection, lying: PlacedObject, subject: CheckContext
+) -> float | None:
     """Return how far a part is from the door of a machine, None where it has none [m]."""
     if own.door is None:
         return None
@@ -217,5 +226,5 @@ def _from_door(own: MachineSection, lying: Lying, subject: Subject) -> float | N
 
     shape = build_shape("door", own.door.described, subject.folder)
     pose = build_transform(own.door.pose)
-    found = nearest_to(lying, {"door": (Fixture("door", shape, pose), pose)})
+    found = nearest_entity(lying, {"door": (Fixture("door", shape, pose), pose)})
     return None if found is None else max(0.0, found[1])

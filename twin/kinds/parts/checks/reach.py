@@ -15,16 +15,21 @@ from planning.grips.tool_grips import robot_grips
 from planning.parts.assembly import PartHandling, PlacePart
 from planning.parts.part_skills import pick_targets, place_targets, process_targets
 from planning.parts.part_steps import steps_in_order
-from planning.steps.skill import SkillTargets, in_some_posture
+from planning.steps.skill import SkillTargets, is_possible_in_some_posture
 from planning.steps.tool_changes import find_tool_changes
 from planning.transforms import Transform
 from twin.check.finding import (
+    CheckContext,
     Finding,
     Findings,
-    Subject,
-    position,
+    format_position,
 )
-from twin.check.reach import away_from, idle_robot, reach_bound, too_far
+from twin.check.reach import (
+    distance_from_first_joint,
+    idle_robot,
+    is_beyond_reach,
+    reach_bound,
+)
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.ordered_parts import OrderedParts
 
@@ -37,23 +42,25 @@ Targets = Callable[[Transform], SkillTargets]
 
 def _beyond(robots: list[PlacedRobot], frame: str, target: Transform) -> str:
     """Return how far away the nearest robot is, where no arm is long enough for a pose."""
-    if not all(too_far(robot, frame, target) for robot in robots):
+    if not all(is_beyond_reach(robot, frame, target) for robot in robots):
         return ""
-    ways = {robot.name: away_from(robot, target) for robot in robots}
-    nearest = min(robots, key=lambda r: ways[r.name] - reach_bound(r, frame))
+    distances = {
+        robot.name: distance_from_first_joint(robot, target) for robot in robots
+    }
+    nearest = min(robots, key=lambda r: distances[r.name] - reach_bound(r, frame))
     return (
-        f"; {nearest.name}, the nearest, is {ways[nearest.name]:.2f} m away, and with its tool"
+        f"; {nearest.name}, the nearest, is {distances[nearest.name]:.2f} m away, and with its tool"
         f" {reach_bound(nearest, frame):.2f} m long"
     )
 
 
-def check_part_reach(subject: Subject, parts: OrderedParts) -> Findings:
+def check_part_reach(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield what no robot reaches: an error where the planner would find none either."""
     yield from _check_racks(subject, parts)
     yield from _check_parts(subject, parts)
 
 
-def _check_racks(subject: Subject, parts: OrderedParts) -> Findings:
+def _check_racks(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield the first rack at which a tool cannot be changed, as the planner says it."""
     cell, goals = subject.built, parts.listed.goals
     try:
@@ -62,7 +69,7 @@ def _check_racks(subject: Subject, parts: OrderedParts) -> Findings:
         yield Finding(subject.thing_at(error.thing, "rack"), error.message, error=True)
 
 
-def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
+def _check_parts(subject: CheckContext, parts: OrderedParts) -> Findings:
     assembly, cell = parts.listed, subject.cell
     robots = [
         robot
@@ -85,12 +92,12 @@ def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
                 for other in legs
                 if other.part.name in group
             ]
-            ways = [from_others]
+            distances = [from_others]
             if len(group) == len(to_others):  # else it may stay where it is
-                ways.append(to_others)
+                distances.append(to_others)
             if all(
                 any(not list(_check_leg(own, robots, assembly.frame)) for own in others)
-                for others in ways
+                for others in distances
             ):
                 continue
         yield from found
@@ -104,18 +111,22 @@ def _serves(robot: PlacedRobot, legs: list[_PartLeg], parts: OrderedParts) -> bo
     frame = parts.listed.frame
     for leg in legs:
         shape, start, end = leg.part.shape, leg.part.start, leg.end
-        ways, held = leg.ways, leg.step.hold
-        if held is not None and not too_far(robot, frame, parts.listed.goals[held]):
+        distances, held = leg.ways, leg.step.hold
+        if held is not None and not is_beyond_reach(
+            robot, frame, parts.listed.goals[held]
+        ):
             return True
         for at, targets in ((start, pick_targets), (end, place_targets)):
-            grips = robot_grips(robot, shape, at, at, ways.grips)
+            grips = robot_grips(robot, shape, at, at, distances.grips)
             own = {robot.name: grips}
             if leg.step.done_by(robot.name) and _reaching(
-                [robot], frame, at, own, partial(targets, frame, ways=ways)
+                [robot], frame, at, own, partial(targets, frame, ways=distances)
             ):
                 return True
     return any(
-        in_some_posture(robot, process_targets(process, known.place, turn).targets)
+        is_possible_in_some_posture(
+            robot, process_targets(process, known.place, turn).targets
+        )
         for _, known, step, robots in parts.works()
         if robot in robots
         for process in (step.process,)
@@ -124,24 +135,27 @@ def _serves(robot: PlacedRobot, legs: list[_PartLeg], parts: OrderedParts) -> bo
 
 
 def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findings:
-    part, name, end, ways = leg.part, leg.part.name, leg.end, leg.ways
+    part, name, end, distances = leg.part, leg.part.name, leg.end, leg.ways
     robots = [robot for robot in everybody if leg.step.done_by(robot.name)]
     nobody = "no robot"
     if leg.step.robots is not None:
         nobody = f"no robot that may do it ({', '.join(leg.step.robots)})"
-    pick = partial(pick_targets, frame, ways=ways)
-    place = partial(place_targets, frame, ways=ways)
+    pick = partial(pick_targets, frame, ways=distances)
+    place = partial(place_targets, frame, ways=distances)
     if any(
         _reaches(robot, frame, part.start @ grip.pose, pick)
         and _reaches(robot, frame, end @ grip.pose, place)
         for robot in robots
-        for grip in robot_grips(robot, part.shape, part.start, end, ways.grips)[
+        for grip in robot_grips(robot, part.shape, part.start, end, distances.grips)[
             :_MOST_GRIPS
         ]
     ):
         return
     at_start, at_goal = (
-        {r.name: robot_grips(r, part.shape, pose, pose, ways.grips) for r in robots}
+        {
+            r.name: robot_grips(r, part.shape, pose, pose, distances.grips)
+            for r in robots
+        }
         for pose in (part.start, end)
     )
     if not any(at_start.values()) or not any(at_goal.values()):
@@ -162,9 +176,9 @@ def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findi
         key, at, words = leg.end_at, end, leg.words
     yield Finding(
         key,
-        f"{nobody} reaches {name}: {words}, at {position(at[:3, 3].tolist())}; tried"
-        f" {min(tried, _MOST_GRIPS)} grips, with approach_m {ways.approach:g} and leave_m"
-        f" {ways.leave:g}{_beyond(robots, frame, at)}",
+        f"{nobody} reaches {name}: {words}, at {format_position(at[:3, 3].tolist())}; tried"
+        f" {min(tried, _MOST_GRIPS)} grips, with approach_m {distances.approach:g} and leave_m"
+        f" {distances.leave:g}{_beyond(robots, frame, at)}",
         error=tried <= _MOST_GRIPS,
     )
 
@@ -191,7 +205,7 @@ class _PartLeg:
     words: str
 
 
-def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_PartLeg]:
+def _legs(subject: CheckContext, parts: OrderedParts) -> Iterator[_PartLeg]:
     """Yield the legs of all parts, in the order of the steps."""
     assembly, known = parts.listed, dict[str, KeyPath]()
     for number, step, where, end in steps_in_order(subject.cell, assembly):
@@ -209,12 +223,14 @@ def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_PartLeg]:
         )
 
 
-def _check_works(subject: Subject, parts: OrderedParts) -> Findings:
+def _check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield places of work that no robot that may work there reaches."""
     for number, found, step, robots in parts.works():
         process = step.process
         if any(
-            in_some_posture(robot, process_targets(process, found.place, turn).targets)
+            is_possible_in_some_posture(
+                robot, process_targets(process, found.place, turn).targets
+            )
             for robot in robots
             for turn in process.turns
         ):
@@ -222,7 +238,7 @@ def _check_works(subject: Subject, parts: OrderedParts) -> Findings:
         who = ", ".join(robot.name for robot in robots)
         yield Finding(
             parts.step_at(number),
-            f"no robot reaches {step.spot.words}, at {position(found.place[:3, 3].tolist())}, with frame"
+            f"no robot reaches {step.spot.words}, at {format_position(found.place[:3, 3].tolist())}, with frame"
             f" {process.frame!r} and approach_m {process.approach:g}: tried {who or 'nobody'} in"
             f" {len(process.turns)} turns",
             error=True,
@@ -249,9 +265,9 @@ def _reaching(
 
 def _reaches(robot: PlacedRobot, frame: str, grip: Transform, targets: Targets) -> bool:
     """Tell whether a robot can pick or place with its tool at a pose."""
-    if too_far(robot, frame, grip):
+    if is_beyond_reach(robot, frame, grip):
         return False
-    return in_some_posture(robot, targets(grip))
+    return is_possible_in_some_posture(robot, targets(grip))
 
 
 def _list(names: set[str]) -> str:

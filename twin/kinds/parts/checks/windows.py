@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 
 from twin.check.finding import (
+    CheckContext,
     Finding,
     Findings,
-    Subject,
 )
-from twin.kinds.parts.checks.context import of_parts
+from twin.kinds.parts.checks.context import for_part_assemblies
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.section import PartsSection, StepSection
 from twin.kinds.parts.sources import ConveyorSection
@@ -22,8 +22,8 @@ Waits = dict[int, list[tuple[int, float, float]]]
 """By step: an earlier one, the least time after it, and how long the step itself takes at least [s]."""
 
 
-@of_parts
-def check_windows(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_windows(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield steps that come after others that take longer than their window lets them.
 
     What must be done between two steps is what the one comes after and what comes after the other: the
@@ -40,9 +40,9 @@ def check_windows(subject: Subject, parts: OrderedParts) -> Findings:
         for i, own in enumerate(step.follows):
             if own.within_s is None or own.step not in numbers:
                 continue
-            least, way = _longest(waits, numbers[own.step], k)
+            least, longest = _longest(waits, numbers[own.step], k)
             if least > own.within_s:
-                names = [section.steps[n].known_as or f"step {n + 1}" for n in way]
+                names = [section.steps[n].known_as or f"step {n + 1}" for n in longest]
                 yield Finding(
                     ("assembly", "steps", k, "after", i),
                     f"this can never be kept: at most {own.within_s:g} s may pass, and {', '.join(names)} take at"
@@ -65,7 +65,7 @@ def _longest(waits: Waits, first: int, last: int) -> tuple[float, list[int]]:
     return found[last]
 
 
-def _least_s(subject: Subject, step: StepSection) -> float:
+def _least_s(subject: CheckContext, step: StepSection) -> float:
     """Return the least duration of a process [s]; 0 for other steps, and where nothing says it."""
     execution, name = subject.scenario.execution, step.process or ""
     model = execution.skill_models(subject.folder).get(name)
@@ -74,8 +74,8 @@ def _least_s(subject: Subject, step: StepSection) -> float:
     return min([model.minimum, *others]) if model is not None else 0.0
 
 
-@of_parts
-def check_due_times(subject: Subject, parts: OrderedParts) -> Findings:
+@for_part_assemblies
+def check_due_times(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield due times that fall or cannot be kept."""
     products = parts.section.products
     due = products.due_s() if products is not None else ()
@@ -98,7 +98,7 @@ def check_due_times(subject: Subject, parts: OrderedParts) -> Findings:
 
 
 def _paces(
-    subject: Subject, section: PartsSection
+    subject: CheckContext, section: PartsSection
 ) -> Iterator[tuple[str, float, float]]:
     """Yield conveyors and machines of a line: in words, and the time until the first product has its parts, and for each further one [s].
 

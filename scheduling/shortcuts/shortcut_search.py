@@ -16,14 +16,21 @@ from scheduling.shortcuts.candidates import (
     SHAPES,
     SMOOTH,
     candidate_path,
-    corners,
     find_spans,
     new_nodes,
+    remove_waypoints_on_lines,
 )
 from scheduling.shortcuts.graph_pieces import GraphPieces
-from scheduling.shortcuts.replacement_check import Rivals, stands_stay_clear
-from scheduling.shortcuts.rewiring import EARLY, IN_PLACE, LATE, Swap, in_order, rewire
-from scheduling.shortcuts.scenery import KnownWays, Scenery
+from scheduling.shortcuts.replacement_check import Rivals, do_stands_stay_clear
+from scheduling.shortcuts.rewiring import (
+    EARLY,
+    IN_PLACE,
+    LATE,
+    Swap,
+    reorder_nodes,
+    rewire,
+)
+from scheduling.shortcuts.static_scene import SmoothedPathCache, StaticSceneCache
 
 _LATER = 1e-9
 """Makespans that differ by less are the same [s]."""
@@ -51,7 +58,7 @@ Candidate = tuple[int, int, int, Array]
 """A span, the nodes of it to replace, and the path that takes their place."""
 
 
-class Board:
+class ShortcutSearch:
     """The graph as it is now, and the runs of it that may be shortened.
 
     Args:
@@ -74,14 +81,14 @@ class Board:
         step: float,
         *,
         passes: int = _PASSES,
-        known: KnownWays | None = None,
+        known: SmoothedPathCache | None = None,
         conflicts: StretchConflicts | None = None,
     ) -> None:
         self.graph = DerivedTpg(tpg)
         self.spans = find_spans(self.graph)
         self._speeds = speeds
         self._step = step
-        self._scenery = Scenery(known)
+        self._scenery = StaticSceneCache(known)
         self._pieces = GraphPieces(tpg, self.spans, conflicts)
         self.window = max(_FEWEST, len(self.spans) // 2)
         self._least = max(_GAIN, _LEAST * self.makespan)
@@ -97,7 +104,7 @@ class Board:
         """Of the graph as it is now [s]."""
         return float(self.graph.rollout.makespan)
 
-    def worth(self, before: float) -> bool:
+    def saved_time_bound(self, before: float) -> bool:
         """Tell whether the plan has become shorter by enough to go on [s]."""
         return before - self.makespan >= _WORTH * self.makespan
 
@@ -182,7 +189,7 @@ class Board:
             return None
         amid = self._scenery.amid(self.graph, chain, first, last)
         speed = self._speeds[self.graph.tpg.chains[chain].robot]
-        old = corners(self.way(chain, first, last))
+        old = remove_waypoints_on_lines(self.way(chain, first, last))
         path = amid.smoothed(old, speed, rng)
         return self._gaining(which, first, last, path)
 
@@ -202,8 +209,8 @@ class Board:
         """Return the time that a straight line would save [s]."""
         if last <= first:
             return 0.0
-        nodes, way = self.graph.tpg.chains[chain], self.way(chain, first, last)
-        direct = self._speeds[nodes.robot].duration(way[0], way[-1])
+        nodes, path = self.graph.tpg.chains[chain], self.way(chain, first, last)
+        direct = self._speeds[nodes.robot].duration(path[0], path[-1])
         return float(nodes.duration[first : last + 1].sum()) - direct
 
     def way(self, chain: int, first: int, last: int) -> Array:
@@ -257,11 +264,11 @@ class Board:
         if choice and self._late(rewire(graph, swap, new, rivals.outside), latest):
             return False
         for place in places:
-            ordered = in_order(graph, index, range(first, last + 1), place)
+            ordered = reorder_nodes(graph, index, range(first, last + 1), place)
             candidate = rewire(ordered, swap, new, rivals.edges(ordered))
             if self._late(candidate, latest):
                 continue
-            if stands_stay_clear(candidate, self._pieces, swap, stretch):
+            if do_stands_stay_clear(candidate, self._pieces, swap, stretch):
                 self._take(candidate, which, swap)
                 return True
         return False
@@ -273,6 +280,6 @@ class Board:
 
     def _take(self, candidate: DerivedTpg, which: int, swap: Swap) -> None:
         self.graph = candidate
-        self._pieces.splice(swap)
+        self._pieces.replace_nodes(swap)
         self._excess[which] = self._span_excess(which)
         self._critical = self._find_critical()

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from planning.errors import RequestError
-from twin.check.finding import Subject
+from twin.check.finding import CheckContext
 from twin.explore.crew import Evaluators
 from twin.explore.dimensions import Dimension, base_values, entry_name
 from twin.explore.exploration import Exploration
 from twin.explore.finals import Finals
-from twin.explore.journal import SINGLE, Tried
+from twin.explore.journal import SINGLE, TriedDesign
 from twin.explore.section import EFFORTS
 from twin.host.progress import Report
-from twin.scenario.sections.scenario import Scenario, resolved
-from twin.scenario.variations import value_of
+from twin.scenario.sections.scenario import Scenario, resolve_scenario
+from twin.scenario.variations import resolved_value
 from twin.study.replications.statistics import Interval
 
 CHANGING, PROVING = "single changes", "gains of single changes"
@@ -91,7 +91,7 @@ def candidates(scenario: Scenario, folder: Path) -> list[CellChange]:
     joints of HOME by 15 degrees, or 50 mm; neighbours in the list of steps trade places; grips have twice the
     positions, or half the ways to and from parts; skills take a fifth less time.
     """
-    content = resolved(scenario)
+    content = resolve_scenario(scenario)
     groups = (
         _bases(content),
         _feeders(content),
@@ -107,8 +107,10 @@ def candidates(scenario: Scenario, folder: Path) -> list[CellChange]:
 def _moved(kind: str, content: Mapping[str, Any], at: str) -> Iterator[CellChange]:
     for axis in (0, 1):
         key = f"{at}.xyz_m.{axis}"
-        for way in (-_STEP_M, _STEP_M):
-            yield CellChange(kind, key, round(value_of(content, key) + way, 9))
+        for distance in (-_STEP_M, _STEP_M):
+            yield CellChange(
+                kind, key, round(resolved_value(content, key) + distance, 9)
+            )
 
 
 def _bases(content: Mapping[str, Any]) -> Iterator[CellChange]:
@@ -119,9 +121,9 @@ def _bases(content: Mapping[str, Any]) -> Iterator[CellChange]:
         yield from _moved("base", content, at)
         if robot["base"]["quat_wxyz"] is None:
             roll, pitch, yaw = robot["base"]["rpy_deg"] or (0.0, 0.0, 0.0)
-            for way in (-_TURN_DEG, _TURN_DEG):
-                words = f"{robot['name']}.base turned about z by {way:+g} deg"
-                turned = [roll, pitch, yaw + way]
+            for distance in (-_TURN_DEG, _TURN_DEG):
+                words = f"{robot['name']}.base turned about z by {distance:+g} deg"
+                turned = [roll, pitch, yaw + distance]
                 yield CellChange("base", f"{at}.rpy_deg", turned, words)
 
 
@@ -136,7 +138,9 @@ def _feeders(content: Mapping[str, Any]) -> Iterator[CellChange]:
 
 
 def _homes(scenario: Scenario, folder: Path) -> Iterator[CellChange]:
-    placed = {robot.name: robot for robot in Subject(scenario, folder).built.robots}
+    placed = {
+        robot.name: robot for robot in CheckContext(scenario, folder).built.robots
+    }
     for robot in scenario.cell.listed:
         own = placed[robot.name]
         if robot.parked is not None or own.model.is_mobile:
@@ -144,9 +148,9 @@ def _homes(scenario: Scenario, folder: Path) -> Iterator[CellChange]:
         for joint in range(min(3, own.model.dof)):
             slides = bool(own.model.chain.prismatic[joint])
             step = _STEP_M if slides else float(np.deg2rad(_JOINT_DEG))
-            for way in (-step, step):
+            for distance in (-step, step):
                 home = np.array(own.home, dtype=float)
-                home[joint] += way
+                home[joint] += distance
                 if not own.model.lower[joint] <= home[joint] <= own.model.upper[joint]:
                     continue
                 key, values = "home_rad_or_m", np.round(home, 9)
@@ -154,9 +158,9 @@ def _homes(scenario: Scenario, folder: Path) -> Iterator[CellChange]:
                     key, values = "home_deg", np.round(np.rad2deg(home), 6)
                 at = f"cell.robots.{robot.name}.{key}"
                 by = (
-                    f"{1000.0 * way:+.0f} mm"
+                    f"{1000.0 * distance:+.0f} mm"
                     if slides
-                    else f"{np.rad2deg(way):+.0f} deg"
+                    else f"{np.rad2deg(distance):+.0f} deg"
                 )
                 words = f"HOME of {robot.name}: joint {joint + 1} by {by}"
                 yield CellChange("home", at, values.tolist(), words)
@@ -192,18 +196,18 @@ def change_dimensions(
     scenario: Scenario, changes: Sequence[CellChange]
 ) -> tuple[Dimension, ...]:
     """Return a dimension for each key of some changes."""
-    content, found = resolved(scenario), dict[str, list[Any]]()
+    content, found = resolve_scenario(scenario), dict[str, list[Any]]()
     for item in changes:
         found.setdefault(item.key, []).append(item.value)
     return tuple(
-        Dimension(key, value_of(content, key), choices=tuple(values))
+        Dimension(key, resolved_value(content, key), choices=tuple(values))
         for key, values in found.items()
     )
 
 
 def try_changes(
     exploration: Exploration, crew: Evaluators, changes: Sequence[CellChange]
-) -> list[tuple[CellChange, Tried]]:
+) -> list[tuple[CellChange, TriedDesign]]:
     """Evaluate changes, each alone; those that were evaluated before are not again.
 
     Raises:
@@ -229,7 +233,7 @@ def try_changes(
 def judge_changes(
     exploration: Exploration,
     finals: Finals,
-    found: Sequence[tuple[CellChange, Tried]],
+    found: Sequence[tuple[CellChange, TriedDesign]],
     most: int,
     progress: Report,
 ) -> tuple[SingleChange, ...]:

@@ -17,13 +17,13 @@ from twin.study.replications.block_results import cell_blocks, cell_makespans_s
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.statistics import (
     Figures,
-    Told,
+    SummaryEntry,
     mean_interval,
     paired_interval,
     share_interval,
 )
 from twin.study.replications.workload import Workload
-from twin.study.sensitivity import without_failures
+from twin.study.sensitivity import scenarios_without_failures
 
 
 class PreventedFailure(Figures):
@@ -40,9 +40,9 @@ class PreventedFailure(Figures):
 
     skill: str
     part: str
-    completed: Told
+    completed: SummaryEntry
     completed_more: float
-    sooner_s: Told | None
+    sooner_s: SummaryEntry | None
 
     @property
     def name(self) -> str:
@@ -65,13 +65,13 @@ class OperatedSummary(Figures):
         prevented: what prevention would gain, the best first.
     """
 
-    completed: Told
-    gave_up: Told
+    completed: SummaryEntry
+    gave_up: SummaryEntry
     given_up: dict[str, int]
-    versions: Told
-    recoveries: dict[str, Told]
-    regret_s: Told | None
-    regret_replanned_s: Told | None
+    versions: SummaryEntry
+    recoveries: dict[str, SummaryEntry]
+    regret_s: SummaryEntry | None
+    regret_replanned_s: SummaryEntry | None
     prevented: tuple[PreventedFailure, ...]
 
 
@@ -91,7 +91,7 @@ class Prevention:
     load: Workload
 
 
-def preventions(loads: Sequence[Workload], blocks: Path) -> Iterator[Prevention]:
+def find_preventions(loads: Sequence[Workload], blocks: Path) -> Iterator[Prevention]:
     """Yield what might be prevented in cells that are operated.
 
     Draws have names, so a replication in which a skill does not fail is the same where it cannot.
@@ -111,7 +111,7 @@ def preventions(loads: Sequence[Workload], blocks: Path) -> Iterator[Prevention]
             ):
                 found = rows.replication[own > 0].tolist()
                 failed.setdefault(str(skill), set()).update(found)
-        for skill, part, other in without_failures(load):
+        for skill, part, other in scenarios_without_failures(load):
             only = frozenset(failed.get(skill, ()))
             text = f"{load.made_from} without failures of {skill} {part}"
             made_from = hashlib.sha256(text.encode()).hexdigest()
@@ -146,10 +146,10 @@ def operated_summary(
     anew = np.where(versions > 0, takes, np.nan)
     done, count = np.isfinite(takes), len(takes)
 
-    def share(hits: npt.ArrayLike) -> Told:
+    def share(hits: npt.ArrayLike) -> SummaryEntry:
         return share_interval(int(np.count_nonzero(hits)), count, confidence=confidence)
 
-    def paired(first: Array, second: Array) -> Told | None:
+    def paired(first: Array, second: Array) -> SummaryEntry | None:
         return paired_interval(
             first, second, confidence=confidence, antithetic=mirrored
         )

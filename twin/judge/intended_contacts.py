@@ -27,7 +27,7 @@ _TICK = 1e-9
 """Times that differ by less are the same [s]."""
 
 
-def meant_contacts(
+def intended_contacts(
     plan: OpenPlan,
     graph: TemporalPlanGraph,
     world: AuditWorld,

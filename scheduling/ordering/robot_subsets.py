@@ -28,7 +28,7 @@ _MOST_CREWS = 32
 """So many crews are tried, larger ones first: all there are of up to five robots."""
 
 
-def crews(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
+def robot_subsets(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
     """Yield the robots that may do everything while others of those that could help do nothing.
 
     Args:
@@ -43,7 +43,7 @@ def crews(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
     return islice(smaller, _MOST_CREWS)
 
 
-def rate_crews(
+def rate_robot_subsets(
     rater: PlanRater,
     work: AssemblyWork,
     start: RatedPlan,
@@ -58,7 +58,7 @@ def rate_crews(
         progress: told how many crews were looked at, and of how many.
     """
     rated = {start.task_plan: start}
-    tried = list(crews(work.problem))
+    tried = list(robot_subsets(work.problem))
     for k, crew in enumerate(tried, start=1):
         own = replace(work, problem=work.problem.among(crew))
         try:

@@ -25,7 +25,7 @@ _TURNS = 6
 """Steps of inverse kinematics: each squares what is left of the error."""
 
 
-def deviated(
+def with_flange_deviations(
     cell: Workcell, recording: Recording, twists: Mapping[tuple[str, int], Array]
 ) -> Recording:
     """Return an execution in which flanges are beside their paths.

@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.workcell import Attachment, CellObject, Workcell, WorldState
 from planning.errors import TransitError
 from planning.tasks.task import Handling
@@ -24,7 +24,7 @@ Pairs = frozenset[frozenset[str]]
 _MOST_SCENES = 10_000
 """Objects whose shapes are kept: of feeding stations there are others in every plan."""
 
-Way = tuple[Array, Array]
+Polyline = tuple[Array, Array]
 """Waypoints, and the times at which they are passed, from 0 [s]."""
 
 _MOST_ANSWERS = 20_000
@@ -44,7 +44,7 @@ class Scene:
     standing: int
 
 
-class KnownScenes:
+class SceneIndex:
     """Numbers of shapes and places of one cell, and the scenes made of them."""
 
     def __init__(self) -> None:
@@ -142,15 +142,15 @@ def _place(at: Attachment | None) -> tuple[str, bytes]:
 
 
 @dataclass(frozen=True)
-class FoundWay:
+class CachedPath:
     """A way, and whether it stays the same whatever else is clear of it."""
 
-    way: Way
+    way: Polyline
     plain: bool
 
 
 @dataclass(frozen=True)
-class KnownMotions:
+class MotionCache:
     """Ways that were found for plans of one cell with the same settings.
 
     A way that asks for nothing but to be clear is kept with all that was found to be clear of it.
@@ -159,10 +159,10 @@ class KnownMotions:
         scenes: what they lead through.
     """
 
-    scenes: KnownScenes = field(default_factory=KnownScenes)
-    _clear: dict[Hashable, tuple[Way, int]] = field(default_factory=dict)
-    _found: KeptAnswers[Way | TransitError] = field(
-        default_factory=lambda: KeptAnswers(_MOST_ANSWERS)
+    scenes: SceneIndex = field(default_factory=SceneIndex)
+    _clear: dict[Hashable, tuple[Polyline, int]] = field(default_factory=dict)
+    _found: BoundedCache[Polyline | TransitError] = field(
+        default_factory=lambda: BoundedCache(_MOST_ANSWERS)
     )
 
     def way(
@@ -170,8 +170,8 @@ class KnownMotions:
         moving: Hashable,
         scene: Scene,
         seed: int,
-        work_out: Callable[[], FoundWay],
-    ) -> Way:
+        work_out: Callable[[], CachedPath],
+    ) -> Polyline:
         """Return a way, worked out unless it is known.
 
         Args:
@@ -188,7 +188,7 @@ class KnownMotions:
         if clear is not None and scene.standing & ~clear[1] == 0:
             return clear[0]
 
-        def ask() -> Way | TransitError:
+        def ask() -> Polyline | TransitError:
             try:
                 found = work_out()
             except TransitError as error:
@@ -203,8 +203,8 @@ class KnownMotions:
             raise copy(known)
         return known
 
-    def _note_clear(self, alike: Hashable, way: Way, of: int) -> None:
+    def _note_clear(self, alike: Hashable, path: Polyline, of: int) -> None:
         known = self._clear.get(alike)
         if known is None and len(self._clear) >= _MOST_ANSWERS:
             self._clear.clear()
-        self._clear[alike] = way, of if known is None else known[1] | of
+        self._clear[alike] = path, of if known is None else known[1] | of

@@ -14,7 +14,12 @@ import numpy as np
 
 from planning.cell.workcell import Attachment
 from planning.construction.candidates import Skeleton, rank_next, skeletons
-from planning.construction.held_parts import let_go, place_held, secure, way_out
+from planning.construction.held_parts import (
+    plan_held_part,
+    plan_securing_part,
+    release_part,
+    release_path,
+)
 from planning.construction.keyframes import TURNS
 from planning.construction.problem.problem import ConstructionProblem, Hold, Part
 from planning.construction.problem.reach_bounds import reach_bounds
@@ -26,13 +31,13 @@ from planning.construction.subproblem import (
     SubproblemSolver,
 )
 from planning.construction.world.fixed_world import (
-    Building,
+    BuildState,
     FixedWorld,
-    Keeping,
-    lying_at,
+    HeldPlacement,
+    with_part_at_rest,
 )
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
-from planning.steps.skill import NOTHING, gripped
+from planning.steps.skill import NOTHING, grip_contact
 from planning.transforms import Array
 
 _ALWAYS = float("-inf")
@@ -47,7 +52,7 @@ _TEAMS = 8
 
 
 @dataclass(frozen=True)
-class Middle:
+class ConstructionResumePoint:
     """Where a construction goes on.
 
     Attributes:
@@ -63,7 +68,7 @@ class Middle:
     held: Mapping[str, Attachment] = field(default_factory=dict)
     kept: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
-    def building(self, problem: ConstructionProblem) -> Building:
+    def building(self, problem: ConstructionProblem) -> BuildState:
         """Return the state of the search there."""
         robots = {
             name: RobotTimeline(name, np.zeros(1), q[None])
@@ -71,21 +76,23 @@ class Middle:
         }
         world = FixedWorld(problem.cell, robots)
         for name in self.placed:
-            world = lying_at(world, name, problem.part(name).goal)
+            world = with_part_at_rest(world, name, problem.part(name).goal)
         for name, at in self.held.items():
             line = ObjectTimeline(name).then(_ALWAYS, at.holder, at.pose)
             world = world.with_object(line)
         kept = {}
         for name, (robot, last) in self.kept.items():
             q = self.configurations[robot]
-            way = way_out(problem, robot, q)
-            kept[name] = Keeping(robot, q[None] if way is None else way, last)
-        return Building(world, placed=dict.fromkeys(self.placed, 0.0), kept=kept)
+            path = release_path(problem, robot, q)
+            kept[name] = HeldPlacement(robot, q[None] if path is None else path, last)
+        return BuildState(world, placed=dict.fromkeys(self.placed, 0.0), kept=kept)
 
 
-def plan_rest(
-    problem: ConstructionProblem, middle: Middle, effort: PlannerSettings
-) -> Building:
+def plan_remaining_construction(
+    problem: ConstructionProblem,
+    middle: ConstructionResumePoint,
+    effort: PlannerSettings,
+) -> BuildState:
     """Return the state in which all is placed that can be, and every robot that is not out is at HOME.
 
     Args:
@@ -100,7 +107,10 @@ class _Rest:
     """Searches what is left, and takes nothing back."""
 
     def __init__(
-        self, problem: ConstructionProblem, middle: Middle, effort: PlannerSettings
+        self,
+        problem: ConstructionProblem,
+        middle: ConstructionResumePoint,
+        effort: PlannerSettings,
     ) -> None:
         self.problem, self.effort = problem, effort
         self.solver = SubproblemSolver(reach_bounds(problem), effort.subproblem)
@@ -128,20 +138,20 @@ class _Rest:
                     return Hold(grip, turn)
         return None
 
-    def _left(self, building: Building) -> Building:
+    def _left(self, building: BuildState) -> BuildState:
         """Return the state in which robots have left parts that stand by now; others stay with theirs."""
         for name, keeping in building.kept.items():
             part, free = self.problem.part(name), keeping.robot in self.problem.team
             done = None
             if free and keeping.last:
                 last = self.problem.part(keeping.last)
-                done = let_go(self.solver, building, part, last)
+                done = release_part(self.solver, building, part, last)
             if done is None:
                 self.busy[keeping.robot] = name
             building = done or building
         return building
 
-    def _out_of_the_way(self, building: Building) -> Building:
+    def _out_of_the_way(self, building: BuildState) -> BuildState:
         """Return the state in which robots go HOME with what they hold, until there is something to do."""
         legs = LegPlanner(self.effort.subproblem.rrt, self.rng, self.solver.watch)
         for name in self.problem.team:
@@ -150,12 +160,12 @@ class _Rest:
             if part in building.kept:
                 continue  # it keeps hold of that
             if np.abs(here - robot.home).max() > _SAME:
-                allowed = NOTHING if part is None else gripped(name, part)
+                allowed = NOTHING if part is None else grip_contact(name, part)
                 leg = legs.leg(building, name, (), allowed=allowed, work=False)
                 building = building if leg is None else leg.building
         return building
 
-    def _next(self) -> Building | None:
+    def _next(self) -> BuildState | None:
         """Return the state with one more part in its place, None where none can be placed."""
         names = self._ranked()
         kept = [k for k, own in self.building.kept.items() if not own.last]
@@ -163,8 +173,10 @@ class _Rest:
             part, near = self.problem.part(kept[0]), self.problem.graph.neighbours
             others = [name for name in names if kept[0] in near[name]]
             about = self.solver, self.building, part, others, self._teams, self._ways
-            ways = (secure(*about, effort) for effort in range(_EFFORTS))
-            return self._done(next(filter(None, ways), None))
+            alternatives = (
+                plan_securing_part(*about, effort) for effort in range(_EFFORTS)
+            )
+            return self._done(next(filter(None, alternatives), None))
         for low, effort in ((True, 0), (False, 0), (False, 1)):
             for name in names:
                 part = self.problem.part(name)
@@ -177,10 +189,10 @@ class _Rest:
                     if done is not None:
                         return self._done(done)
         team = self.solver, self.building, self._teams, self._ways
-        ways = (place_held(*team, effort) for effort in range(_EFFORTS))
-        return self._done(next(filter(None, ways), None))
+        alternatives = (plan_held_part(*team, effort) for effort in range(_EFFORTS))
+        return self._done(next(filter(None, alternatives), None))
 
-    def _done(self, found: Solution | None) -> Building | None:
+    def _done(self, found: Solution | None) -> BuildState | None:
         """Return the state after a solution; whose part is in its place by then has its hand free."""
         if found is None:
             return None
@@ -195,7 +207,7 @@ class _Rest:
         """How parts are held that are in hands."""
         return {name: hold for name, (_, hold) in self.holds.items()}
 
-    def _teams(self, building: Building, part: Part) -> Iterator[Skeleton]:
+    def _teams(self, building: BuildState, part: Part) -> Iterator[Skeleton]:
         """Yield who may place a part: who has it in the hand goes on with it."""
         if part.name in self.busy.values() and part.name not in self.holds:
             return

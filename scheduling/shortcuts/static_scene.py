@@ -12,13 +12,13 @@ from zlib import crc32
 import numpy as np
 import numpy.typing as npt
 
-from planning.caches import KeptAnswers
+from planning.caches import BoundedCache
 from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.geometry.scene_checker import SceneChecker
-from planning.motion.known_motions import KnownScenes, Pairs
+from planning.motion.motion_cache import Pairs, SceneIndex
 from planning.motion.sequential import MARGIN
 from planning.motion.speed import SpeedModel
-from planning.motion.transit import smooth_path
+from planning.motion.transit import shortcut_polyline
 from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Rest
@@ -34,7 +34,7 @@ _KEPT_SCENES = 64
 these: without a bound their memory would grow with the square of the objects."""
 
 
-class KnownWays:
+class SmoothedPathCache:
     """Paths smoothed for plans of one cell with the same speeds, and which of them were free.
 
     Args:
@@ -47,13 +47,13 @@ class KnownWays:
     """
 
     def __init__(self, seed: int) -> None:
-        self.scenes, self.seed = KnownScenes(), seed
-        self.smoothed: KeptAnswers[Array] = KeptAnswers(_KEPT_WAYS)
-        self.free: KeptAnswers[bool] = KeptAnswers(_KEPT_WAYS)
+        self.scenes, self.seed = SceneIndex(), seed
+        self.smoothed: BoundedCache[Array] = BoundedCache(_KEPT_WAYS)
+        self.free: BoundedCache[bool] = BoundedCache(_KEPT_WAYS)
 
 
 @dataclass(frozen=True)
-class Amid:
+class StaticScene:
     """A robot that moves while nothing else does.
 
     Attributes:
@@ -68,7 +68,7 @@ class Amid:
     robot: str
     state: WorldState
     allowed: Pairs
-    known: KnownWays | None = None
+    known: SmoothedPathCache | None = None
 
     @cached_property
     def checker(self) -> SceneChecker:
@@ -88,12 +88,12 @@ class Amid:
             rng: of the tries; where paths are known each has its own.
         """
         if self.known is None:
-            return smooth_path(self.checker, path, speed, rng, _SMOOTHING)
+            return shortcut_polyline(self.checker, path, speed, rng, _SMOOTHING)
         text = path.tobytes()
         own = np.random.default_rng([self.known.seed, crc32(text)])
         return self.known.smoothed.get(
             (self._scene, text),
-            lambda: smooth_path(self.checker, path, speed, own, _SMOOTHING),
+            lambda: shortcut_polyline(self.checker, path, speed, own, _SMOOTHING),
         )
 
     def free(self, path: Array) -> bool:
@@ -113,19 +113,19 @@ class Amid:
         return self.robot, scene
 
 
-class Scenery:
+class StaticSceneCache:
     """Things that never move around nodes that are to be replaced; they are remembered.
 
     Args:
         known: what was found in the same scenes before, None to find it anew.
     """
 
-    def __init__(self, known: KnownWays | None = None) -> None:
+    def __init__(self, known: SmoothedPathCache | None = None) -> None:
         self._known = known
-        self._amid: KeptAnswers[Amid] = KeptAnswers(_KEPT_SCENES)
+        self._amid: BoundedCache[StaticScene] = BoundedCache(_KEPT_SCENES)
         self._rests: _Rests | None = None
 
-    def amid(self, graph: DerivedTpg, index: int, first: int, last: int) -> Amid:
+    def amid(self, graph: DerivedTpg, index: int, first: int, last: int) -> StaticScene:
         """Return all that never moves while some nodes are under way.
 
         Args:
@@ -139,7 +139,7 @@ class Scenery:
         # Within the tasks of a run, a robot carries the same.
         key = (index, tasks, present.tobytes())
 
-        def build() -> Amid:
+        def build() -> StaticScene:
             rests = graph.history.rests
             there = tuple(rests[k] for k in np.flatnonzero(present).tolist())
             return _amid(graph, index, first, tasks, there, self._known)
@@ -152,7 +152,7 @@ class Scenery:
         """Return which rests may be there while nodes are under way."""
         if self._rests is None:
             self._rests = _Rests.of(graph)
-        lying, after, before = self._rests
+        at_rest, after, before = self._rests
         order = graph.order
         late = order.clock[order.first[after[:, 0]] + after[:, 1], index] >= last
         waits_for = order.of(index)[first - 1]
@@ -160,7 +160,7 @@ class Scenery:
         gone |= (before == (index, first - 1)).all(axis=1)
         late &= after[:, 1] >= 0
         gone &= before[:, 1] >= 0
-        return np.asarray(lying & ~late & ~gone)
+        return np.asarray(at_rest & ~late & ~gone)
 
 
 class _Rests(NamedTuple):
@@ -195,8 +195,8 @@ def _amid(
     first: int,
     tasks: frozenset[int],
     present: tuple[Rest, ...],
-    known: KnownWays | None,
-) -> Amid:
+    known: SmoothedPathCache | None,
+) -> StaticScene:
     """Return all that does not move: no robot that has nodes."""
     tpg = graph.tpg
     robot = tpg.chains[index].robot
@@ -218,4 +218,4 @@ def _amid(
     allowed = frozenset(
         frozenset((c.first, c.second)) for c in tpg.allowed if tasks <= c.tasks
     )
-    return Amid(cell, robot, state, allowed, known)
+    return StaticScene(cell, robot, state, allowed, known)

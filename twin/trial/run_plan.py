@@ -22,8 +22,8 @@ from twin.run.folder import (
     GANTT,
     SUMMARY,
     TURNS,
-    hashes_as_written,
-    new_results,
+    recorded_hashes,
+    replace_results,
 )
 from twin.run.gantt import gantt_figure
 from twin.run.header import RunHeader
@@ -46,7 +46,7 @@ _SIMULATED = SimulatedExecutor()
 
 def write_plan(plan: PlanResult, folder: Path) -> None:
     """Write a plan with its scenario into a folder that it can be read back from."""
-    with new_results(folder):
+    with replace_results(folder):
         _write_begun(plan, folder, run_header(plan))
 
 
@@ -90,7 +90,7 @@ def run_plan_to_folder(
     header = run_header(
         plan, recording=recording, audit=audit, execution=executor.entries
     )
-    with new_results(folder), whole_or_failed(folder):
+    with replace_results(folder), fail_if_incomplete(folder):
         _write_begun(plan, folder, header)
         progress(SIMULATION, 0, 1)
         memory = MemoryRecorder()
@@ -101,7 +101,7 @@ def run_plan_to_folder(
 
 
 @contextmanager
-def whole_or_failed(folder: Path) -> Iterator[None]:
+def fail_if_incomplete(folder: Path) -> Iterator[None]:
     """Turn whatever cannot be written into the failure of a run.
 
     The summary, which is written last, is there only if everything else is.
@@ -174,7 +174,7 @@ def conclude(
             progress=progress,
         )
     summary = run_figures(plan, record, header, audit) | dict(done.summary)
-    summary["files"] = hashes_as_written(folder)
+    summary["files"] = recorded_hashes(folder)
     write_json(folder / SUMMARY, summary)
     return RunResult(
         folder,

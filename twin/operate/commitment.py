@@ -10,8 +10,8 @@ from itertools import count
 from planning.cell.workcell import WorldState
 from planning.tasks.task import Handling, Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.cut import Counts, complete_tasks, cut_after, state_at
-from scheduling.rolling.extension import committed_part, with_attempt
+from scheduling.rolling.cut import Counts, complete_tasks, cut_after, world_state_after
+from scheduling.rolling.extension import committed_subgraph, with_attempt
 from scheduling.rolling.forecast import Clock
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes
@@ -105,7 +105,7 @@ def cut_at(
     return cut_after(tpg, trigger.released, never, steps=steps, go_on=go_on)
 
 
-def as_far_as_planned(tpg: TemporalPlanGraph, trigger: ReplanTrigger) -> Counts:
+def executable_lengths(tpg: TemporalPlanGraph, trigger: ReplanTrigger) -> Counts:
     """Return how many nodes of each chain can still be executed without a new plan."""
     return cut_at(tpg, trigger, go_on=[math.inf] * len(tpg.chains))
 
@@ -194,7 +194,7 @@ def committed_at(
     triage: TriageResult,
 ) -> CommittedPrefix:
     """Return what is committed at a cut of a graph."""
-    committed = committed_part(tpg, counts)
+    committed = committed_subgraph(tpg, counts)
     for failure, changes in zip(trigger.failures, triage.changes, strict=True):
         robot = tpg.chains[failure.chain].robot
         committed = with_attempt(
@@ -205,8 +205,8 @@ def committed_at(
         committed,
         tuple(chain.robot for chain in tpg.chains),
         complete_tasks(tpg, counts),
-        state_at(committed, full),
-        tuple(tried_task(tpg, failure) for failure in trigger.failures),
+        world_state_after(committed, full),
+        tuple(failed_task(tpg, failure) for failure in trigger.failures),
         trigger.out,
         trigger.unwanted,
         triage,
@@ -214,12 +214,12 @@ def committed_at(
     )
 
 
-def tried_task(tpg: TemporalPlanGraph, failure: Failure) -> Task:
+def failed_task(tpg: TemporalPlanGraph, failure: Failure) -> Task:
     """Return the task of which all attempts have failed."""
     return tpg.task_at(failure.chain, failure.node)
 
 
-def cause_of(
+def describe_cause(
     tpg: TemporalPlanGraph,
     trigger: ReplanTrigger,
     new: range,
@@ -235,7 +235,7 @@ def cause_of(
     """
     words = []
     for failure in trigger.failures:
-        task = tried_task(tpg, failure)
+        task = failed_task(tpg, failure)
         missing = f"{task.object} is not there"
         words.append(missing if failure.missing else f"{task.label} failed")
     words += [f"{name} is out" for name in sorted(trigger.out)]

@@ -209,7 +209,7 @@ class Stops:
                 self._ends.append(stop.end_ns)
 
 
-def sample_stops(
+def draw_stops(
     tpg: TemporalPlanGraph,
     disturbances: Disturbances,
     *,
