@@ -40,13 +40,13 @@ from twin.kinds.lego.imports import import_task
 from twin.planning.pipeline import plan_synchronously
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario, follow_references
-from twin.study.comparison import (
+from twin.studies.comparison import (
     Measurement,
     comparison_figures,
     measure_policies,
     shared_motions,
 )
-from twin.study.plans import shortcut_budget
+from twin.studies.plans import shortcut_budget
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "benchmarks" / ".measured" / "apex_mr"

@@ -18,8 +18,8 @@ from benchmarks.apex_mr_tables import (
 from benchmarks.machine import load_line
 from planning.files import replace_atomically
 from twin.host.atomic_files import write_json
-from twin.run.policies import SEQUENTIAL
-from twin.study.report.comparison_chart import draw_comparison
+from twin.runs.policies import SEQUENTIAL
+from twin.studies.report.comparison_chart import draw_comparison
 
 
 @dataclass(frozen=True)

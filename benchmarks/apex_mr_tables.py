@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import apex_mr_paper as paper
-from twin.run.policies import (
+from twin.runs.policies import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUTS,
     SEQUENTIAL,
@@ -15,8 +15,8 @@ from twin.run.policies import (
     SYNCHRONOUS_SHORTCUTS,
     SYNCHRONOUS_TPG,
 )
-from twin.study.comparison import BASELINES
-from twin.study.report.comparison_chart import mean, percent, spread
+from twin.studies.comparison import BASELINES
+from twin.studies.report.comparison_chart import mean, percent, spread
 
 JOINTLY = {
     SYNCHRONOUS: "synchronous, joint",

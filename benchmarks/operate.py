@@ -33,10 +33,10 @@ from scheduling.graph.plan_files import save_plan
 from scheduling.graph.rollout import earliest_times
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
-from twin.audit.run_auditor import audit_execution
+from twin.audits.run_auditor import audit_execution
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.operate.operation import Operation, operate
-from twin.operate.replicated.hindsight import Hindsight
+from twin.operations.operation import Operation, operate
+from twin.operations.replicated.hindsight import Hindsight
 from twin.recorders.run_tables import write_motion
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult

@@ -42,7 +42,7 @@ from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.reordering import reorder_tasks
 from scheduling.shortcuts.shortcutting import shorten_tpg
-from twin.audit import run_auditor
+from twin.audits import run_auditor
 from twin.kinds.lego.kind import build_lego, sequencing_rules
 from twin.kinds.lego.section import LegoSection
 from twin.planning.build_workcell import build_workcell

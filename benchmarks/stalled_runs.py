@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.audit import Auditor
-from twin.audit.motion.executed import read_recording
+from twin.audits.audit import Auditor
+from twin.audits.motion.executed import read_recording
 from twin.recorders.run_tables import objects_table, trajectory_table, write_table
-from twin.run.folder import OBJECTS, TRAJECTORY
-from twin.run.trajectory import object_placements, robot_trajectories
+from twin.runs.folder import OBJECTS, TRAJECTORY
+from twin.runs.trajectory import object_placements, robot_trajectories
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.simulation import execute
 from twin.uncertainty.disturbances import Stalls

@@ -22,7 +22,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.planning.pipeline import build_plan_graph, plan_motions
 from twin.reading.scenario_file import load_scenario
-from twin.study.replications.timing_graph import bare_cell, timing_graph
+from twin.studies.replications.timing_graph import bare_cell, timing_graph
 from twin.uncertainty.contraction import contract
 
 _CHAIN_ARRAYS = ("task", "skill", "duration", "planned_start")

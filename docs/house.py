@@ -192,7 +192,7 @@ class Arrow(NamedTuple):
     """An import of a name.
 
     Attributes:
-        source, target: modules, such as ``twin.run.events``.
+        source, target: modules, such as ``twin.runs.events``.
         name: what is imported of the target; empty for the whole module.
     """
 

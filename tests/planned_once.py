@@ -43,5 +43,5 @@ class PlannedOnce:
 
     def take_over(self, patch: pytest.MonkeyPatch) -> None:
         """Let runs and studies ask here."""
-        for name in ("twin.trial.planning", "twin.study.plans"):
+        for name in ("twin.trial.planning", "twin.studies.plans"):
             patch.setattr(import_module(name), "plan_motions", self)

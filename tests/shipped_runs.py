@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from twin.reading.scenario_file import load_scenario
-from twin.run.folder import prepare_run_folder
+from twin.runs.folder import prepare_run_folder
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolve_scenario, restore_scenario
 from twin.trial.loaded_scenario import LoadedScenario

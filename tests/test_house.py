@@ -87,12 +87,12 @@ def test_private_names_stay_in_their_room(code: dict[str, ast.Module]) -> None:
 def test_a_wall_is_broken_by_imports_in_functions() -> None:
     declared = {"fit": HOUSE.Wing("", ("twin/fit",), ())}
     code = {
-        "twin.run.events": ast.parse("def f():\n    from twin.fit.samples import g"),
+        "twin.runs.events": ast.parse("def f():\n    from twin.fit.samples import g"),
         "twin.fit.samples": ast.parse("from twin.host.guard import guarded"),
         "twin.host.guard": ast.parse(""),
     }
     arrows = [a for a in HOUSE.name_imports(code) if HOUSE.wing_of(a.target, declared)]
-    assert arrows == [("twin.run.events", "twin.fit.samples", "g")]
+    assert arrows == [("twin.runs.events", "twin.fit.samples", "g")]
 
 
 def test_commands_of_a_wing_are_known() -> None:
@@ -132,7 +132,7 @@ def test_nothing_outside_a_kind_asks_which_kind_it_is(
         if isinstance(node, ast.ClassDef) and node.name.endswith(("Kind", "Section"))
     }
     assert "LegoKind" in own
-    for name in code.keys() - kinds.keys() - {"twin.check.goals"}:
+    for name in code.keys() - kinds.keys() - {"twin.checks.goals"}:
         for node in ast.walk(code[name]):
             assert not (isinstance(node, ast.Name) and node.id in own), (name, node.id)
             if isinstance(node, ast.Compare) and not _asks_a_registry(node):

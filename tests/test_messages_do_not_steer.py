@@ -14,13 +14,13 @@ from planning.errors import TwinError
 from planning.steps.skill import Obstruction
 from planning.tasks.assignment import Rejection
 from scheduling.graph.plan_files import plan_sha256
-from tests.twin.check.test_check import CELL
-from tests.twin.operate.operated import STACK, lost, operated, planned
+from tests.twin.checks.test_check import CELL
+from tests.twin.operations.operated import STACK, lost, operated, planned
 from tests.twin.written import checked, written
-from twin.check.finding import Finding
+from twin.checks.finding import Finding
 from twin.engine.narrator import Narrator
-from twin.operate.person import Ask, OperationLedger, Question
-from twin.run.events import EventCode
+from twin.operations.person import Ask, OperationLedger, Question
+from twin.runs.events import EventCode
 
 PARTS = CELL.replace("  parts:", "  grips: {positions: 2}\n  parts:")
 """Two parts, whose first grips are out of reach for one of two arms."""

@@ -1,14 +1,12 @@
 """Digital twin of robot teams: ``twin.simulate(twin.plan(twin.load("cell.yaml"))).makespan_s``.
 
 The names below are what other programs may rely on; docs/guides/python.md explains them. Each is imported
-when it is first used. Rooms of the same name are reached by ``from twin.study.study import ...``.
+when it is first used.
 """
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 _MODULES = {
@@ -28,26 +26,26 @@ _MODULES = {
     "plan": "twin.api.runs",
     "run": "twin.api.runs",
     "simulate": "twin.api.runs",
-    "Audit": "twin.audit.api",
-    "audit": "twin.audit.api",
-    "Check": "twin.check.api",
-    "check": "twin.check.api",
+    "Audit": "twin.audits.api",
+    "audit": "twin.audits.api",
+    "Check": "twin.checks.api",
+    "check": "twin.checks.api",
     "ClusterError": "twin.cluster.client",
     "ClusterLostError": "twin.cluster.client",
     "InvalidScenarioError": "twin.document.validation",
-    "Explored": "twin.explore.api",
-    "explore": "twin.explore.api",
-    "operate": "twin.operate.api",
+    "Explored": "twin.explorations.api",
+    "explore": "twin.explorations.api",
+    "operate": "twin.operations.api",
     "replay": "twin.recorders.rerun.api",
     "RunMoment": "twin.trial.run_moment",
     "ViewerError": "twin.recorders.rerun.viewer",
-    "DeadlockError": "twin.run.events",
-    "Comparison": "twin.study.api",
-    "Study": "twin.study.api",
-    "compare": "twin.study.api",
-    "resume_study": "twin.study.api",
-    "study": "twin.study.api",
-    "Precision": "twin.study.replications.statistics",
+    "DeadlockError": "twin.runs.events",
+    "Comparison": "twin.studies.api",
+    "Study": "twin.studies.api",
+    "compare": "twin.studies.api",
+    "resume_study": "twin.studies.api",
+    "study": "twin.studies.api",
+    "Precision": "twin.studies.replications.statistics",
     "LoadedScenario": "twin.trial.loaded_scenario",
     "load": "twin.trial.loaded_scenario",
     "PlanResult": "twin.trial.plan_result",
@@ -59,7 +57,7 @@ _MODULES = {
     "CircularWaitsError": "twin.judge.delays",
     "MessageError": "twin.live.wire_format",
     "UnknownEntryError": "twin.registry",
-    "EventLogError": "twin.run.events",
+    "EventLogError": "twin.runs.events",
     "ResumeError": "twin.trial.errors",
     "IncompleteRunError": "twin.trial.errors",
 }
@@ -83,32 +81,32 @@ if TYPE_CHECKING:
     from twin.api.runs import plan as plan
     from twin.api.runs import run as run
     from twin.api.runs import simulate as simulate
-    from twin.audit.api import Audit as Audit
-    from twin.audit.api import audit as audit
-    from twin.check.api import Check as Check
-    from twin.check.api import check as check
+    from twin.audits.api import Audit as Audit
+    from twin.audits.api import audit as audit
+    from twin.checks.api import Check as Check
+    from twin.checks.api import check as check
     from twin.cluster.client import ClusterError as ClusterError
     from twin.cluster.client import ClusterLostError as ClusterLostError
     from twin.document.validation import (
         InvalidScenarioError as InvalidScenarioError,
     )
     from twin.drivers.franka_hand import FrankaError as FrankaError
-    from twin.explore.api import Explored as Explored
-    from twin.explore.api import explore as explore
+    from twin.explorations.api import Explored as Explored
+    from twin.explorations.api import explore as explore
     from twin.judge.delays import CircularWaitsError as CircularWaitsError
     from twin.live.wire_format import MessageError as MessageError
-    from twin.operate.api import operate as operate
+    from twin.operations.api import operate as operate
     from twin.recorders.rerun.api import replay as replay
     from twin.recorders.rerun.viewer import ViewerError as ViewerError
     from twin.registry import UnknownEntryError as UnknownEntryError
-    from twin.run.events import EventLogError as EventLogError
-    from twin.run.execution_record import DeadlockError as DeadlockError
-    from twin.study.api import Study as Study
-    from twin.study.api import resume_study as resume_study
-    from twin.study.api import study as study
-    from twin.study.comparisons import Comparison as Comparison
-    from twin.study.comparisons import compare as compare
-    from twin.study.replications.statistics import Precision as Precision
+    from twin.runs.events import EventLogError as EventLogError
+    from twin.runs.execution_record import DeadlockError as DeadlockError
+    from twin.studies.api import Study as Study
+    from twin.studies.api import resume_study as resume_study
+    from twin.studies.api import study as study
+    from twin.studies.comparisons import Comparison as Comparison
+    from twin.studies.comparisons import compare as compare
+    from twin.studies.replications.statistics import Precision as Precision
     from twin.trial.errors import IncompleteRunError as IncompleteRunError
     from twin.trial.errors import ResumeError as ResumeError
     from twin.trial.loaded_scenario import LoadedScenario as LoadedScenario
@@ -150,14 +148,3 @@ def __getattr__(name: str) -> object:
 def __dir__() -> list[str]:
     """Return the names that other programs may rely on."""
     return [*__all__, "__version__"]
-
-
-class _Functions(ModuleType):
-    """This module: importing a room does not put it where a function of its name is."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if not (name in _MODULES and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Functions

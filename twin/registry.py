@@ -135,13 +135,13 @@ CHECKS = Group(
     {
         "lego": "twin.kinds.lego.checks:LegoChecks",
         "assembly": "twin.kinds.parts.checks.checks:PartChecks",
-        "goals": "twin.check.goals:GoalsChecks",
+        "goals": "twin.checks.goals:GoalsChecks",
         "construction": "twin.kinds.construction.checks:ConstructionChecks",
     },
 )
 """Checks of a scenario that depend on its kind of assembly, by the name of the kind."""
 
-SECTIONS = Group("sections", {"explore": "twin.explore.section:ExploreSection"})
+SECTIONS = Group("sections", {"explore": "twin.explorations.section:ExploreSection"})
 """Optional sections of wings at the top of a scenario, by their key; nothing of a run depends on them."""
 
 COMMANDS = Group(
@@ -151,14 +151,14 @@ COMMANDS = Group(
         "scenarios": "twin.commands.scenarios:scenarios",
         "plan": "twin.commands.plan:plan",
         "run": "twin.commands.run:run",
-        "operate": "twin.operate.commands:operate",
+        "operate": "twin.operations.commands:operate",
         "drive": "twin.live.commands:drive",
         "validate": "twin.commands.scenarios:validate",
-        "check": "twin.check.commands:check",
+        "check": "twin.checks.commands:check",
         "sequence": "twin.kinds.lego.sequence:sequence",
-        "compare": "twin.study.commands:compare",
-        "study": "twin.study.commands:study",
-        "explore": "twin.explore.commands:explore",
+        "compare": "twin.studies.commands:compare",
+        "study": "twin.studies.commands:study",
+        "explore": "twin.explorations.commands:explore",
         "replay": "twin.recorders.rerun.commands:replay",
         "fit": "twin.fit.commands:fit",
         "resume": "twin.commands.run:resume",
@@ -166,7 +166,7 @@ COMMANDS = Group(
         "export": "twin.exports.commands:export",
         "verify": "twin.verification.commands:verify",
         "judge": "twin.judge.commands:judge",
-        "robots": "twin.check.commands:robots",
+        "robots": "twin.checks.commands:robots",
         "schema": "twin.commands.scenarios:schema",
         "doctor": "twin.commands.doctor:doctor",
         "cluster": "twin.cluster.commands:cluster",
@@ -195,11 +195,11 @@ EXPORTS = Group(
 HOOKS = Group(
     "hooks",
     {
-        "check": "twin.check.api:check",
-        "audit engine": "twin.audit.engine_report:report_engine",
-        "plan from run": "twin.operate.plan_from_run:plan_from_run",
+        "check": "twin.checks.api:check",
+        "audit engine": "twin.audits.engine_report:report_engine",
+        "plan from run": "twin.operations.plan_from_run:plan_from_run",
         "driven cell": "twin.page.driven:DrivenCell",
-        "design": "twin.explore.designs:begin_named_design",
+        "design": "twin.explorations.designs:begin_named_design",
     },
 )
 """Functions of optional parts that the core calls where they are installed."""
@@ -210,20 +210,20 @@ RECOVERIES = Group(
 )
 """How what is left is planned when something fails, by kind of assembly; others share one for steps."""
 
-FIGURES = Group("figures", {"cell": "twin.check.picture:scenario_figure"})
+FIGURES = Group("figures", {"cell": "twin.checks.picture:scenario_figure"})
 """Pictures for notebooks; ``cell`` is called with a scenario and the folder of its relative paths."""
 
 EXECUTORS = Group(
     "executors",
     {
         "simulated": "twin.trial.executor:SimulatedExecutor",
-        "operated": "twin.operate.executor:OperatedExecutor",
+        "operated": "twin.operations.executor:OperatedExecutor",
         "live": "twin.live.executor:LiveExecutor",
     },
 )
 """Who executes the plan of a run, by what the header of the run says; see ``twin.trial.executor``."""
 
-AUDITORS = Group("auditors", {AUDIT: "twin.audit.run_auditor:RunAuditor"})
+AUDITORS = Group("auditors", {AUDIT: "twin.audits.run_auditor:RunAuditor"})
 """Who judges what was executed; see ``twin.trial.auditor``."""
 
 RECORDERS = Group("recorders", {"rerun": "twin.recorders.rerun.recorder:record_run"})

@@ -309,7 +309,7 @@ QUIET = ("--no-audit", "--no-recording", "-q")
 
 def _sliders(folder: Path, more: str = "") -> Path:
     """Write a scenario of two sliders, whose plan takes no time."""
-    from tests.twin.explore.sliders import slider_file
+    from tests.twin.explorations.sliders import slider_file
 
     return slider_file(folder, more)
 
@@ -371,7 +371,7 @@ def plan_folders(folder: Path, seed: int) -> Case:
 
 def study_folders(folder: Path, seed: int) -> Case:
     """Mutate the folder of a study that is then gone on with."""
-    import twin.study.api as home
+    import twin.studies.api as home
 
     source = folder / "source"
     few = ("-n", "20", "--policy", "asynchronous", "--workers", "0")
@@ -389,9 +389,9 @@ def study_folders(folder: Path, seed: int) -> Case:
 
 def exploration_folders(folder: Path, seed: int) -> Case:
     """Mutate the folder of an exploration that is then gone on with, in this process."""
-    import twin.explore.api as home
-    from tests.twin.explore.bench import Bench
-    from tests.twin.explore.sliders import EXPLORE
+    import twin.explorations.api as home
+    from tests.twin.explorations.bench import Bench
+    from tests.twin.explorations.sliders import EXPLORE
 
     class OwnProcess(Bench):
         """Evaluates designs in this process."""

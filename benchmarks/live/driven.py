@@ -19,9 +19,9 @@ from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.live.executor import LiveExecutor
 from twin.live.measured import MeasuredLog
 from twin.live.session import Session
-from twin.run.execution_record import ExecutionRecord
-from twin.run.folder import MEASURED
-from twin.run.tracking import TrackingError, tracking_errors
+from twin.runs.execution_record import ExecutionRecord
+from twin.runs.folder import MEASURED
+from twin.runs.tracking import TrackingError, tracking_errors
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_plan import run_plan_to_folder
 from twin.trial.run_result import RunResult

@@ -20,7 +20,7 @@ from benchmarks.open.planners import (
     path_found,
 )
 from planning.errors import TwinError
-from twin.audit.motion.executed import ReplayedRun
+from twin.audits.motion.executed import ReplayedRun
 from twin.exports.open_plan import open_plan_of
 from twin.host.progress import report_nothing
 from twin.judge.delays import nominal_spans
@@ -29,9 +29,9 @@ from twin.judge.judge import JudgedPlan
 from twin.judge.open_plan import OpenPlan
 from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import default_shortcuts, motion_settings
-from twin.run import policies
+from twin.runs import policies
 from twin.scenario.sections.kind import assembly_kind
-from twin.study.plans import study_plans
+from twin.studies.plans import study_plans
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
 

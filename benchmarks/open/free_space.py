@@ -7,7 +7,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.transforms import Array, Transform
-from twin.audit.worlds.world import (
+from twin.audits.worlds.world import (
     AuditWorld,
     WatchedShape,
     overlapping_at_home,

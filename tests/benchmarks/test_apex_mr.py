@@ -16,14 +16,14 @@ from benchmarks.apex_mr_paper import (
 )
 from benchmarks.apex_mr_report import DRAWN, REFERENCE, write_report
 from benchmarks.apex_mr_tables import JOINTLY, PUBLISHED, Measured
-from twin.run.policies import (
+from twin.runs.policies import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUTS,
     SEQUENTIAL,
     SYNCHRONOUS,
     SYNCHRONOUS_SHORTCUTS,
 )
-from twin.study.comparison import (
+from twin.studies.comparison import (
     BASELINES,
     COMPARED,
     Measurement,

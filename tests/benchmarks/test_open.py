@@ -11,7 +11,7 @@ from benchmarks.open.planners import klampt_path, ompl_path
 from benchmarks.open.tasks import TASKS, chosen
 from tests.twin.written import written
 from twin.judge.judge import Judgement, judge
-from twin.run.policies import ASYNCHRONOUS, SEQUENTIAL, SYNCHRONOUS
+from twin.runs.policies import ASYNCHRONOUS, SEQUENTIAL, SYNCHRONOUS
 from twin.trial.loaded_scenario import LoadedScenario, load
 
 SCENARIO = """\

@@ -1,6 +1,6 @@
 """What happened in a run, in short; and a recorder that is interrupted."""
 
-from twin.run.events import Event
+from twin.runs.events import Event
 
 
 def story(events: list[Event]) -> list[tuple[float, str, str, int]]:

@@ -9,8 +9,8 @@ from twin.engine.bulk.max_plus import Completions
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder, Recorder
-from twin.run.events import Event
-from twin.run.execution_record import ExecutionRecord, Policy
+from twin.runs.events import Event
+from twin.runs.execution_record import ExecutionRecord, Policy
 from twin.uncertainty.disturbances import Disturbances, EmergencyStop
 from twin.uncertainty.skill_durations import SkillDurations
 

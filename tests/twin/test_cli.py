@@ -174,7 +174,7 @@ def test_doctor_finds_everything_it_needs() -> None:
 
 
 def test_doctor_does_without_pybullet(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "twin.audit.worlds.bullet_world", None)
+    monkeypatch.setitem(sys.modules, "twin.audits.worlds.bullet_world", None)
     monkeypatch.setattr("twin.commands.doctor.OPTIONAL", ("pybullet", "no_pybullet"))
     result = invoke("doctor", code=0)
     assert "audit engine   coal" in result.stdout
@@ -184,7 +184,7 @@ def test_doctor_does_without_pybullet(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_engine_that_is_not_there_is_told_of_before_planning(
     here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "twin.audit.worlds.bullet_world", None)
+    monkeypatch.setitem(sys.modules, "twin.audits.worlds.bullet_world", None)
     for engine, said in (
         ("pybullet", "assembly-twin[audit]"),
         ("fcl", "pybullet, coal"),

@@ -16,8 +16,8 @@ MEMORY_MIB = 1024
 ROOT = Path(__file__).parents[2]
 
 UNPICKLED = {
-    "twin/explore/crew.py": "the setting that the scheduler of a cluster sends over mutual TLS",
-    "twin/study/replications/workload.py": "workloads for own processes, and the same for a cluster",
+    "twin/explorations/crew.py": "the setting that the scheduler of a cluster sends over mutual TLS",
+    "twin/studies/replications/workload.py": "workloads for own processes, and the same for a cluster",
 }
 """Files that may unpickle, and what: nothing of it was ever in a file."""
 

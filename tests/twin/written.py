@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.check.check import CheckReport, check_scenario
+from twin.checks.check import CheckReport, check_scenario
 from twin.document.validation import InvalidScenarioError
 from twin.reading.scenario_file import load_scenario, read_scenario
 from twin.scenario.sections.scenario import Scenario

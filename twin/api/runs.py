@@ -13,9 +13,9 @@ from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import MemoryRecorder
 from twin.registry import HOOKS
-from twin.run.execution_record import POLICIES
-from twin.run.folder import run_folder
-from twin.run.policies import NAMED_POLICIES, parse_policy_name
+from twin.runs.execution_record import POLICIES
+from twin.runs.folder import run_folder
+from twin.runs.policies import NAMED_POLICIES, parse_policy_name
 from twin.scenario.variations import short_key
 from twin.trial.auditor import load_auditor
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load

@@ -62,7 +62,7 @@ def plan(
     """
     from twin.api import runs
     from twin.commands.run import values_of
-    from twin.run.folder import run_folder
+    from twin.runs.folder import run_folder
     from twin.trial.loaded_scenario import load
     from twin.trial.plan_result import scenario_of_run
     from twin.trial.run_moment import RunMoment

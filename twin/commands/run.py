@@ -131,7 +131,7 @@ def resume(
     The run is computed again from the start, compared with the log event by event, and brought
     to its end: the files are those of a run that was never killed.
     """
-    from twin.run.folder import lock_folder
+    from twin.runs.folder import lock_folder
     from twin.trial.resume import resume_run
 
     view = View(as_json, quiet)
@@ -188,8 +188,8 @@ def announcer(view: View) -> Callable[[Checked, Path], None]:
 
 def show_run(done: RunResult, view: View) -> int:
     """Print the figures of a run."""
-    from twin.run.folder import RECORDING
-    from twin.run.summary import print_summary
+    from twin.runs.folder import RECORDING
+    from twin.runs.summary import print_summary
 
     folder = done.files
     if view.as_json:

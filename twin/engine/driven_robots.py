@@ -17,7 +17,7 @@ from twin.engine.execution import Execution
 from twin.engine.passage import Passage, drive_times
 from twin.engine.ports import RobotPort, Steps
 from twin.engine.simulated_robots import SimulatedRobots
-from twin.run.events import EventKind
+from twin.runs.events import EventKind
 from twin.uncertainty.node_times import NodeTimes, Standstill
 from twin.uncertainty.stopped_skills import stopped_skill
 

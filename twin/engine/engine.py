@@ -27,7 +27,7 @@ from twin.engine.execution_model import ExecutionModel, Messages
 from twin.engine.narrator import describe_failure
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.recorders.observers import Observers, Recorder
-from twin.run.execution_record import POLICIES, DeadlockError, ExecutionRecord
+from twin.runs.execution_record import POLICIES, DeadlockError, ExecutionRecord
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler

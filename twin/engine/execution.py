@@ -24,8 +24,8 @@ from twin.engine.execution_model import Messages
 from twin.engine.narrator import Narrator
 from twin.engine.ports import Audience, Replanner, RobotPort, Steps, SupplyPort
 from twin.recorders.observers import Observers
-from twin.run.events import EventCode
-from twin.run.execution_record import Outcome
+from twin.runs.events import EventCode
+from twin.runs.execution_record import Outcome
 from twin.uncertainty.node_times import NodeTimes
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from planning.errors import TwinError
 from twin.durations.nanoseconds import to_nanoseconds
-from twin.run.execution_record import Policy
+from twin.runs.execution_record import Policy
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations
 

@@ -10,9 +10,9 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_nodes
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.recorders.observers import Observers
-from twin.run.events import Event, EventKind
-from twin.run.execution_record import waypoint_offsets_ns
-from twin.run.windows import broken_words
+from twin.runs.events import Event, EventKind
+from twin.runs.execution_record import waypoint_offsets_ns
+from twin.runs.windows import broken_words
 from twin.uncertainty.node_times import NodeTimes, Standstill
 from twin.uncertainty.stop_times import Stops
 

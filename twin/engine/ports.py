@@ -13,7 +13,7 @@ import simpy
 
 from planning.transforms import Array
 from twin.recorders.observers import Recorder
-from twin.run.execution_record import Measured, Outcome
+from twin.runs.execution_record import Measured, Outcome
 from twin.uncertainty.node_times import NodeTimes
 
 T = TypeVar("T")

@@ -24,7 +24,7 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.run.activities import CAUSES, SAME_ROBOT
+from twin.runs.activities import CAUSES, SAME_ROBOT
 from twin.trial.run_result import RunResult
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ from twin.engine.execution_model import ExecutionModel
 from twin.exports.segments import CONTROLLER_RATE_HZ, Segment, segments
 from twin.judge.open_plan import FORMAT, VERSION
 from twin.recorders.observers import MemoryRecorder
-from twin.run.activities import SAME_ROBOT
-from twin.run.execution_record import POLICIES, Policy
+from twin.runs.activities import SAME_ROBOT
+from twin.runs.execution_record import POLICIES, Policy
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
 from twin.uncertainty.skill_durations import SkillDurations

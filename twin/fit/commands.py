@@ -112,7 +112,7 @@ def fit(
     from twin.host.atomic_files import write_json
     from twin.host.progress import StageDisplay, stage_progress
     from twin.reading.scenario_file import load_scenario
-    from twin.run.folder import EVENTS, prepare_run_folder
+    from twin.runs.folder import EVENTS, prepare_run_folder
 
     columns = _columns(column, start, end)
     target = _target(apply, into)

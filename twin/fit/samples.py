@@ -26,9 +26,9 @@ from twin.durations.timing_files import (
     split_unit,
 )
 from twin.durations.usual_range import usual_duration
-from twin.run.activities import RobotProgress
-from twin.run.events import Event, EventLogError, parse_event, read_log
-from twin.run.folder import EVENTS, require_recorded_hashes
+from twin.runs.activities import RobotProgress
+from twin.runs.events import Event, EventLogError, parse_event, read_log
+from twin.runs.folder import EVENTS, require_recorded_hashes
 from twin.trial.plan_result import plan_of_run
 
 LABELS = ("skill", "robot", "object")

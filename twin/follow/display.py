@@ -20,8 +20,8 @@ from twin.follow.follow import News, Silence, UnreadableLine
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, ForbiddenEvent
 from twin.host.atomic_files import finite_or_none
-from twin.run.activities import RobotProgress
-from twin.run.events import Event
+from twin.runs.activities import RobotProgress
+from twin.runs.events import Event
 
 _MOST_VIOLATIONS = 5
 """Forbidden events, and unreadable lines, that are shown."""

@@ -20,7 +20,7 @@ from twin.durations.nanoseconds import NANOSECONDS
 from twin.follow.drift import Drift
 from twin.follow.forecast import Forecast, Forecaster
 from twin.follow.state import FollowedRun, ForbiddenEvent
-from twin.run.events import Event, EventLogError, parse_event
+from twin.runs.events import Event, EventLogError, parse_event
 
 POLL_S = 0.1
 """Polling interval [s]."""

@@ -24,7 +24,7 @@ from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.execution_model import ExecutionModel
 from twin.follow.drift import FEWEST, Drift, DriftWatch
 from twin.follow.state import FollowedRun
-from twin.run.activities import RobotProgress
+from twin.runs.activities import RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
 from twin.uncertainty.least_durations import least_ns
 from twin.uncertainty.node_times import NodeTimeSampler

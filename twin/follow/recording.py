@@ -35,7 +35,7 @@ from twin.recorders.rerun.event_rows import EventBacklog
 from twin.recorders.rerun.plan_words import PlanWords
 from twin.recorders.rerun.recorder import draw_lane
 from twin.recorders.rerun.viewer import TIMELINE
-from twin.run.activities import (
+from twin.runs.activities import (
     FAILED,
     IDLE,
     RETRYING,
@@ -44,9 +44,9 @@ from twin.run.activities import (
     WAITING,
     plan_colours,
 )
-from twin.run.events import Event
-from twin.run.team_colours import team_colours
-from twin.run.trajectory import Placement, Trajectory
+from twin.runs.events import Event
+from twin.runs.team_colours import team_colours
+from twin.runs.trajectory import Placement, Trajectory
 
 _STATES = {
     "waiting": WAITING,

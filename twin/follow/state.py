@@ -17,9 +17,9 @@ from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.passage import DriveTimes, drive_times
-from twin.run.activities import CAUSES, STOPPED, RobotProgress
-from twin.run.events import Event
-from twin.run.execution_record import Policy
+from twin.runs.activities import CAUSES, STOPPED, RobotProgress
+from twin.runs.events import Event
+from twin.runs.execution_record import Policy
 from twin.uncertainty.disturbances import Speed
 from twin.uncertainty.draws import LEAST_UNIFORM
 

@@ -12,7 +12,7 @@ from twin.commands.view import View
 from twin.host.guard import COMPLETED, FAILED, guarded, print_json
 
 if TYPE_CHECKING:
-    from twin.audit.case import Violation
+    from twin.audits.case import Violation
     from twin.judge.judge import Judgement
 
 _MOST_PRINTED = 20
@@ -60,7 +60,7 @@ def judge(
     It is replayed at its own times, and under delays: collisions, limits of joints, what changes hands, places,
     order and waits, by an engine that shares nothing with a planner. Ends with 1 where anything is wrong.
     """
-    from twin.audit.worlds.engines import engine_named
+    from twin.audits.worlds.engines import engine_named
     from twin.judge import judge as judging
 
     view = View(as_json, quiet)

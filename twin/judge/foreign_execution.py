@@ -11,9 +11,9 @@ from planning.cell.workcell import PlacedRobot
 from planning.expectations import ChangedTool
 from planning.tasks.task import GONE
 from planning.transforms import Array, Transform, inverse
-from twin.audit.case import Violation
-from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
-from twin.audit.worlds.world import AuditWorld
+from twin.audits.case import Violation
+from twin.audits.motion.executed import ObjectRow, Recording, RobotRows
+from twin.audits.worlds.world import AuditWorld
 from twin.judge.foreign_graph import joint_columns, motion_configurations
 from twin.judge.open_plan import OpenEvent, OpenMotion, OpenPlan
 from twin.scenario.sections.shapes import build_transform

@@ -4,7 +4,7 @@
 - What is taken or put down touches what it lies on or beside, in that work.
 - A tool touches what a motion says that it does; bricks at rest it may graze while it works.
 
-How deep all that may be is the audit's: see ``twin.audit.contacts``.
+How deep all that may be is the audit's: see ``twin.audits.contacts``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from planning.expectations import TOUCH, Expectations
 from planning.tasks.task import GONE, AllowedContact
 from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
+from twin.audits.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
 from twin.judge.foreign_execution import ForeignChange, ForeignExecution
 from twin.judge.open_plan import OpenMotion, OpenPlan
 

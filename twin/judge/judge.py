@@ -13,14 +13,14 @@ import numpy as np
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
 from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL
-from twin.audit.audit import audit_recording
-from twin.audit.case import NodeSpans, Violation
-from twin.audit.worlds.engines import (
+from twin.audits.audit import audit_recording
+from twin.audits.case import NodeSpans, Violation
+from twin.audits.worlds.engines import (
     Engine,
     engine_and_version,
     engine_named,
 )
-from twin.audit.worlds.world import AuditWorld
+from twin.audits.worlds.world import AuditWorld
 from twin.durations.model import DurationModel
 from twin.host.atomic_files import finite_or_none
 from twin.host.progress import Report, report_nothing

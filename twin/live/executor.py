@@ -12,12 +12,12 @@ from planning.errors import TwinError
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.live.measured import History, history_of
 from twin.live.session import Session
-from twin.operate.executor import operate_plan, plan_again, require_unanswered
-from twin.operate.person import Says
+from twin.operations.executor import operate_plan, plan_again, require_unanswered
+from twin.operations.person import Says
 from twin.recorders.observers import Recorder
-from twin.run.events import parse_event
-from twin.run.folder import EVENTS, MEASURED
-from twin.run.header import RunHeader
+from twin.runs.events import parse_event
+from twin.runs.folder import EVENTS, MEASURED
+from twin.runs.header import RunHeader
 from twin.trial.errors import ResumeError
 from twin.trial.executor import Executed
 from twin.trial.loaded_scenario import LoadedScenario

@@ -27,9 +27,9 @@ from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.drivers.driver import ClearedNode, Sample
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.run.events import Event, EventCode
-from twin.run.execution_record import Measured
-from twin.run.folder import LARGEST_RESULT
+from twin.runs.events import Event, EventCode
+from twin.runs.execution_record import Measured
+from twin.runs.folder import LARGEST_RESULT
 
 _BEGIN = "#begin"
 """First column of the line that says when the run began."""

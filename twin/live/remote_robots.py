@@ -31,8 +31,8 @@ from twin.live.link import Link
 from twin.live.measured import History, MeasuredLog
 from twin.live.messages import Report
 from twin.live.reported_nodes import ReportedNodes
-from twin.run.events import EventCode, EventKind
-from twin.run.execution_record import Measured
+from twin.runs.events import EventCode, EventKind
+from twin.runs.execution_record import Measured
 from twin.uncertainty.node_times import NodeTimes
 
 _TICK_S = 0.02

@@ -18,7 +18,7 @@ from twin.engine.simulated_robots import SimulatedRobots
 from twin.live.link import AwaitedActuation, Link, sync_tool_commands
 from twin.live.measured import History, MeasuredLog, MeasuredRows, samples_between
 from twin.live.messages import Report
-from twin.run.execution_record import Measured
+from twin.runs.execution_record import Measured
 from twin.uncertainty.node_times import NodeTimes
 
 _SAME_CLOCK_S = 60.0

@@ -16,8 +16,8 @@ from twin.engine.execution import Execution, Ports
 from twin.engine.ports import Audience, Steps
 from twin.live.remote_robots import RemoteRobots
 from twin.live.session import Session
-from twin.operate.person import Question
-from twin.operate.replanner import RollingReplanner
+from twin.operations.person import Question
+from twin.operations.replanner import RollingReplanner
 from twin.page.panel import (
     NodesSoFar,
     Notice,
@@ -27,8 +27,8 @@ from twin.page.panel import (
     ShownMode,
     ShownRobot,
 )
-from twin.run.events import Event
-from twin.run.execution_record import Outcome
+from twin.runs.events import Event
+from twin.runs.execution_record import Outcome
 
 _SHOW_S, _PROGRESS_S = 0.25, 2.0
 """Time between what is shown, and between what forecasts are made of [s]."""

@@ -10,11 +10,11 @@ from pathlib import Path
 from twin.drivers.drivers_file import read_drivers
 from twin.live.executor import LiveExecutor
 from twin.live.session import Session
-from twin.operate.person import Says
+from twin.operations.person import Says
 from twin.page.attended import AttendedSession
 from twin.page.panel import Panel
 from twin.page.server import PageServer
-from twin.run.folder import EVENTS
+from twin.runs.folder import EVENTS
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.simulation import scenario_execution
 from twin.uncertainty.disturbances import Disturbances

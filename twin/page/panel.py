@@ -14,7 +14,7 @@ from typing import Literal
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.drivers.driver import Mode
 from twin.follow.state import FollowedRun
-from twin.operate.person import Question, UnansweredError
+from twin.operations.person import Question, UnansweredError
 
 Action = Literal["hold", "go on", "out", "yes", "no"]
 """What somebody may order: of a robot or all, or as the answer to a question."""

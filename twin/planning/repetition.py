@@ -9,7 +9,7 @@ from scheduling.copies import Pattern
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.repeat import repeat_graph
 from twin.host.progress import StageWatch
-from twin.run.policies import IN_TURNS, SHORTENED
+from twin.runs.policies import IN_TURNS, SHORTENED
 
 PRODUCTS = "all products"
 """Name of the stage for progress displays."""
@@ -21,7 +21,7 @@ def repeated_plans(
     """Return plans for all products, the given ones where these are that already.
 
     Args:
-        plans: by their names in twin.run.policies, that in turns before the shortened one.
+        plans: by their names in twin.runs.policies, that in turns before the shortened one.
         pattern: how they go on, None where they do not.
         watch: measures the stage, which is products.
 

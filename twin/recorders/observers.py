@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from planning.errors import OutputError
-from twin.run.events import Event, event_line
+from twin.runs.events import Event, event_line
 
 _log = logging.getLogger(__name__)
 

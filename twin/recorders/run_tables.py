@@ -14,10 +14,10 @@ from planning.tasks.task import GONE
 from planning.transforms import Array, quat_wxyz
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.run.events import Event
-from twin.run.execution_record import ExecutionRecord
-from twin.run.folder import OBJECTS, TRAJECTORY
-from twin.run.trajectory import (
+from twin.runs.events import Event
+from twin.runs.execution_record import ExecutionRecord
+from twin.runs.folder import OBJECTS, TRAJECTORY
+from twin.runs.trajectory import (
     Placement,
     Trajectory,
     object_placements,

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 from twin.recorders.observers import Recorder
 from twin.registry import EXECUTORS
-from twin.run.execution_record import ExecutionRecord
-from twin.run.header import RunHeader
+from twin.runs.execution_record import ExecutionRecord
+from twin.runs.header import RunHeader
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, plan_of_run
 from twin.trial.simulation import execute

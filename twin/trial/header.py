@@ -16,11 +16,11 @@ from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.planning.idle_robots import IdleRobot
 from twin.registry import AUDIT, AUDITORS, RECORDERS
-from twin.run.execution_record import DeadlockError, ExecutionRecord, Policy
-from twin.run.header import RunHeader
-from twin.run.policies import SHORTENED
-from twin.run.summary import summarize_run
-from twin.run.windows import window_warnings
+from twin.runs.execution_record import DeadlockError, ExecutionRecord, Policy
+from twin.runs.header import RunHeader
+from twin.runs.policies import SHORTENED
+from twin.runs.summary import summarize_run
+from twin.runs.windows import window_warnings
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult

@@ -17,8 +17,8 @@ from scheduling.planned_motions import PlannedMotions
 from twin.host.arguments import checks_arguments
 from twin.planning.build_workcell import build_workcell
 from twin.planning.idle_robots import IdleRobot, idle_robots_of_manifest
-from twin.run.folder import FIRST, PLAN_FILES, TURNS, VERSIONS, require_recorded_hashes
-from twin.run.policies import IN_SLOTS, IN_TURNS
+from twin.runs.folder import FIRST, PLAN_FILES, TURNS, VERSIONS, require_recorded_hashes
+from twin.runs.policies import IN_SLOTS, IN_TURNS
 from twin.scenario.manifest import MANIFEST, manifest_base, read_manifest
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 

@@ -36,7 +36,7 @@ from twin.planning.pipeline import (
 )
 from twin.planning.repetition import repeated_plans
 from twin.planning.time_parameterization import time_parameterize
-from twin.run.policies import (
+from twin.runs.policies import (
     AT_ONCE,
     IN_SLOTS,
     IN_TURNS,
@@ -182,7 +182,7 @@ def _repeated(plan: PlanResult, watch: StageWatch) -> PlanResult:
 
 
 class CoordinatedPlans:
-    """Plans of the same motions by their names in twin.run.policies, made when they are first asked for.
+    """Plans of the same motions by their names in twin.runs.policies, made when they are first asked for.
 
     What robots do within their limits takes the time that it needs; see ``timed``.
 

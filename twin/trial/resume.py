@@ -17,14 +17,14 @@ from twin.recorders.observers import (
     JsonlRecorder,
     MemoryRecorder,
 )
-from twin.run.events import Event, EventCode, event_line, parse_event, read_log
-from twin.run.folder import (
+from twin.runs.events import Event, EventCode, event_line, parse_event, read_log
+from twin.runs.folder import (
     EVENTS,
     SUMMARY,
     drop_earlier_results,
     require_recorded_hashes,
 )
-from twin.run.header import RunHeader
+from twin.runs.header import RunHeader
 from twin.scenario.manifest import (
     MANIFEST,
     manifest_base,

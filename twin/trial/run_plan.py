@@ -15,8 +15,8 @@ from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import JsonlRecorder, MemoryRecorder
 from twin.recorders.run_tables import write_motion
 from twin.registry import RECORDERS
-from twin.run.events import Event
-from twin.run.folder import (
+from twin.runs.events import Event
+from twin.runs.folder import (
     EVENTS,
     FIRST,
     GANTT,
@@ -25,8 +25,8 @@ from twin.run.folder import (
     recorded_hashes,
     replace_results,
 )
-from twin.run.gantt import gantt_figure
-from twin.run.header import RunHeader
+from twin.runs.gantt import gantt_figure
+from twin.runs.header import RunHeader
 from twin.scenario.manifest import (
     write_manifest,
 )

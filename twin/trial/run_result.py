@@ -15,9 +15,9 @@ from planning.parquet import read_parquet
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.host.arguments import checks_arguments
-from twin.run.events import Event, EventLogError, parse_event, read_log
-from twin.run.execution_record import ExecutionRecord
-from twin.run.folder import (
+from twin.runs.events import Event, EventLogError, parse_event, read_log
+from twin.runs.execution_record import ExecutionRecord
+from twin.runs.folder import (
     EVENTS,
     GANTT,
     OBJECTS,
@@ -25,9 +25,9 @@ from twin.run.folder import (
     TRAJECTORY,
     require_recorded_hashes,
 )
-from twin.run.summary import summary_rows
-from twin.run.summary_schema import require_figures
-from twin.run.trajectory import Trajectory
+from twin.runs.summary import summary_rows
+from twin.runs.summary_schema import require_figures
+from twin.runs.trajectory import Trajectory
 from twin.scenario.manifest import MANIFEST
 from twin.scenario.sections.scenario import Scenario, restore_scenario
 from twin.trial.header import run_figures, run_header
@@ -185,7 +185,7 @@ class RunResult:
         """What each robot did when: robot, state, start_s, end_s, task; waits are rows, too."""
         import pyarrow as pa
 
-        from twin.run.activities import robot_activities
+        from twin.runs.activities import robot_activities
 
         entries = robot_activities(self.tpg, self.history)
         rows = [(robot, item) for robot, lane in entries.items() for item in lane]
@@ -205,7 +205,7 @@ class RunResult:
         if self.record is None:
             return self._table(TRAJECTORY)
         from twin.recorders.run_tables import trajectory_table
-        from twin.run.trajectory import robot_trajectories
+        from twin.runs.trajectory import robot_trajectories
 
         moved = robot_trajectories(self.tpg, self.record)
         return trajectory_table(moved, tuple(self.record.measured))
@@ -216,7 +216,7 @@ class RunResult:
         if self.record is None:
             return self._table(OBJECTS)
         from twin.recorders.run_tables import objects_table
-        from twin.run.trajectory import object_placements
+        from twin.runs.trajectory import object_placements
 
         return objects_table(object_placements(self.tpg, self.record))
 
@@ -318,7 +318,7 @@ class RunResult:
         page = card(self.name, rows)
         if self.record is None:
             return page + run_picture(self.files / GANTT)
-        from twin.run.gantt import gantt_figure
+        from twin.runs.gantt import gantt_figure
 
         figure = gantt_figure(
             self.tpg, self.record, self.history, title=self.name, plan=self.plan.name

@@ -13,7 +13,7 @@ from twin.engine.execution_model import ExecutionModel, Messages
 from twin.planning.place_misses import place_misses
 from twin.reading.scenario_file import load_scenario
 from twin.recorders.observers import Recorder
-from twin.run.execution_record import ExecutionRecord, Policy
+from twin.runs.execution_record import ExecutionRecord, Policy
 from twin.scenario.manifest import MANIFEST, manifest_base, read_manifest
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario

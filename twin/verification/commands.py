@@ -66,7 +66,7 @@ def verify(
     """
     from planning.cell.workcell import NO_ERROR
     from scheduling.verification.verify import verify_plan
-    from twin.audit.worlds.engines import engine_named
+    from twin.audits.worlds.engines import engine_named
     from twin.host.progress import StageDisplay, stage_progress
     from twin.trial.plan_result import plan_of_run
     from twin.verification.standing_states import audit_standing_states

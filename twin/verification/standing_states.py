@@ -16,10 +16,10 @@ import numpy as np
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.graph_structure import find_precedence
-from twin.audit.audit import Auditor
-from twin.audit.case import Violation
-from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
-from twin.audit.worlds.engines import Engine, engine_and_version, engine_named
+from twin.audits.audit import Auditor
+from twin.audits.case import Violation
+from twin.audits.motion.executed import ObjectRow, Recording, RobotRows
+from twin.audits.worlds.engines import Engine, engine_and_version, engine_named
 from twin.host.progress import Report, report_nothing
 
 STOPPING = "robots that stop"

@@ -13,7 +13,7 @@ from planning.timing.rounded_path import BlendedPath, ordered_windows
 from planning.timing.stretch import RoundedStretch, rounded_stretch, straight_stretch
 from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along
 from tests.planning.timing.drawn_arm import MODELS, Drawn, PinocchioArm
-from twin.run.cubic_motion import cubic_at
+from twin.runs.cubic_motion import cubic_at
 
 
 def drawn_path(drawn: Drawn) -> BlendedPath:

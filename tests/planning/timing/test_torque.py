@@ -20,7 +20,7 @@ from planning.timing.torque import (
     torque_limited_stretch,
 )
 from tests.planning.timing.drawn_arm import ARMS, MODELS, Drawn
-from twin.run.cubic_motion import cubic_at
+from twin.runs.cubic_motion import cubic_at
 
 
 def slower(stretch: Stretch, factor: float) -> Stretch:

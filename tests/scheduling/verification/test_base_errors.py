@@ -24,7 +24,7 @@ from scheduling.witness.motion import Motion
 from scheduling.witness.robot import WitnessRobot
 from scheduling.witness.shapes import farthest_from
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
-from twin.audit.worlds.world import AuditWorld
+from twin.audits.worlds.world import AuditWorld
 
 UNIT = PoseError(1e-3, np.radians(0.1))
 

@@ -182,7 +182,7 @@ def test_a_study_has_a_row_a_policy_and_variant(
     assert found.tasks.num_rows == 4 * len(plan.tpg.tasks)
     # The report is there, and as long to draw again.
     monkeypatch.setattr(
-        import_module("twin.study.api"), "write_report", lambda result, progress: None
+        import_module("twin.studies.api"), "write_report", lambda result, progress: None
     )
     again = twin.resume_study(found.folder, FILE, workers=0)
     assert again.summary == found.summary

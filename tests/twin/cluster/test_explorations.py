@@ -9,11 +9,11 @@ import pytest
 
 import twin
 from tests.twin.cluster.processes import up
-from tests.twin.explore.bench import setting_of
-from tests.twin.explore.sliders import slider_file
+from tests.twin.explorations.bench import setting_of
+from tests.twin.explorations.sliders import slider_file
 from twin.cluster.client import ClusterError
-from twin.explore.crew import DesignTask, evaluate_on_worker
-from twin.explore.journal import Journal
+from twin.explorations.crew import DesignTask, evaluate_on_worker
+from twin.explorations.journal import Journal
 
 pytest.importorskip("distributed")
 pytest.importorskip("optuna")

@@ -15,14 +15,14 @@ from typing import NamedTuple
 import pytest
 
 from tests.twin.cluster.processes import ROOT, free_port, start
-from tests.twin.study.study_toys import toy_workload
+from tests.twin.studies.study_toys import toy_workload
 from twin.cluster.address import Cluster
 from twin.cluster.certificates import Certificates, certificates_in, make_certificates
 from twin.cluster.client import ClusterError
-from twin.study.folder import write_replications
-from twin.study.replications.executors import open_executor, parallelism
-from twin.study.replications.experiment import Experiment
-from twin.study.replications.runner import run_replications
+from twin.studies.folder import write_replications
+from twin.studies.replications.executors import open_executor, parallelism
+from twin.studies.replications.experiment import Experiment
+from twin.studies.replications.runner import run_replications
 
 pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")

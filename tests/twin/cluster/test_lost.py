@@ -14,14 +14,14 @@ import pytest
 
 from tests.twin.cluster.processes import ROOT, start, up
 from tests.twin.program import invoke
-from tests.twin.study.study_toys import toy_workload
+from tests.twin.studies.study_toys import toy_workload
 from twin.cluster.address import Cluster
 from twin.cluster.client import ClusterError, ClusterExecutor, ClusterLostError
-from twin.study.folder import write_replications
-from twin.study.replications import runner
-from twin.study.replications.executors import open_executor
-from twin.study.replications.experiment import Experiment
-from twin.study.replications.runner import run_replications
+from twin.studies.folder import write_replications
+from twin.studies.replications import runner
+from twin.studies.replications.executors import open_executor
+from twin.studies.replications.experiment import Experiment
+from twin.studies.replications.runner import run_replications
 
 distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")

@@ -24,8 +24,8 @@ from twin.engine.driven_robots import DrivenRobots
 from twin.engine.engine import Simulator
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.run.execution_record import ExecutionRecord, Policy
-from twin.run.trajectory import Trajectory, object_placements, robot_trajectories
+from twin.runs.execution_record import ExecutionRecord, Policy
+from twin.runs.trajectory import Trajectory, object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,

@@ -28,8 +28,8 @@ from twin.engine.execution_model import ExecutionModel, Messages
 from twin.planning.build_workcell import build_workcell
 from twin.reading.scenario_file import load_scenario
 from twin.recorders.observers import MemoryRecorder
-from twin.run.events import Event
-from twin.run.execution_record import DeadlockError, ExecutionRecord
+from twin.runs.events import Event
+from twin.runs.execution_record import DeadlockError, ExecutionRecord
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import Disturbances, Stalls
 

@@ -17,8 +17,8 @@ from tests.twin.simulated import assert_same_ends, simulate
 from tests.twin.twin_toys import random_tpg
 from twin.durations.bounded import Uniform
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.run.execution_record import ExecutionRecord, Policy
-from twin.run.trajectory import robot_trajectories
+from twin.runs.execution_record import ExecutionRecord, Policy
+from twin.runs.trajectory import robot_trajectories
 from twin.uncertainty.disturbances import (
     Disturbances,
     EmergencyStop,

@@ -13,8 +13,8 @@ from twin.durations.nanoseconds import NANOSECONDS
 from twin.exports.formats import exported_files
 from twin.recorders.observers import JsonlRecorder
 from twin.recorders.run_tables import objects_table, trajectory_table, write_table
-from twin.run.execution_record import ExecutionRecord
-from twin.run.trajectory import object_placements, robot_trajectories
+from twin.runs.execution_record import ExecutionRecord
+from twin.runs.trajectory import object_placements, robot_trajectories
 from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import (
     Disturbances,

@@ -20,8 +20,8 @@ from tests.twin.exports.exported_runs import (
     toy_run,
 )
 from twin.durations.nanoseconds import NANOSECONDS, to_nanoseconds
-from twin.run.execution_record import ExecutionRecord
-from twin.run.trajectory import Trajectory, robot_trajectories
+from twin.runs.execution_record import ExecutionRecord
+from twin.runs.trajectory import Trajectory, robot_trajectories
 from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import Disturbances, EmergencyStop
 

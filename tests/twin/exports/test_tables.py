@@ -15,8 +15,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.twin.exports.exported_runs import Toy, exported, toy_run
-from twin.run.activities import STANDING
-from twin.run.events import Event, event_line
+from twin.runs.activities import STANDING
+from twin.runs.events import Event, event_line
 from twin.trial.run_result import RunResult
 
 KEYS = ["t_s", "robot", "kind", "task", "node", "object", "detail"]

@@ -29,7 +29,7 @@ from twin.follow.display import TerminalDisplay, news_to_json, news_to_sentence
 from twin.follow.follow import Silence, follow, lines_of_growing_file, lines_of_pipe
 from twin.follow.forecast import Forecaster
 from twin.follow.state import FollowedRun
-from twin.run.events import EventLogError, event_line
+from twin.runs.events import EventLogError, event_line
 
 ROOT = Path(__file__).parents[3]
 TPG = random_tpg(16, tasks=14, edges=12)

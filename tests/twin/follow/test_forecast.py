@@ -18,7 +18,7 @@ from twin.engine.execution_model import ExecutionModel, Messages
 from twin.follow.forecast import SEED, Forecaster, conditional_quantiles
 from twin.follow.state import FollowedRun
 from twin.recorders.observers import MemoryRecorder
-from twin.run.events import Event
+from twin.runs.events import Event
 from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,

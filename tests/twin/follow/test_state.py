@@ -15,8 +15,8 @@ from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.execution_model import Messages
 from twin.engine.passage import drive_times
 from twin.follow.state import FollowedRun
-from twin.run.events import Event, EventLogError, event_line, parse_event
-from twin.run.execution_record import Policy
+from twin.runs.events import Event, EventLogError, event_line, parse_event
+from twin.runs.execution_record import Policy
 from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.twin.explore.sliders import slider_file
+from tests.twin.explorations.sliders import slider_file
 from tests.twin.program import ROOT, invoke
 
 EXPORT = """

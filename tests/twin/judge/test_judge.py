@@ -8,7 +8,7 @@ import pytest
 
 from tests.shipped_runs import ShippedRuns
 from tests.twin.judge.judged import exported, judged, motion_with
-from twin.audit.run_auditor import audit_execution
+from twin.audits.run_auditor import audit_execution
 
 
 def test_our_own_plan_is_clean_through_the_door_of_all(

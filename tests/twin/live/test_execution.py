@@ -25,7 +25,7 @@ from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.plan_files import load_plan
 from scheduling.verification.verify import verify_plan
 from tests.twin.live.handed_bar import BAR
-from tests.twin.operate.operated import STACK, stack
+from tests.twin.operations.operated import STACK, stack
 from twin.drivers.driver import ClearedNode, DriverState
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.engine.execution import Ports
@@ -35,10 +35,10 @@ from twin.live.link import Link
 from twin.live.measured import MeasuredLog, history_of
 from twin.live.messages import Command, Report
 from twin.live.remote_robots import RemoteRobots
-from twin.operate.operation import Operation, operate
-from twin.operate.recovery import Recovery
+from twin.operations.operation import Operation, operate
+from twin.operations.recovery import Recovery
 from twin.recorders.observers import MemoryRecorder
-from twin.run.events import Event, EventCode
+from twin.runs.events import Event, EventCode
 from twin.trial.plan_result import PlanResult
 from twin.trial.resume import resume_run
 from twin.trial.run_result import RunResult

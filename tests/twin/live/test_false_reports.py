@@ -44,10 +44,10 @@ from twin.live.wire_format import (
     read_report,
     report_bytes,
 )
-from twin.operate.commitment import PlanRevision
-from twin.operate.replanner import RollingReplanner
+from twin.operations.commitment import PlanRevision
+from twin.operations.replanner import RollingReplanner
 from twin.recorders.observers import MemoryRecorder, Observers
-from twin.run.events import Event
+from twin.runs.events import Event
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
 

@@ -10,8 +10,8 @@ from planning.cell.workcell import PlacedRobot
 from planning.transforms import Array
 from scheduling.graph.actuations import actuation_nodes
 from tests.twin.live.handed_bar import BAR
-from twin.audit.case import moved_spans
-from twin.audit.motion.executed import SETTLING, RobotRows
+from twin.audits.case import moved_spans
+from twin.audits.motion.executed import SETTLING, RobotRows
 from twin.drivers.driver import ClearedNode, DriverState, ToolOrder, cleared_node
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.link import AwaitedActuation, Link

@@ -31,9 +31,9 @@ from twin.live.link import Link
 from twin.live.measured import history_of
 from twin.live.messages import Command, Report
 from twin.live.remote_robots import RemoteRobots
-from twin.operate.replanner import RollingReplanner
+from twin.operations.replanner import RollingReplanner
 from twin.recorders.observers import MemoryRecorder, Observers
-from twin.run.events import Event
+from twin.runs.events import Event
 from twin.uncertainty.node_times import NodeTimes
 from twin.uncertainty.skill_durations import nominal_ns
 

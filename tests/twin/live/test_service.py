@@ -44,7 +44,7 @@ from twin.live.wire_format import (
     read_report,
     report_bytes,
 )
-from twin.operate.operation import Operation, operate
+from twin.operations.operation import Operation, operate
 from twin.trial.plan_result import PlanResult
 from twin.trial.simulation import scenario_execution
 

@@ -14,11 +14,11 @@ from twin.engine.execution import Ports
 from twin.live.driver_end import DriverEnd, LocalWire
 from twin.live.link import Link
 from twin.live.remote_robots import RemoteRobots
-from twin.operate.operation import Operation, operate
+from twin.operations.operation import Operation, operate
 from twin.page.attended import Attendance
 from twin.page.panel import Panel, Shown, ShownRobot
 from twin.recorders.observers import MemoryRecorder
-from twin.run.events import Event
+from twin.runs.events import Event
 from twin.trial.plan_result import PlanResult
 from twin.trial.simulation import scenario_execution
 from twin.uncertainty.disturbances import Disturbances

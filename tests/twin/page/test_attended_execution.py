@@ -5,13 +5,13 @@ from typing import Any
 
 import pytest
 
-from tests.twin.operate.operated import stack
+from tests.twin.operations.operated import stack
 from tests.twin.page.beside import ASKS, Beside, failing_first_pick, robot
 from twin.follow.state import FollowedRun
-from twin.operate.operation import Operation
-from twin.operate.recovery import Recovery
+from twin.operations.operation import Operation
+from twin.operations.recovery import Recovery
 from twin.page.panel import Order
-from twin.run.events import Event
+from twin.runs.events import Event
 from twin.trial.plan_result import PlanResult
 
 pytestmark = pytest.mark.timeout(300)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.twin.operate.operated import stack
+from tests.twin.operations.operated import stack
 from tests.twin.page.beside import ASKS, Beside, failing_first_pick, robot
 from twin.page.server import PageServer
 

@@ -22,7 +22,7 @@ import twin
 from planning.errors import OutputError, RequestError
 from scheduling.graph.plan_files import load_plan
 from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import STACK
+from tests.twin.operations.operated import STACK
 from tests.twin.program import python
 from twin.follow.follow import lines_of_server
 from twin.page.panel import Order, Panel, Shown, ShownRobot

@@ -12,10 +12,10 @@ from planning.tasks.task import PRESENT
 from planning.transforms import rotation
 from tests.planted import rows
 from tests.shipped_runs import SCENARIOS
-from tests.twin.audit.audit_cell import HandWrittenRun, brick, two_arm_cell
+from tests.twin.audits.audit_cell import HandWrittenRun, brick, two_arm_cell
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.written import checked, loaded, refusal, written
-from twin.audit.audit import audit_run
+from twin.audits.audit import audit_run
 from twin.kinds.parts.alike import alike_parts, listed_steps, with_named_parts
 from twin.kinds.parts.built import build_assembly
 from twin.kinds.parts.section import PartSection, PartsSection

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import planning.bounds as bounds
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
-from tests.twin.explore.sliders import SCENARIO, URDF
+from tests.twin.explorations.sliders import SCENARIO, URDF
 from tests.twin.program import invoke
 from twin.document.validation import InvalidScenarioError
 from twin.reading.scenario_file import parse_scenario

@@ -24,14 +24,14 @@ from scheduling.verification.verify import verify_plan
 from tests.planning.construction.toy_sites import handover_plan, tower_plan
 from tests.planning.construction.toy_tasks import PLAIN, find_path, with_task, world_of
 from tests.planning.construction.toy_teams import placed, slider, team
-from twin.audit.audit import Auditor
-from twin.audit.motion.executed import read_recording
+from twin.audits.audit import Auditor
+from twin.audits.motion.executed import read_recording
 from twin.durations.bounded import Uniform
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.recorders.run_tables import objects_table, trajectory_table, write_table
-from twin.run.folder import OBJECTS, TRAJECTORY
-from twin.run.trajectory import object_placements, robot_trajectories
+from twin.runs.folder import OBJECTS, TRAJECTORY
+from twin.runs.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.skill_durations import SkillDurations
 

@@ -11,7 +11,7 @@ from tests.twin.program import python
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.recorders.observers import JsonlRecorder, MemoryRecorder
-from twin.run.events import Event, event_line
+from twin.runs.events import Event, event_line
 from twin.uncertainty.disturbances import Disturbances, Stalls
 
 

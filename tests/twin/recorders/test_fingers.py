@@ -16,7 +16,7 @@ from planning.kinematics.kinematics import frame_in_flange, frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
 from planning.transforms import Transform, identity, inverse, translation
-from tests.twin.audit.test_grips import cup, hand
+from tests.twin.audits.test_grips import cup, hand
 from twin.drawing.looks import painted_description
 from twin.recorders.rerun.fingers import closing_distance, split_fingers
 

@@ -22,10 +22,10 @@ from twin.follow.state import FollowedRun
 from twin.recorders.rerun.camera import camera, camera_looking_at, site_points
 from twin.recorders.rerun.event_rows import long_waits
 from twin.recorders.rerun.plan_words import PlanWords
-from twin.run.activities import IDLE, RETRYING, STALLED
-from twin.run.events import Event
-from twin.run.execution_record import ExecutionRecord, Policy
-from twin.run.team_colours import parse_rgb, team_colours
+from twin.runs.activities import IDLE, RETRYING, STALLED
+from twin.runs.events import Event
+from twin.runs.execution_record import ExecutionRecord, Policy
+from twin.runs.team_colours import parse_rgb, team_colours
 
 TEAMS = {
     "arms": toy_of(["gp4", "panda", "gp4"], idle=1),

@@ -9,8 +9,8 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.witness.parts import ConvexPart, measure
 from scheduling.witness.robot import WitnessRobot
 from tests.shipped_runs import ShippedRuns
-from twin.audit.case import tasks_at
-from twin.audit.motion.executed import Recording, read_recording
+from twin.audits.case import tasks_at
+from twin.audits.motion.executed import Recording, read_recording
 
 TICK = 0.02
 """Time between two samples [s]."""

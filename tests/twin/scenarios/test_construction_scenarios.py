@@ -23,9 +23,9 @@ from scheduling.graph.plan_files import load_plan
 from scheduling.verification.verify import verify_plan
 from tests.planted import rows
 from tests.twin.written import loaded, written
-from twin.audit import part_holding
-from twin.audit.audit import audit_run
-from twin.audit.motion.executed import read_recording
+from twin.audits import part_holding
+from twin.audits.audit import audit_run
+from twin.audits.motion.executed import read_recording
 from twin.cli import app
 from twin.durations.measured import packaged_timings
 from twin.host.progress import StageWatch

@@ -24,10 +24,10 @@ from twin.fit.samples import logged_skills
 from twin.reading.scenario_file import load_scenario
 from twin.recorders.rerun.entities import entity_path, robot_part
 from twin.recorders.rerun.fingers import finger_motions
-from twin.run.activities import robot_activities
-from twin.run.trajectory import object_placements
+from twin.runs.activities import robot_activities
+from twin.runs.trajectory import object_placements
 from twin.scenario.sections.scenario import Scenario
-from twin.study.replications.timing_graph import timing_graph
+from twin.studies.replications.timing_graph import timing_graph
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult

@@ -24,23 +24,23 @@ from tests.twin.drawn_runs import sample_node_times
 from tests.twin.scenarios.executed import executed
 from tests.twin.simulated import run_bulk, simulate
 from tests.twin.written import loaded
-from twin.audit.audit import audit_run
-from twin.audit.run_auditor import audit_execution
-from twin.check.finding import CheckContext
-from twin.check.reach import check_reach
+from twin.audits.audit import audit_run
+from twin.audits.run_auditor import audit_execution
+from twin.checks.finding import CheckContext
+from twin.checks.reach import check_reach
 from twin.document.validation import InvalidScenarioError
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.execution_model import ExecutionModel
 from twin.kinds.parts.checks.places import check_goals
-from twin.run.summary import summarize_run
+from twin.runs.summary import summarize_run
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
-from twin.study.replications.block_results import task_groups
-from twin.study.replications.experiment import Block
-from twin.study.replications.timing_graph import timing_graph
-from twin.study.replications.workload import Engines, Workload
+from twin.studies.replications.block_results import task_groups
+from twin.studies.replications.experiment import Block
+from twin.studies.replications.timing_graph import timing_graph
+from twin.studies.replications.workload import Engines, Workload
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult

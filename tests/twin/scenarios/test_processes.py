@@ -17,9 +17,9 @@ from tests.twin.program import invoke
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
 from tests.twin.written import loaded
-from twin.audit.audit import audit_run
-from twin.check.finding import CheckContext
-from twin.check.reach import check_reach
+from twin.audits.audit import audit_run
+from twin.checks.finding import CheckContext
+from twin.checks.reach import check_reach
 from twin.kinds.parts.checks.places import check_goals
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario, resolve_scenario, restore_scenario

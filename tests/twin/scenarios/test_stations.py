@@ -17,10 +17,10 @@ from scheduling.verification.verify import verify_plan
 from tests.twin.recorders.transform_chains import broken_chains
 from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.scenarios.executed import executed
-from twin.audit.audit import Auditor, audit_run
-from twin.audit.motion.executed import read_recording
+from twin.audits.audit import Auditor, audit_run
+from twin.audits.motion.executed import read_recording
 from twin.exports.graphs import task_graph
-from twin.run.trajectory import object_placements
+from twin.runs.trajectory import object_placements
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import apply_variation
 from twin.trial.plan_result import PlanResult

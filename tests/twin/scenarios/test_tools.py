@@ -12,7 +12,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.planning.robots.descriptions.test_mjcf import HAND
 from tests.planning.robots.descriptions.vendors import robotiq, ur5e, vendor_file
 from tests.twin.scenarios.executed import built
-from twin.check.tools import finger_gap
+from twin.checks.tools import finger_gap
 
 CELL = """\
 version: 1

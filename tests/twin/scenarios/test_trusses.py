@@ -18,8 +18,8 @@ from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import built, executed
 from tests.twin.written import loaded
-from twin.audit.audit import AuditReport, audit_run
-from twin.check.finding import CheckContext
+from twin.audits.audit import AuditReport, audit_run
+from twin.checks.finding import CheckContext
 from twin.kinds.parts.checks.places import check_balance
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.kind import assembly_kind

@@ -17,17 +17,17 @@ from tests.shipped_runs import SCENARIOS, ShippedRun, ShippedRuns
 from tests.twin.scenarios.executed import executed
 from tests.twin.scenarios.test_machines import scenario as machines
 from tests.twin.written import checked, loaded, refusal, written
-from twin.audit.audit import audit_run
+from twin.audits.audit import audit_run
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.engine import Simulator
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
-from twin.study.products import windows_summary
-from twin.study.replications.block_results import cell_part, write_block
-from twin.study.replications.experiment import Block
-from twin.study.replications.timing_graph import timing_graph
-from twin.study.replications.workload import Engines, Workload
+from twin.studies.products import windows_summary
+from twin.studies.replications.block_results import cell_part, write_block
+from twin.studies.replications.experiment import Block
+from twin.studies.replications.timing_graph import timing_graph
+from twin.studies.replications.workload import Engines, Workload
 from twin.trial.header import nominal_window_warnings
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute, scenario_execution

@@ -12,7 +12,7 @@ from typer.testing import Result
 from planning.errors import OutputError
 from tests.twin.program import invoke, python
 from tests.twin.turning_arms import QUICK, planned_arms, run_arms, running
-from twin.run.folder import lock_folder
+from twin.runs.folder import lock_folder
 from twin.trial.errors import ResumeError
 from twin.trial.resume import resume_run
 

@@ -10,7 +10,7 @@ import pytest
 from tests.twin.program import invoke
 from tests.twin.turning_arms import QUICK, SCENARIO, planned_arms, run_arms, running
 from tests.twin.written import written
-from twin.run.summary import summary_rows
+from twin.runs.summary import summary_rows
 
 FILES = {
     "manifest.json",
@@ -127,8 +127,8 @@ def test_a_plan_for_another_cell_is_refused(plan: Path, tmp_path: Path) -> None:
 def test_violations_end_with_code_1_and_are_listed(
     plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from twin.audit import audit, run_auditor
-    from twin.audit.case import Violation
+    from twin.audits import audit, run_auditor
+    from twin.audits.case import Violation
 
     found = Violation(1.0, 2.0, "left/arm", "right/arm", 0.004, "link_3 - link_4")
     report = audit.AuditReport(100, -0.004, -0.004, (found,), "coal")

@@ -19,8 +19,8 @@ from twin.durations.normal import Lognormal
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
-from twin.run.trajectory import robot_trajectories
-from twin.study.replications.timing_graph import timing_graph
+from twin.runs.trajectory import robot_trajectories
+from twin.studies.replications.timing_graph import timing_graph
 from twin.uncertainty.disturbances import Disturbances, FixedFactor, Speed
 from twin.uncertainty.least_durations import least_ns
 from twin.uncertainty.skill_durations import SkillDurations, nominal_ns, share_duration

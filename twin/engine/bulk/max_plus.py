@@ -40,7 +40,7 @@ from scheduling.graph.total_order import flatten_graph, planned_ranks
 from scheduling.graph.windows import followed_order
 from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.execution_model import Messages
-from twin.run.execution_record import Policy
+from twin.runs.execution_record import Policy
 from twin.uncertainty.skill_durations import nominal_ns
 
 OTHER = 2

@@ -43,9 +43,9 @@ from twin.exports.ros.messages import (
     tf_message,
 )
 from twin.exports.segments import STILL, require_rate, segments
-from twin.run.team_colours import parse_rgb, team_colours
-from twin.run.tracking import nearest_on_path
-from twin.run.trajectory import Trajectory
+from twin.runs.team_colours import parse_rgb, team_colours
+from twin.runs.tracking import nearest_on_path
+from twin.runs.trajectory import Trajectory
 from twin.trial.run_result import RunResult
 
 RATES_HZ = (1.0, 1000.0)

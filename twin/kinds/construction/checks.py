@@ -9,13 +9,13 @@ from planning.errors import (
     ScenarioError,
 )
 from planning.transforms import Array
-from twin.check.finding import (
+from twin.checks.finding import (
     CheckContext,
     Finding,
     Findings,
     KindChecks,
 )
-from twin.check.reach import idle_robot
+from twin.checks.reach import idle_robot
 from twin.kinds.construction.kind import ConstructionKind
 
 
@@ -56,7 +56,7 @@ class ConstructionChecks(KindChecks):
 
     def goal_pieces(self) -> Iterator[tuple[str, Array]]:
         """Yield the parts in their places."""
-        from twin.check.views import box_corners
+        from twin.checks.views import box_corners
 
         for part in construction_kind(self.subject).parts:
             yield part.name, box_corners(part.size, part.goal)

@@ -31,7 +31,7 @@ from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import active_holds, complete_tasks
 from twin.host.progress import StageWatch
 from twin.kinds.construction.kind import ConstructionKind
-from twin.operate.commitment import (
+from twin.operations.commitment import (
     CommittedPrefix,
     Draw,
     ReplanTrigger,
@@ -39,9 +39,9 @@ from twin.operate.commitment import (
     cut_at,
     executable_lengths,
 )
-from twin.operate.failure_triage import FailureTriage, request_replacement
-from twin.operate.person import OperationLedger, Person
-from twin.operate.planner import (
+from twin.operations.failure_triage import FailureTriage, request_replacement
+from twin.operations.person import OperationLedger, Person
+from twin.operations.planner import (
     Extension,
     Planner,
     RecoveryState,
@@ -49,7 +49,7 @@ from twin.operate.planner import (
     append_extension,
     empty_extension,
 )
-from twin.operate.replanning import graph_from_world
+from twin.operations.replanning import graph_from_world
 from twin.planning.time_parameterization import time_parameterize
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario

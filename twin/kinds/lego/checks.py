@@ -35,24 +35,24 @@ from planning.lego.bricks.brick_grips import grip_pose, legal_presses
 from planning.lego.bricks.grid import box_pose, box_size, top_pose
 from planning.lego.skills.targets import BrickGrip, support_targets
 from planning.transforms import Array, Transform, inverse, read_only_copy
-from twin.audit.contacts import CONTACT_DEPTH
-from twin.audit.grips import GRIP
-from twin.audit.supports import SUPPORT
-from twin.check.finding import (
+from twin.audits.contacts import CONTACT_DEPTH
+from twin.audits.grips import GRIP
+from twin.audits.supports import SUPPORT
+from twin.checks.finding import (
     CheckContext,
     Finding,
     Findings,
     KindChecks,
     format_millimetres,
 )
-from twin.check.placements import (
+from twin.checks.placements import (
     check_centres,
     check_fixtures,
     check_meshes,
     check_starts,
 )
-from twin.check.reach import idle_robot, is_beyond_reach
-from twin.check.robots import (
+from twin.checks.reach import idle_robot, is_beyond_reach
+from twin.checks.robots import (
     check_bases,
     check_efforts,
     check_homes,
@@ -60,14 +60,14 @@ from twin.check.robots import (
     check_speeds,
     check_standing_times,
 )
-from twin.check.tools import (
+from twin.checks.tools import (
     check_descriptions,
     check_flanges,
     check_openings,
     check_suction,
     check_tool_frames,
 )
-from twin.check.usual import check_physics, check_rates, check_usual
+from twin.checks.usual import check_physics, check_rates, check_usual
 from twin.kinds.lego.kind import (
     LegoKind,
     build_lego,
@@ -259,7 +259,7 @@ def _handles_bricks(
 
 
 def _placed_bricks(section: LegoSection) -> Iterator[tuple[str, Array]]:
-    from twin.check.views import box_corners
+    from twin.checks.views import box_corners
 
     assembly = build_lego(section)
     bricks = build_structure(section) or assembly.structure

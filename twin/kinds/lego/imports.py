@@ -127,7 +127,7 @@ def import_task(
     from planning.lego.importers.apex_mr.importer import PressFrom, import_apex_mr
     from planning.lego.sequencing.stable_steps import stable_steps
     from planning.robots.registry import with_tool
-    from twin.check.finding import CheckContext
+    from twin.checks.finding import CheckContext
     from twin.document.yaml_text import scenario_text
     from twin.host.atomic_files import write_text
     from twin.kinds.lego.checks import check_brick_tools

@@ -11,7 +11,7 @@ from planning.errors import OutputError, RequestError
 from planning.files import replace_atomically
 from twin.host.arguments import checks_arguments
 from twin.recorders.rerun.viewer import open_viewer, render_stills
-from twin.run.folder import RECORDING
+from twin.runs.folder import RECORDING
 from twin.trial.loaded_scenario import PathOrName
 from twin.trial.run_result import RunResult
 

@@ -34,8 +34,8 @@ from twin.recorders.rerun.entities import (
     time_column,
 )
 from twin.recorders.rerun.fingers import split_fingers
-from twin.run.team_colours import parse_rgb
-from twin.run.trajectory import Placement, Trajectory
+from twin.runs.team_colours import parse_rgb
+from twin.runs.trajectory import Placement, Trajectory
 
 _FRAME_S = 0.05
 """Least time between two frames [s]."""

@@ -12,7 +12,7 @@ from twin.durations.nanoseconds import NANOSECONDS
 from twin.recorders.rerun import entities
 from twin.recorders.rerun.entities import time_column
 from twin.recorders.rerun.plan_words import PlanWords
-from twin.run.events import Event
+from twin.runs.events import Event
 
 LONG_WAIT_NS = NANOSECONDS // 2
 """A shorter wait is no warning [ns]: robots that pass each other wait so all the time."""

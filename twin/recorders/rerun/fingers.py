@@ -29,8 +29,8 @@ from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.recorders.rerun.entities import entity_path, robot_part, time_column
-from twin.run.execution_record import ExecutionRecord
-from twin.run.trajectory import Placement
+from twin.runs.execution_record import ExecutionRecord
+from twin.runs.trajectory import Placement
 
 _FINGER = ".finger_"
 """In the names of links and joints that fingers of tools are made."""

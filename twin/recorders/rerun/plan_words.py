@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 from planning.tasks.task import CLOSE, OPEN, TRANSIT, Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.run.activities import HOLDING, IDLE, RETRYING, TOLD, WAITING, part_names
+from twin.runs.activities import HOLDING, IDLE, RETRYING, TOLD, WAITING, part_names
 
 _VERBS = {
     RETRYING: "tries again",

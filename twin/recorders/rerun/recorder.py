@@ -29,13 +29,13 @@ from twin.recorders.rerun.entities import entity_path, time_column
 from twin.recorders.rerun.event_rows import EventBacklog
 from twin.recorders.rerun.fingers import finger_motions, move_fingers
 from twin.recorders.rerun.plan_words import PlanWords
-from twin.run.activities import IDLE, WAITING, Activity, plan_colours, robot_activities
-from twin.run.events import Event
-from twin.run.execution_record import ExecutionRecord
-from twin.run.folder import RECORDING
-from twin.run.team_colours import parse_rgb, team_colours
-from twin.run.tracking import nearest_on_path
-from twin.run.trajectory import object_placements, robot_trajectories
+from twin.runs.activities import IDLE, WAITING, Activity, plan_colours, robot_activities
+from twin.runs.events import Event
+from twin.runs.execution_record import ExecutionRecord
+from twin.runs.folder import RECORDING
+from twin.runs.team_colours import parse_rgb, team_colours
+from twin.runs.tracking import nearest_on_path
+from twin.runs.trajectory import object_placements, robot_trajectories
 
 _WAITING_COLOUR = (120, 128, 138)
 """Colour of the curve of waiting robots."""

@@ -50,7 +50,7 @@ from tests.planning.lego.skills.overhang import (
     overhang,
 )
 from tests.planning.tasks.plan_oracle import objective, plan_violations
-from twin.audit.contacts import CONTACT_DEPTH
+from twin.audits.contacts import CONTACT_DEPTH
 
 found = pytest.fixture(scope="module")(found_overhang)
 

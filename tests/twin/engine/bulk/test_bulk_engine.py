@@ -48,8 +48,8 @@ from twin.engine.bulk.max_plus import (
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
-from twin.run.execution_record import Policy
-from twin.study.replications.timing_graph import timing_graph
+from twin.runs.execution_record import Policy
+from twin.studies.replications.timing_graph import timing_graph
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import (
     Disturbances,

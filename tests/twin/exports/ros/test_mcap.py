@@ -30,7 +30,7 @@ from twin.durations.nanoseconds import NANOSECONDS
 from twin.exports.ros.mcap_file import _times
 from twin.exports.segments import segments
 from twin.recorders.run_tables import write_table
-from twin.run.trajectory import Trajectory
+from twin.runs.trajectory import Trajectory
 from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import Disturbances
 

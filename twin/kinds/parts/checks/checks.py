@@ -9,14 +9,14 @@ from planning.contacts.interference import Overlaps
 from planning.parts.assembly import PlacePart
 from planning.parts.part_steps import spot_pose
 from planning.transforms import Array, Transform
-from twin.check.finding import Findings, name_in_file
-from twin.check.placements import (
+from twin.checks.finding import Findings, name_in_file
+from twin.checks.placements import (
     check_centres,
     check_fixtures,
     check_meshes,
     check_starts,
 )
-from twin.check.robots import (
+from twin.checks.robots import (
     check_bases,
     check_efforts,
     check_homes,
@@ -24,14 +24,14 @@ from twin.check.robots import (
     check_speeds,
     check_standing_times,
 )
-from twin.check.tools import (
+from twin.checks.tools import (
     check_descriptions,
     check_flanges,
     check_openings,
     check_suction,
     check_tool_frames,
 )
-from twin.check.usual import check_physics, check_rates, check_usual
+from twin.checks.usual import check_physics, check_rates, check_usual
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.checks.context import PartsContext
 from twin.kinds.parts.checks.gripping import check_lifts, check_room, check_turning
@@ -121,7 +121,7 @@ class PartChecks(PartsContext):
 
     def goal_pieces(self) -> Iterator[tuple[str, Array]]:
         """Yield the pieces of the parts in their places, and where they are put down on their way."""
-        from twin.check.views import placed_points
+        from twin.checks.views import placed_points
 
         assembly, cell = self.parts.listed, self.subject.cell
         words = {

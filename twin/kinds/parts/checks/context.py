@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cached_property, wraps
 
-from twin.check.finding import CheckContext, Findings, KindChecks
+from twin.checks.finding import CheckContext, Findings, KindChecks
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.section import PartsSection
 

@@ -23,7 +23,7 @@ from planning.parts.assembly import PlacePart
 from planning.parts.part_skills import process_targets
 from planning.parts.part_steps import objects_at_step, steps_in_order
 from planning.transforms import Array, inverse, translation
-from twin.check.finding import (
+from twin.checks.finding import (
     CheckContext,
     Finding,
     Findings,

@@ -18,7 +18,7 @@ from planning.grips.tool_grips import (
     tool_rules,
 )
 from planning.transforms import Transform
-from twin.check.finding import (
+from twin.checks.finding import (
     CheckContext,
     Finding,
     Findings,

@@ -15,13 +15,13 @@ from planning.grips.tool_grips import describe_missed_contact, robot_grips
 from planning.parts.assembly import PartAssembly, PlacePart
 from planning.tasks.task import CLOSE, HOLD, OPEN
 from planning.transforms import Transform
-from twin.check.finding import (
+from twin.checks.finding import (
     CheckContext,
     Finding,
     Findings,
     format_millimetres,
 )
-from twin.check.tools import finger_gap, has_fingers
+from twin.checks.tools import finger_gap, has_fingers
 from twin.document.yaml_text import KeyPath
 from twin.durations.model import DurationModel
 from twin.kinds.parts.checks.context import for_part_assemblies

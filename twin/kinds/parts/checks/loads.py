@@ -10,7 +10,7 @@ from planning.cell.workcell import (
     PlacedRobot,
 )
 from planning.steps.tool_changes import with_each_tool
-from twin.check.finding import (
+from twin.checks.finding import (
     CheckContext,
     Finding,
     Findings,

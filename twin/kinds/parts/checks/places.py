@@ -26,7 +26,7 @@ from planning.parts.part_steps import (
     wide_joints,
 )
 from planning.transforms import Transform, inverse
-from twin.check.finding import (
+from twin.checks.finding import (
     CheckContext,
     Finding,
     Findings,

@@ -18,13 +18,13 @@ from planning.parts.part_steps import steps_in_order
 from planning.steps.skill import SkillTargets, is_possible_in_some_posture
 from planning.steps.tool_changes import find_tool_changes
 from planning.transforms import Transform
-from twin.check.finding import (
+from twin.checks.finding import (
     CheckContext,
     Finding,
     Findings,
     format_position,
 )
-from twin.check.reach import (
+from twin.checks.reach import (
     distance_from_first_joint,
     idle_robot,
     is_beyond_reach,

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from twin.check.finding import (
+from twin.checks.finding import (
     CheckContext,
     Finding,
     Findings,

@@ -1,0 +1,329 @@
+"""What rules of the audit look at: an execution, its plan, what was wanted, a world to measure in; and violations.
+
+The order of what was executed is one of them: nobody moves before what type-2 edges ask for is over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.cell.robot_model import ToolGrip
+from planning.cell.workcell import PlacedRobot
+from planning.errors import OutputError
+from planning.expectations import ChangedTool, Expectations
+from planning.files import read_file
+from planning.json_files import parse_json
+from planning.transforms import Array, Transform
+from scheduling.graph.machine_chains import machine_chains
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.audits.motion.executed import Recording, ReplayedRun, RobotRows
+from twin.audits.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
+
+ViolationKind = Literal[
+    "contact",
+    "jump",
+    "joint-limit",
+    "joint-speed",
+    "joint-acceleration",
+    "joint-jerk",
+    "joint-effort",
+    "joint-motion",
+    "tool-speed",
+    "edge-order",
+    "hanging",
+    "balance",
+    "grip",
+    "place",
+    "support",
+    "process",
+    "tool",
+    "hand",
+    "duration",
+]
+
+_TICK = 1e-9
+"""Times are whole nanoseconds [s]."""
+
+_LARGEST_LOG = 256 << 20
+"""Most bytes of an event log."""
+
+_TOLD = ("started", "completed", "recovered")
+"""Kinds of events with which nodes begin or are over."""
+
+_WITHOUT = ToolGrip((0.0, 0.0), "no tool")
+"""How a robot holds that has left its tool in the rack."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """An event of a run that nothing allows.
+
+    Attributes:
+        t_start, t_end: first and last moment at which it was seen [s].
+        first, second: who and what. Of a ``contact`` two entities, such as ``"left/arm"``,
+            ``"right/tool"``, ``"b3"``, ``"plate"``; of a ``jump`` the object and
+            ``"jump"``; of the kinds of joints the robot and
+            its joint, or ``"all joints"``; of a ``tool-speed`` the robot and ``"tool"``; of an ``edge-order`` the robots, the one that must be complete first; of
+            ``hanging`` the object and the nearest thing that stands; of ``balance`` what falls and
+            ``"gravity"``; of a ``grip`` the object and its holder; of a ``place`` the object and its place; of a ``support`` the object
+            and who is nearest to being its support, or the two robots of a handover; of a ``process`` what was to be done and the thing at
+            which, or two steps of which the first began too early; of a ``tool`` the tool and the
+            robot that has it on it, or ``"rack"``. Of plans of others also of a ``hand`` the robot and the object that it
+            cannot take or give; of a ``duration`` the robot and its work; of a ``jump`` the robot and its joint.
+        depth_m: greatest overlap, 0 for robots that just touch; of a jump its length; of what
+            hangs, a grip or a support the distance; of a place or a tool how far off; 0 for kinds that are
+            no lengths [m].
+        detail: the links that overlapped most, or what is wrong, and how much.
+        kind: what is not allowed.
+    """
+
+    t_start: float
+    t_end: float
+    first: str
+    second: str
+    depth_m: float
+    detail: str = ""
+    kind: ViolationKind = "contact"
+
+
+@dataclass(frozen=True)
+class NodeSpans:
+    """Executed begin and end of each node of a robot.
+
+    Attributes:
+        begin, end: infinite where that never happened, shape (nodes,) [s].
+    """
+
+    begin: Array
+    end: Array
+
+
+def edge_violations(
+    tpg: TemporalPlanGraph, spans: Mapping[str, NodeSpans], seen_in: str
+) -> Iterator[Violation]:
+    """Yield the type-2 edges whose later node began before the earlier one was over.
+
+    Args:
+        tpg: what was to be executed.
+        spans: of the nodes of each robot of the plan; of others nothing is known.
+        seen_in: which record says so, for people.
+    """
+    for a, u, b, v in tpg.edges.tolist():
+        first, second = tpg.chains[a].robot, tpg.chains[b].robot
+        if first not in spans or second not in spans:
+            continue
+        over, begins = float(spans[first].end[u]), float(spans[second].begin[v])
+        if np.isfinite(begins) and begins < over - _TICK:
+            late = "never was" if np.isinf(over) else f"was {over - begins:.6g} s later"
+            detail = f"node {v} began before node {u} of {first} was over, which {late}"
+            end = begins if np.isinf(over) else over
+            yield Violation(
+                begins, end, first, second, 0.0, f"{detail} ({seen_in})", "edge-order"
+            )
+
+
+def tasks_at(
+    tpg: TemporalPlanGraph, robots: Mapping[str, RobotRows], robot: str, t: float
+) -> frozenset[int]:
+    """Return the tasks a robot is at at a time [s]: two when one ends, and while it stands."""
+    index = tpg.chain_index.get(robot)
+    if index is None:
+        return frozenset()
+    tasks = tpg.chains[index].task
+    nodes = np.clip(robots[robot].nodes_at(t), 0, len(tasks) - 1)
+    return frozenset(tasks[nodes].tolist())
+
+
+def moved_spans(
+    tpg: TemporalPlanGraph, robots: Mapping[str, RobotRows]
+) -> dict[str, NodeSpans]:
+    """Return from when to when robots moved in their nodes, from their trajectories.
+
+    A node in which its robot only stands is over when the next one moves; it begins never.
+    Machines do not move.
+    """
+    out = {}
+    machines = machine_chains(tpg)
+    for k, chain in enumerate(tpg.chains):
+        if k in machines:
+            continue
+        rows = robots[chain.robot]
+        begin = np.full(len(chain), np.inf)
+        end = np.full(len(chain), np.inf)
+        end[: min(int(rows.node.max(initial=-1)) + 1, len(chain))] = 0.0
+        way = np.abs(np.diff(rows.q, axis=0)).max(axis=1, initial=0.0)
+        steps = np.flatnonzero((way > 0.0) & ~_standing(rows, way))
+        nodes = rows.node[steps + 1]
+        inside = (nodes >= 0) & (nodes < len(chain))
+        steps, nodes = steps[inside], nodes[inside]
+        end[nodes] = 0.0
+        np.minimum.at(begin, nodes, rows.t[steps])
+        np.maximum.at(end, nodes, rows.t[steps + 1])
+        out[chain.robot] = NodeSpans(begin, end)
+    return out
+
+
+def _standing(rows: RobotRows, way: Array) -> npt.NDArray[np.bool_]:
+    """Tell which steps from row to row are those of a robot that stands and is pushed, shape (k - 1,).
+
+    Such a step leads to a row that comes again at once, as that of the node that then begins.
+
+    Args:
+        rows: of the robot.
+        way: greatest way of a joint in each step, shape (k - 1,).
+    """
+    again = (np.diff(rows.t) == 0.0) & (np.diff(rows.node) != 0)
+    found = np.append(again[1:], False)[: len(way)]
+    return np.asarray(found & (way <= rows.still))
+
+
+def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
+    """Return when nodes were started and completed, from the event log; what has failed is over once it is recovered from.
+
+    Raises:
+        OutputError: a line is no event of this plan.
+    """
+    out = {
+        chain.robot: NodeSpans(np.full(len(chain), np.inf), np.full(len(chain), np.inf))
+        for chain in tpg.chains
+    }
+    try:
+        lines = read_file(path, _LARGEST_LOG).decode("utf-8").split("\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise OutputError(f"{path}: cannot be read: {error}") from error
+    for number, line in enumerate(lines, 1):
+        if not any(f'"{kind}"' in line for kind in _TOLD):
+            continue
+        try:
+            event = parse_json(line)
+            if event["kind"] in _TOLD and event["robot"]:
+                own, node = out[event["robot"]], event["node"]
+                times = own.begin if event["kind"] == "started" else own.end
+                if type(node) is not int or node < 0:
+                    raise ValueError("node must be a whole number of at least 0")
+                times[node] = float(event["t_s"])
+        except (ValueError, LookupError, TypeError, OverflowError) as error:
+            raise OutputError(
+                f"{path}:{number}: is no event of this plan: {error}"
+            ) from error
+    return out
+
+
+@dataclass(frozen=True)
+class Hand:
+    """Tool that a robot holds with at a moment.
+
+    Attributes:
+        shapes: of its tool, in their places.
+        grip: how that holds; None where nobody says.
+        frames: tool frames, each a pose in the flange frame.
+        opening: how far the fingers stand open [m].
+    """
+
+    shapes: list[WatchedShape]
+    grip: ToolGrip | None
+    frames: Mapping[str, Transform]
+    opening: float
+
+    def closes_by(self, shape: WatchedShape) -> float:
+        """Return how far each finger closes on the thinnest edge of a shape at most [m]."""
+        return max(0.0, 0.5 * (self.opening - 2.0 * float(np.min(shape.half))))
+
+
+class AuditCase(ReplayedRun):
+    """An execution with all that it is judged by.
+
+    Args:
+        world: to measure in.
+        tpg: what was to be executed.
+        recording: what was executed.
+        wanted: what the scenario says of places and of what holds them.
+        logged: when nodes were started and completed, by robot or machine; empty where no log says
+            so.
+
+    Attributes:
+        world, tpg, wanted, logged: see there.
+        moved: when robots moved in their nodes, by robot.
+        shapes: of each fixture and object, by name.
+        numbers: indices of the robots, by name.
+    """
+
+    def __init__(
+        self,
+        world: AuditWorld,
+        tpg: TemporalPlanGraph,
+        recording: Recording,
+        wanted: Expectations | None = None,
+        logged: Mapping[str, NodeSpans] | None = None,
+    ) -> None:
+        super().__init__(tpg.cell, recording)
+        self.world, self.tpg = world, tpg
+        self.wanted, self.logged = wanted or Expectations(), logged or {}
+        self.moved = moved_spans(tpg, self.robots)
+        self.shapes = shapes_by_entity((*world.fixtures, *world.objects))
+        self.numbers = {robot.name: k for k, robot in enumerate(self.cell.robots)}
+
+    @cached_property
+    def reaches(self) -> Mapping[str, float]:
+        """How far each fixture and object reaches from its frame at most, by name [m]."""
+        return {
+            name: max(
+                float(np.linalg.norm(shape.at(np.eye(4))[:3, 3]))
+                + float(np.linalg.norm(shape.centre))
+                + shape.radius
+                for shape in shapes
+            )
+            for name, shapes in self.shapes.items()
+        }
+
+    def flange(self, robot: str, t: float) -> Transform:
+        """Return where the flange of a robot is at a time [s]."""
+        q = self.robots[robot].at(np.array([t]))
+        (pose,) = self.world.flange_poses(self.numbers[robot], q)
+        return np.asarray(pose)
+
+    def put(self, name: str, pose: Transform) -> list[WatchedShape]:
+        """Put a fixture or an object somewhere in the world; return its shapes."""
+        for shape in self.shapes[name]:
+            self.world.place(shape, shape.at(pose))
+        return self.shapes[name]
+
+    def tool_on(self, robot: str, t: float) -> ChangedTool | None:
+        """Return which of the tools that a robot changes it has on it at a time, None for none."""
+        for tool in self.wanted.tools:
+            stay = self.place(tool.name, t)
+            if tool.robot == robot and stay is not None and stay.holder == robot:
+                return tool
+        return None
+
+    def hand(self, robot: str, t: float) -> Hand:
+        """Return what a robot holds with where it is at a time [s], and put it there."""
+        placed, number = self.cell.robot(robot), self.numbers[robot]
+        self.world.configure(number, self.robots[robot].at(np.array([t]))[0])
+        tool = self.tool_on(robot, t)
+        stay = None if tool is None else self.place(tool.name, t)
+        if tool is not None and stay is not None:
+            shapes = self.put(tool.name, self.flange(robot, t) @ stay.pose)
+            grip, frames = tool.grip, tool_frames(placed, tool)
+        else:
+            changes = any(tool.robot == robot for tool in self.wanted.tools)
+            grip = _WITHOUT if changes else placed.model.grip
+            shapes, frames = self.world.tool_shapes(number), placed.model.frames
+        opening = self.wanted.opening_m
+        if grip is not None:
+            opening = 0.0 if grip.opening is None else grip.opening[1]
+        return Hand(shapes, grip, frames, opening)
+
+
+def tool_frames(robot: PlacedRobot, tool: ChangedTool) -> Mapping[str, Transform]:
+    """Return the frames of a tool on a robot, each a pose in the flange frame."""
+    first = f"{tool.name}/"
+    frames = robot.model.frames.items()
+    return {k.removeprefix(first): pose for k, pose in frames if k.startswith(first)}

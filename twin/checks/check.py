@@ -1,0 +1,203 @@
+"""All checks of a scenario at once, and what they found, in the order of the file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twin.checks.finding import CheckContext, Finding, Findings, FittedPart
+from twin.checks.placements import (
+    check_centres,
+    check_fixtures,
+    check_meshes,
+    check_starts,
+)
+from twin.checks.reach import check_reach
+from twin.checks.robots import (
+    check_bases,
+    check_efforts,
+    check_homes,
+    check_skill_times,
+    check_speeds,
+    check_standing_times,
+)
+from twin.checks.tools import (
+    check_descriptions,
+    check_flanges,
+    check_openings,
+    check_suction,
+    check_tool_frames,
+)
+from twin.checks.units import check_units
+from twin.checks.usual import check_physics, check_rates, check_usual
+from twin.document.validation import FileProblem, InvalidScenarioError
+from twin.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.scenario import Scenario
+
+_GENERAL: tuple[Callable[[CheckContext], Findings], ...] = (
+    check_fixtures,
+    check_meshes,
+    check_bases,
+    check_homes,
+    check_starts,
+    check_centres,
+    check_descriptions,
+    check_flanges,
+    check_tool_frames,
+    check_openings,
+    check_suction,
+    check_efforts,
+    check_skill_times,
+    check_standing_times,
+    check_speeds,
+    check_usual,
+    check_rates,
+    check_physics,
+)
+"""Quick checks of a kind that lists none; reach is looked at only where quick checks found no error."""
+
+
+_TOLD_AT_ONE_KEY = 5
+"""Findings of one check that are told at one key."""
+
+_OF_A_PRODUCT = re.compile(r"([A-Za-z_])\.\d+\b")
+"""The number of a product in the name of one of its parts."""
+
+_ABSENT: KeyPath = ("assembly", "kind")
+"""Where a finding is shown whose section the file leaves out."""
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What the checks found.
+
+    Attributes:
+        subject: the scenario and its cell.
+        document: the file, for places.
+        findings: in the order of the file, each once.
+        fits: how parts fit where they are put; none where something is wrong.
+    """
+
+    subject: CheckContext
+    document: YamlDocument
+    findings: tuple[Finding, ...]
+    fits: tuple[FittedPart, ...] = ()
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """What makes a plan impossible or false."""
+        return tuple(item for item in self.findings if item.error)
+
+    @property
+    def warnings(self) -> tuple[Finding, ...]:
+        """What is doubtful."""
+        return tuple(item for item in self.findings if not item.error)
+
+    def problem(self, finding: Finding) -> FileProblem:
+        """Return a finding with its place in the text."""
+        label = "" if finding.error else "warning: "
+        at = finding.at if self.document.nearest(finding.at) else _ABSENT
+        return self.document.problem(at, label + finding.message)
+
+    def excerpts(self, findings: tuple[Finding, ...]) -> InvalidScenarioError:
+        """Return some findings as an error, which words them with their places and lines."""
+        problems = [self.problem(item) for item in findings]
+        return InvalidScenarioError(self.document.path, problems, self.document.lines)
+
+    def messages(self, findings: tuple[Finding, ...]) -> tuple[str, ...]:
+        """Return findings in one line each, with the line of the file."""
+        return tuple(
+            f"line {self.problem(item).mark.line}: {item.message}" for item in findings
+        )
+
+    def content(self) -> dict[str, Any]:
+        """Return the report for JSON: findings with level, line, column, key and message."""
+        entries = []
+        for item in self.findings:
+            mark = self.problem(item).mark
+            entries.append(
+                {
+                    "level": "error" if item.error else "warning",
+                    "line": mark.line,
+                    "column": mark.column,
+                    "key": ".".join(str(part) for part in item.at),
+                    "message": item.message,
+                }
+            )
+        fits = [fit.content() for fit in self.fits]
+        return {"ok": not self.errors, "findings": entries, "fits": fits}
+
+
+def check_scenario(
+    scenario: Scenario, document: YamlDocument, folder: Path
+) -> CheckReport:
+    """Look at everything in a scenario that can be judged without planning.
+
+    Args:
+        scenario: passed the checks of its file; options may have changed it since.
+        document: the file, for places.
+        folder: where relative paths in it start.
+
+    Raises:
+        RobotModelError: a robot description cannot be used.
+    """
+    subject = CheckContext(scenario, folder)
+    found = findings_without_reach(subject)
+    found += reach_findings(subject, found)
+    report = CheckReport(subject, document, ())
+
+    def place(item: Finding) -> tuple[int, int]:
+        mark = report.problem(item).mark
+        return mark.line, mark.column
+
+    ordered = tuple(sorted(dict.fromkeys(found), key=place))
+    fits = () if any(item.error for item in found) else subject.checks.fits()
+    return CheckReport(subject, document, ordered, fits)
+
+
+def findings_without_reach(subject: CheckContext) -> list[Finding]:
+    """Return what is found without a look at what robots reach."""
+    # What a wrong unit makes of a cell would be found by all others in their own words.
+    found = _few(check_units(subject))
+    checks = subject.checks.quick or _GENERAL
+    for check in checks if not found else ():
+        found += _few(check(subject))
+    return found
+
+
+def reach_findings(subject: CheckContext, quick: list[Finding]) -> list[Finding]:
+    """Return what no robot reaches; nothing where what was found before stands in the way of a look."""
+    at_fault = any(item.error for item in quick)
+    if subject.kind.space_time:
+        # Its planner names one thing; what stands or lies in something is said already.
+        return [
+            item for item in check_reach(subject) if not (at_fault and item.at_start)
+        ]
+    return [] if at_fault else _few(check_reach(subject))
+
+
+def _few(findings: Findings) -> list[Finding]:
+    """Return the first findings of each key, and how many more there are; of products that of one."""
+    first: dict[tuple[KeyPath, bool, str], Finding] = {}
+    for item in findings:
+        words = _OF_A_PRODUCT.sub(r"\1", item.message)
+        first.setdefault((item.at, item.error, words), item)
+    by_key: dict[tuple[KeyPath, bool], list[Finding]] = {}
+    for item in first.values():
+        by_key.setdefault((item.at, item.error), []).append(item)
+    out: list[Finding] = []
+    for (at, error), items in by_key.items():
+        out += items[:_TOLD_AT_ONE_KEY]
+        if len(items) > _TOLD_AT_ONE_KEY:
+            more = f"and {len(items) - _TOLD_AT_ONE_KEY} more like these"
+            out.append(Finding(at, more, error))
+    return out
+
+
+def require_no_errors(report: CheckReport) -> None:
+    """Raise InvalidScenarioError with the errors of a report, if there are any."""
+    if report.errors:
+        raise report.excerpts(report.errors)

@@ -1,0 +1,60 @@
+"""Checks of goals: poses that no robot of the cell comes to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from planning.kinematics.kinematics import inverse_kinematics
+from twin.checks.finding import (
+    CheckContext,
+    Finding,
+    Findings,
+    KindChecks,
+    format_position,
+)
+from twin.checks.reach import is_beyond_reach
+from twin.kinds.goals.section import GoalsSection
+from twin.scenario.sections.shapes import build_transform
+
+
+def _check_moves(subject: CheckContext, section: GoalsSection) -> Findings:
+    for number, move in enumerate(section.moves):
+        robot = subject.cell.robot(move.robot)
+        if move.to is None or move.frame not in {"flange", *robot.model.frames}:
+            continue
+        pose = build_transform(move.to)
+        at = ("assembly", "moves", number, "to")
+        where = format_position(list(move.to.xyz_m))
+        if is_beyond_reach(robot, move.frame, pose):
+            yield Finding(
+                at,
+                f"{robot.name} does not reach {where}: it is farther away than its arm is long",
+                error=True,
+            )
+        elif not inverse_kinematics(robot, move.frame, pose, robot.home):
+            yield Finding(
+                at,
+                f"{robot.name} does not seem to reach {where} as turned: none of 41 tries of inverse"
+                " kinematics found a configuration",
+            )
+
+
+class GoalsChecks(KindChecks):
+    """Checks of a scenario whose robots go to goals."""
+
+    @property
+    def section(self) -> GoalsSection:
+        """What the file says."""
+        section = self.subject.scenario.assembly
+        assert isinstance(section, GoalsSection)
+        return section
+
+    def reach(self) -> Findings:
+        """Yield poses that their robot does not reach."""
+        return _check_moves(self.subject, self.section)
+
+    def tool_frames(self) -> Iterator[tuple[str, str, bool]]:
+        """Yield the frames that go to poses."""
+        for move in self.section.moves:
+            if move.to is not None:
+                yield move.robot, move.frame, True

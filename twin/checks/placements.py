@@ -1,0 +1,185 @@
+"""Checks of what lies somewhere, and what is done to it: overlaps, what hangs or falls, places of work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from planning.cell.shape import Mesh
+from planning.contacts.interference import format_depth, overlap_depth
+from planning.geometry.touching import (
+    PlacedObject,
+    bounding_corners,
+    nearby_entities,
+    standing_fixtures,
+)
+from planning.meshes.holes import missing_surface_share
+from twin.checks.finding import (
+    CheckContext,
+    Finding,
+    Findings,
+    format_millimetres,
+    format_position,
+)
+
+_MISPLACED = 0.002
+"""A centre of mass no farther outside of its part is one of a measured part [m]."""
+
+_MERGED = 0.005
+"""Fixtures of one piece of furniture may overlap by this [m]."""
+
+_MISSED = 1e-4
+"""So much of a surface may be outside of all pieces before it is worth a word [m]."""
+
+
+_OPEN = 0.005
+"""A mesh of which no more is missing is closed but for cracks, share of its surface."""
+
+
+def check_starts(subject: CheckContext) -> Findings:
+    """Yield what overlaps at the start, and what lies on nothing."""
+    cell, touch = subject.cell, subject.checks.touch_m
+    there = [item for item in cell.objects if not item.later]
+    placed: list[tuple[str, PlacedObject]] = [
+        (item.name, (item, item.start)) for item in there
+    ]
+    placed += list(standing_fixtures(cell).items())
+    moved = {item.name for item in there if not item.fixed}
+    things = dict(placed)
+    overlaps = subject.checks.overlaps
+    touched: dict[str, set[str]] = {}
+    for one, other, gap in close_pairs(placed, touch, first=len(there)):
+        most = overlaps.most(one, other)
+        deep = overlap_depth(things[one], things[other]) if -gap > most else 0.0
+        if deep > most:
+            movable = one in moved or other in moved
+            yield Finding(
+                subject.thing_at(one, "start"),
+                f"{one} and {other} overlap by {format_depth(deep)} at the start, and may by"
+                f" {format_depth(most)}: no two things can be in one place",
+                error=movable,
+            )
+        touched.setdefault(one, set()).add(other)
+        touched.setdefault(other, set()).add(one)
+    resting = {item.name for item in cell.fixtures}
+    ahead = list(resting)
+    while ahead:
+        for name in touched.get(ahead.pop(), set()) - resting:
+            resting.add(name)
+            ahead.append(name)
+    for item in there:
+        if item.name not in resting:
+            yield Finding(
+                subject.thing_at(item.name, "start"),
+                f"{item.name} hangs in the air at the start: nothing that stands on a fixture is"
+                f" within {format_millimetres(touch)} of it{_below(placed, item.name)}",
+            )
+
+
+def check_centres(subject: CheckContext) -> Findings:
+    """Yield parts whose centre of mass is outside the box around them, where none can be."""
+    for item in subject.cell.objects:
+        shape = item.shape
+        if shape.own_centre is None:
+            continue
+        beyond = np.maximum(shape.low - shape.own_centre, shape.own_centre - shape.high)
+        if (farthest := float(np.max(beyond))) > _MISPLACED:
+            low, high = (
+                format_position(shape.low.tolist()),
+                format_position(shape.high.tolist()),
+            )
+            yield Finding(
+                subject.thing_at(item.name, "centre_of_mass_m"),
+                f"the centre of mass of {item.name} is {format_millimetres(farthest)} outside it: in the frame of its"
+                f" shape it reaches from {low} to {high}",
+            )
+
+
+def check_fixtures(subject: CheckContext) -> Findings:
+    """Yield fixtures of the file that are in each other; boxes of one thing may be, a little."""
+    placed = [
+        (name, item)
+        for name, item in standing_fixtures(subject.cell).items()
+        if name in subject.own_fixtures
+    ]
+    for one, other, gap in close_pairs(placed, 0.0):
+        if gap < -_MERGED:
+            yield Finding(
+                subject.thing_at(other),
+                f"fixtures {one} and {other} overlap by {format_millimetres(-gap)}: harmless if they are one"
+                " thing, a mistake if not",
+            )
+
+
+def close_pairs(
+    placed: Sequence[tuple[str, PlacedObject]],
+    within: float,
+    *,
+    first: int | None = None,
+) -> Iterator[tuple[str, str, float]]:
+    """Yield what is near each other, with the distance, negative for overlap [m].
+
+    Args:
+        placed: names, and what lies where.
+        within: greatest distance [m].
+        first: one of each pair is among so many first ones; by default any.
+    """
+    if not placed:
+        return
+    corners = np.array([bounding_corners(item) for _, item in placed])
+    centre = 0.5 * (corners[:, 0] + corners[:, 1])
+    half = 0.5 * (corners[:, 1] - corners[:, 0])
+    for i in range(len(placed) if first is None else first):
+        apart = np.abs(centre[i + 1 :] - centre[i]) - half[i + 1 :] - half[i]
+        near = i + 1 + np.flatnonzero(np.all(apart <= within, axis=1))
+        others = dict(placed[j] for j in near.tolist())
+        for other, gap in nearby_entities(placed[i][1], others, within).items():
+            yield placed[i][0], other, gap
+
+
+def _below(placed: Sequence[tuple[str, PlacedObject]], name: str) -> str:
+    """Return what is below a thing, and how far, in words."""
+    things: Mapping[str, PlacedObject] = dict(placed)
+    low, high = bounding_corners(things[name])
+    best: tuple[float, str] | None = None
+    for other, item in things.items():
+        other_low, other_high = bounding_corners(item)
+        beside = np.any(low[:2] > other_high[:2]) or np.any(high[:2] < other_low[:2])
+        drop = float(low[2] - other_high[2])
+        if other == name or beside or drop < 0.0:
+            continue
+        if best is None or drop < best[0]:
+            best = drop, other
+    return "" if best is None else f"; {best[1]} is {format_millimetres(best[0])} below"
+
+
+def check_meshes(subject: CheckContext) -> Findings:
+    """Yield meshes with holes, and those with surface outside of the pieces that stand for them."""
+    things = [(f.name, f.shape) for f in subject.cell.fixtures]
+    things += [(o.name, o.shape) for o in subject.cell.objects]
+    meshes = [
+        (name, element.form)
+        for name, shape in things
+        for element in shape.elements
+        if isinstance(element.form, Mesh)
+    ]
+    for name, mesh in meshes:
+        at, missing = (
+            subject.thing_at(name, "shape"),
+            missing_surface_share(mesh.vertices, mesh.faces),
+        )
+        if mesh.missed > _MISSED:
+            yield Finding(
+                at,
+                f"the surface of {name} is up to {format_millimetres(mesh.missed)} outside"
+                " of the convex pieces that planning sees: close its holes, or give a smaller"
+                " within_m",
+            )
+        if missing > _OPEN:
+            yield Finding(
+                at,
+                f"the surface of {name} is open: {100 * missing:.2g} % of it is missing in the mesh {mesh.source}, and"
+                f" usual is at most {100 * _OPEN:g} %; planning closes the holes, which may not be what was meant:"
+                " close them in the file",
+            )

@@ -1,0 +1,45 @@
+"""Checks of reach: what no robot of the cell comes to, by the planner's own inverse kinematics."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planning.cell.workcell import PlacedRobot
+from planning.kinematics.kinematics import frame_in_last_joint
+from planning.transforms import Transform
+from twin.checks.finding import CheckContext, Finding, Findings
+
+
+def check_reach(subject: CheckContext) -> Findings:
+    """Return what no robot reaches: an error where the planner would find none either."""
+    return subject.checks.reach()
+
+
+def reach_bound(robot: PlacedRobot, frame: str) -> float:
+    """Return a distance from its first joint that a robot's frame never exceeds [m]."""
+    model = robot.model
+    lengths = np.linalg.norm(model.chain.placement[1:, :3, 3], axis=1).sum()
+    tip = np.linalg.norm(frame_in_last_joint(model, frame)[:3, 3])
+    slide = np.maximum(np.abs(model.lower), np.abs(model.upper))
+    return float(lengths + tip + slide[model.chain.prismatic].sum())
+
+
+def is_beyond_reach(robot: PlacedRobot, frame: str, target: Transform) -> bool:
+    """Tell whether a pose is beyond the arm's length, however it is bent."""
+    return distance_from_first_joint(robot, target) > reach_bound(robot, frame) + 1e-3
+
+
+def distance_from_first_joint(robot: PlacedRobot, target: Transform) -> float:
+    """Return how far a pose is away from the first joint of a robot [m]."""
+    first = robot.base @ robot.model.chain.placement[0]
+    return float(np.linalg.norm(target[:3, 3] - first[:3, 3]))
+
+
+def idle_robot(subject: CheckContext, robot: PlacedRobot, steps: int) -> Finding:
+    """Return that a robot can do nothing in any step."""
+    at = subject.robot_at(robot.name)
+    return Finding(
+        at[:3],
+        f"{robot.name} will get no task: it neither picks nor places a part in any of the {steps} steps, nor"
+        " does it reach a place of work; move it nearer, give it another tool, or leave it out",
+    )

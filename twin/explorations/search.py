@@ -1,0 +1,204 @@
+"""Which design is tried next: samplers of optuna, asked and told, the same again after a resume."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from twin.explorations.dimensions import (
+    Dimension,
+    Values,
+    all_designs,
+    base_values,
+    key_of,
+)
+from twin.explorations.journal import TriedDesign
+from twin.explorations.section import SamplerName
+from twin.host.extras import extra_module
+
+_PENALTY = 1e9
+"""What samplers without constraints are told of a design that is refused, the more the less far it got."""
+
+_CONSTRAINED, _REFUSED = ("tpe", "nsga-ii"), "refused"
+"""Samplers that know of constraints, and the name of the one there is."""
+
+optuna_module = partial(
+    extra_module, package="optuna", extra="explore", needs="exploring designs"
+)
+
+
+class Search:
+    """A sampler that chooses designs and is told what became of them.
+
+    Each is chosen with a seed of its own, by the number of the design. So what is chosen depends on what was
+    told before, and not on whether the program was stopped in between.
+
+    Args:
+        dimensions: what is varied.
+        sampler: how designs are chosen.
+        goals: how many there are, each to be small.
+        seed: of all choices.
+        expected: designs in all, by which the sampler paces itself.
+
+    Raises:
+        RequestError: optuna is not installed.
+    """
+
+    def __init__(
+        self,
+        dimensions: Sequence[Dimension],
+        sampler: SamplerName,
+        goals: int,
+        seed: int,
+        expected: int,
+    ) -> None:
+        self._optuna = optuna_module("optuna")
+        if sampler == "cma-es":
+            optuna_module("cmaes", package="cmaes")
+        self._optuna.logging.set_verbosity(self._optuna.logging.ERROR)
+        self._dimensions, self._name = tuple(dimensions), sampler
+        self._goals, self._seed, self._expected = goals, seed, expected
+        self._space = _space(self._optuna, dimensions)
+        self._study = self._optuna.create_study(directions=["minimize"] * goals)
+        self._asked: dict[int, Any] = {}
+        self._left = {key_of(own): own for own in all_designs(dimensions)}
+        self._left.pop(key_of(base_values(dimensions)), None)
+        self.told = 0
+
+    def ask(self, number: int) -> Values:
+        """Return the values of a design; number 1 is the first, as 0 is the scenario as it is.
+
+        Where all designs can be counted up, none is chosen again before all of them were.
+        """
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            self._study.sampler = self._sampler(number)
+            trial = self._study.ask(fixed_distributions=self._space)
+        self._asked[number] = trial
+        values = _values(self._dimensions, trial.params)
+        if self._left and key_of(values) not in self._left:
+            words = np.random.SeedSequence([self._seed, number, 1])
+            among = list(self._left.values())
+            values = among[int(np.random.default_rng(words).integers(len(among)))]
+        self._left.pop(key_of(values), None)
+        return values
+
+    def tell(self, row: TriedDesign) -> None:
+        """Learn what became of a design; of one that was not asked for, if it can be one of them."""
+        trial = self._asked.pop(row.design, None)
+        found = row.evaluation
+        values = found.goals or (_PENALTY * (1.0 + found.violation),) * self._goals
+        if trial is not None and _values(self._dimensions, trial.params) == row.values:
+            if self._name in _CONSTRAINED:
+                trial.set_constraint(_REFUSED, found.violation)
+            self._study.tell(trial, list(values))
+        else:
+            if trial is not None:
+                state = self._optuna.trial.TrialState.FAIL
+                self._study.tell(trial, state=state)
+            if (parameters := _parameters(self._dimensions, row.values)) is not None:
+                made = self._optuna.trial.create_trial(
+                    params=parameters, distributions=self._space, values=list(values)
+                )
+                if self._name in _CONSTRAINED:
+                    made.set_constraint(_REFUSED, found.violation)
+                self._study.add_trial(made)
+        self.told += 1
+
+    def replay(self, rows: Sequence[TriedDesign]) -> Mapping[int, Values]:
+        """Ask and tell as it was done before.
+
+        Args:
+            rows: of the search, in the order in which they were told.
+
+        Returns:
+            Designs that were chosen before others and never told, as nobody knows what became of them.
+        """
+        lost: dict[int, Values] = {}
+        there = {row.design for row in rows}
+        following = 1
+        for told, row in enumerate(rows):
+            asked = [r.design for r in rows if r.asked_after <= told and r.design > 0]
+            while following <= max(asked, default=0):
+                values = self.ask(following)
+                if following not in there:
+                    lost[following] = values
+                following += 1
+            self.tell(row)
+        return lost
+
+    def _sampler(self, number: int) -> Any:
+        samplers = self._optuna.samplers
+        words = np.random.SeedSequence([self._seed, number]).generate_state(1)
+        seed = int(words[0])
+        if self._name == "random":
+            return samplers.RandomSampler(seed=seed)
+        if self._name == "cma-es":
+            base = {one.key: one.base for one in self._dimensions}
+            start = _parameters(self._dimensions, base)
+            return samplers.CmaEsSampler(x0=start, seed=seed)
+        first = int(np.clip(self._expected // 5, 5, 20))
+        if self._name == "nsga-ii":
+            size = int(np.clip(self._expected // 5, 8, 50))
+            return samplers.NSGAIISampler(population_size=size, seed=seed)
+        return samplers.TPESampler(
+            n_startup_trials=first, multivariate=True, constant_liar=True, seed=seed
+        )
+
+
+def _space(optuna: Any, dimensions: Sequence[Dimension]) -> dict[str, Any]:
+    """Return the parameters of all dimensions: an order has one an entry, by which they are sorted."""
+    kinds, found = optuna.distributions, {}
+    for one in dimensions:
+        if one.choices:
+            places = tuple(range(len(one.choices)))
+            found[one.key] = kinds.CategoricalDistribution(places)
+        elif one.low is None:
+            for k in range(len(one.base)):
+                found[f"{one.key}#{k}"] = kinds.FloatDistribution(0.0, 1.0)
+        elif one.whole:
+            found[one.key] = kinds.IntDistribution(one.low, one.high)
+        else:
+            found[one.key] = kinds.FloatDistribution(one.low, one.high)
+    return found
+
+
+def _values(dimensions: Sequence[Dimension], parameters: Mapping[str, Any]) -> Values:
+    """Return the values of parameters."""
+    found: dict[str, Any] = {}
+    for one in dimensions:
+        if one.choices:
+            found[one.key] = one.choices[parameters[one.key]]
+        elif one.ordered:
+            rank = [parameters[f"{one.key}#{k}"] for k in range(len(one.base))]
+            order = sorted(range(len(rank)), key=lambda k: rank[k])
+            found[one.key] = [one.base[k] for k in order]
+        else:
+            found[one.key] = parameters[one.key]
+    return found
+
+
+def _parameters(
+    dimensions: Sequence[Dimension], values: Values
+) -> dict[str, Any] | None:
+    """Return the parameters of values; None where one is not within its dimension."""
+    found: dict[str, Any] = {}
+    for one in dimensions:
+        value = values[one.key]
+        if not one.holds(value):
+            return None
+        if one.choices:
+            found[one.key] = one.choices.index(value)
+        elif one.ordered:
+            left = list(range(len(one.base)))
+            for place, entry in enumerate(value):
+                k = next(k for k in left if one.base[k] == entry)
+                left.remove(k)
+                found[f"{one.key}#{k}"] = (place + 0.5) / len(value)
+        else:
+            found[one.key] = value if one.whole else float(value)
+    return found

@@ -1,0 +1,182 @@
+"""Operating a cell: its plan is executed, and what fails is planned anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+
+from planning.errors import RequestError
+from twin.api.checked import check_if_installed
+from twin.api.runs import AnyPlan, Begun
+from twin.host.arguments import checks_arguments
+from twin.host.progress import Report, report_nothing
+from twin.operations.executor import OperatedExecutor
+from twin.operations.operation import require_picked, require_rolling
+from twin.operations.person import Says
+from twin.registry import HOOKS
+from twin.runs.folder import run_folder
+from twin.runs.policies import NAMED_POLICIES
+from twin.scenario.variations import Variant, apply_variation, layout_of
+from twin.trial.auditor import load_auditor
+from twin.trial.executor import Executor
+from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_scenario, with_failures
+from twin.trial.run_plan import run_plan_to_folder
+from twin.trial.run_result import RunResult
+
+
+@checks_arguments
+def operate(
+    scenario: AnyScenario,
+    *,
+    out: PathOrName | None = None,
+    failures: float | None = None,
+    recording: bool = True,
+    audit: bool = True,
+    audit_engine: str | None = None,
+    says: Says | None = None,
+    drivers: PathOrName | None = None,
+    page: int | None = None,
+    opened: Callable[[str], None] | None = None,
+    begun: Begun | None = None,
+    progress: Report = report_nothing,
+) -> RunResult:
+    """Operate a cell: execute its plan in the twin, and plan anew whatever fails.
+
+    A skill that fails for good is done again with what is left, by another robot or with another object of
+    its kind; what nobody can do any more is given up with all that rests on it, and the rest goes on.
+
+    Args:
+        scenario: a scenario, or the path of its file.
+        out: folder for the results; by default ``logs/<scenario>-<UTC time>``.
+        failures: probability that an attempt at any skill fails, of which a fifth loses what is handled,
+            where the scenario says nothing of that skill.
+        recording: write ``run.rrd`` for the viewer.
+        audit: check what was executed with code of its own.
+        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
+            is installed, else coal.
+        says: answers whether somebody helps, given what a person is asked before anything is given up, in
+            place of what is drawn; such a run cannot be resumed.
+        drivers: file that says who moves the robots, in place of the twin.
+        page: with drivers, a port of this machine at which a page shows what goes on to who stands beside the
+            cell, with buttons, and with what is asked by ``recovery.ask``; 0 for any port that is free.
+        opened: told of the address of that page.
+        begun: told of the check and of the folder, before anything that takes long.
+        progress: told how far each stage has come.
+
+    Raises:
+        InvalidScenarioError: the file is not valid, or the check of the cell finds an error.
+        RequestError: the scenario cannot be planned anew while it is executed, or there is no page.
+        TwinError: there is no plan, or the run broke off; see ``twin.plan``.
+    """
+    if page is not None and drivers is None:
+        raise RequestError(
+            "a page is for robots that drivers move: name a file of them, too"
+        )
+    if audit and audit_engine is not None:
+        load_auditor(audit_engine)
+    case = load(scenario)
+    require_rolling(case.sections)
+    checked = check_if_installed(case, progress)
+    checked.require_ok()
+    driven = None
+    if drivers is not None:
+        driven = HOOKS.require("driven cell", "--drivers")(case, Path(drivers))
+    with run_folder(out, case.name) as folder:
+        if begun is not None:
+            begun(checked, folder)
+        made = plan_scenario(case, progress=progress, keep=True)
+        if failures is not None:
+            made = replace(made, scenario=with_failures(case, made.tpg, failures))
+        operated: AbstractContextManager[Executor] = nullcontext(OperatedExecutor(says))
+        if driven is not None:
+            operated = driven.executor(
+                made.scenario, folder, says=says, page=page, opened=opened
+            )
+        with operated as executor:
+            return run_plan_to_folder(
+                replace(made, warnings=checked.warnings, fits=checked.fits),
+                folder,
+                recording=recording,
+                audit=audit and (audit_engine or True),
+                executor=executor,
+                progress=progress,
+            )
+
+
+def require_operable(
+    plan: AnyPlan,
+    case: LoadedScenario,
+    names: Sequence[str],
+    variants: Sequence[Variant],
+) -> None:
+    """Refuse a study of what cannot be planned anew while it is executed.
+
+    Args:
+        plan, case: what is to be studied, and its scenario.
+        names: policies that are asked for.
+        variants: values of what is varied.
+
+    Raises:
+        RequestError: says why.
+    """
+    if isinstance(plan, PlanResult) and (
+        plan.made_of is None or plan.made_of.work is None
+    ):
+        raise RequestError(
+            "a plan alone does not say what others can be made from: operate a scenario"
+        )
+    for name in names:
+        if NAMED_POLICIES[name].release != "asynchronous":
+            could = [p for p, own in NAMED_POLICIES.items() if own[1] == "asynchronous"]
+            raise RequestError(
+                f"policy {name!r} cannot be planned anew while it is executed",
+                choices=tuple(could),
+            )
+    for variant in variants:
+        if keys := ", ".join(layout_of(variant)):
+            raise RequestError(
+                f"{keys}: what is operated has one plan; study each layout by itself"
+            )
+        own = apply_variation(case.sections, variant)
+        require_rolling(own)
+        if own.execution.window is not None:
+            raise RequestError(
+                "what is replicated is a plan of all steps: leave out execution.window"
+            )
+
+
+def operated_plan(
+    plan: AnyPlan,
+    variants: Sequence[Variant],
+    shortcuts: int | None,
+    failures: float | None,
+    progress: Report,
+) -> PlanResult:
+    """Return the plan that is operated in a study, with the scenario that says what fails.
+
+    Args:
+        plan: what is to be studied.
+        variants: values of what is varied.
+        shortcuts: most that are tried, in place of the scenario's.
+        failures: probability that an attempt fails where the scenario says nothing of the skill.
+        progress: told how far each stage has come.
+
+    Raises:
+        RequestError: a part is late that cannot be.
+        TwinError: there is no plan; see ``twin.plan``.
+    """
+    if not isinstance(plan, PlanResult):
+        tried = {"planning.shortcut_candidates": shortcuts}
+        case = load(plan).varied({} if shortcuts is None else tried)
+        plan = plan_scenario(case, progress=progress, keep=True)
+    if failures is not None:
+        case = with_failures(plan.scenario, plan.tpg, failures)
+        plan = replace(plan, scenario=case)
+    for variant in variants:
+        late = apply_variation(plan.scenario.sections, variant).execution.late
+        require_picked(plan.motions, [item.part for item in late])
+    return plan

@@ -1,0 +1,141 @@
+"""``twin operate``: execute in the twin, and plan anew whatever fails."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from twin.commands.options import (
+    AsJson,
+    Audited,
+    AuditEngine,
+    Quiet,
+    Recording,
+    ResultsFolder,
+    ScenarioFile,
+    Seed,
+    TeamSize,
+)
+from twin.commands.run import announcer, show_run, values_of
+from twin.commands.view import View
+from twin.host.guard import guarded
+
+if TYPE_CHECKING:
+    from twin.operations.person import Question
+
+
+@guarded
+def operate(
+    scenario: ScenarioFile,
+    out: ResultsFolder = None,
+    failures: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            max=1,
+            metavar="P",
+            help="Probability that an attempt at any skill fails, of which a fifth loses"
+            " what is handled, where the scenario says nothing of that skill.",
+        ),
+    ] = None,
+    recording: Recording = True,
+    audit: Audited = True,
+    audit_engine: AuditEngine = None,
+    drivers: Annotated[
+        Path | None,
+        typer.Option(help="File that says who moves the robots, in place of the twin."),
+    ] = None,
+    page: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=65_535,
+            metavar="PORT",
+            help="With drivers, a port of this machine at which a page shows what goes on"
+            " to who stands beside the cell, with buttons, and with what is asked by"
+            " recovery.ask; 0 for any port that is free.",
+        ),
+    ] = None,
+    seed: Seed = None,
+    shortcuts: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Most shortcuts tried on the first plan, in place of the scenario's.",
+        ),
+    ] = None,
+    robots: TeamSize = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Value of any key, such as execution.recovery.planning_s=2; may be given"
+            " several times. Values are words or JSON.",
+        ),
+    ] = None,
+    ask: Annotated[
+        bool,
+        typer.Option(
+            "--ask",
+            help="Ask at the keyboard before anything is given up, or on the page where"
+            " there is one; time in a simulation stands meanwhile, and the run cannot be"
+            " resumed.",
+        ),
+    ] = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Operate a cell in the twin: what fails is planned anew while the others go on.
+
+    A skill that fails for good is done again with what is left, by another robot or with another object of
+    its kind; what nobody can do any more is given up with all that rests on it, and the rest goes on.
+    """
+    from twin.api.runs import released
+    from twin.host.progress import report_nothing
+    from twin.operations import api
+    from twin.trial.loaded_scenario import load
+
+    view = View(as_json, quiet)
+    given: dict[str, Any] = {
+        "robots": robots,
+        "seed": seed,
+        "planning.shortcut_candidates": shortcuts,
+    }
+    asks_here = ask and page is None
+
+    def opened(address: str) -> None:
+        if not view.silent:
+            print(f"page: {address}", file=sys.stderr)  # noqa: T201
+
+    with view.progress() as progress:
+        chosen = load(scenario).varied(released(values_of(settings, given)))
+        if ask and not asks_here and chosen.sections.execution.recovery.ask is None:
+            chosen = chosen.varied({"recovery.ask": {}})
+        done = api.operate(
+            chosen,
+            out=out,
+            failures=failures,
+            recording=recording,
+            audit=audit,
+            audit_engine=audit_engine,
+            says=_answer if asks_here else None,
+            drivers=drivers,
+            page=page,
+            opened=opened,
+            begun=announcer(view),
+            # A display of progress would write over the question.
+            progress=report_nothing if asks_here else progress,
+        )
+    return show_run(done, view)
+
+
+def _answer(question: Question) -> bool:
+    """Return what somebody answers at the keyboard; who breaks off there breaks off the run."""
+    try:
+        return typer.confirm(str(question), err=True)
+    except typer.Abort:
+        raise KeyboardInterrupt from None

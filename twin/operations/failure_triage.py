@@ -1,0 +1,386 @@
+"""Triage of skills that have failed for good: again, the step anew, ask a person, or give up what nobody can do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from planning.cell.workcell import Workcell
+from planning.errors import PlanInvariantError
+from planning.tasks.assignment import AssignmentProblem, TaskPlan
+from planning.tasks.task import (
+    FAILED,
+    GONE,
+    HANDLING,
+    HOLD,
+    LEAVE_TOOL,
+    LEFT_OUT,
+    STRAIGHT,
+    SUPPLY_KINDS,
+    TAKE_TOOL,
+    TAKEN_OUT,
+    TRANSIT,
+    AllowedContact,
+    Handling,
+    Task,
+)
+from planning.tasks.work import AssemblyWork
+from planning.transforms import Transform
+from planning.worlds.measured import Poses, offset_on_surface
+from planning.worlds.onward import ReplanningState, fix_choices
+from planning.worlds.world import World, object_pose
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.invariant import check_invariant
+from scheduling.rolling.cut import complete_tasks, world_state_after
+from scheduling.rolling.extension import committed_subgraph, with_attempt
+from twin.operations.commitment import (
+    Failure,
+    ReplanTrigger,
+    TriageResult,
+    cut_at,
+    failed_task,
+)
+from twin.operations.person import AGAIN, OperationLedger, Person, Question
+from twin.scenario.sections.execution import ExecutionSection
+from twin.uncertainty.draws import uniforms
+
+_NO_PROCESS = (
+    *(*HANDLING, *SUPPLY_KINDS, TRANSIT, STRAIGHT, HOLD, FAILED, LEFT_OUT),
+    *(LEAVE_TOOL, TAKE_TOOL, TAKEN_OUT),
+)
+
+
+class Fate(StrEnum):
+    """Outcome for the object of a skill that failed; the value words it."""
+
+    LOST = "is lost"
+    SLIPPED = "has slipped in the hand"
+    WRONG = "is a wrong part"
+    BESIDE = "lies beside its place"
+
+
+@dataclass(frozen=True)
+class FailureTriage:
+    """Decides how each failure is recovered from, and enters it into the ledger.
+
+    Attributes:
+        section: says what may fail, and how often anything is tried.
+        ledger: what is known; it is written to.
+        person: who is asked before a step is given up.
+        allows: tells whether parts can be used where they were measured.
+    """
+
+    section: ExecutionSection
+    ledger: OperationLedger
+    person: Person
+    allows: Callable[[Poses], bool] = lambda _: False
+
+    def decide(self, tpg: TemporalPlanGraph, trigger: ReplanTrigger) -> TriageResult:
+        """Decide what is done about each failure, and what becomes of the object."""
+        words, changes, reopened = [], [], dict[int, frozenset[str]]()
+        for failure in trigger.failures:
+            task = failed_task(tpg, failure)
+            change, fate = self._changes(tpg, trigger, failure, task)
+            changes.append(change)
+            self.ledger.tries[task.step, task.kind] += not failure.missing
+            often = self.ledger.tries[task.step, task.kind]
+            if often > self.section.recovery.again and not self._sees_to(task):
+                self.ledger.give_up(task.step, f"{task.label} failed {often} times")
+                reopened[task.step] = frozenset({task.robot})
+                words.append(f"step {task.step} is given up")
+            elif fate or task.kind == "pick":
+                reopened[task.step] = frozenset({task.robot})
+                how = fate or "is left where it is"
+                how = "has not come yet" if failure.missing else how
+                words.append(f"step {task.step} is begun anew: {task.object} {how}")
+            elif (then := self._then(task)) == "scrap":
+                self.ledger.give_up(task.step, f"{task.object} is scrapped")
+                reopened[task.step] = frozenset({task.robot})
+                words.append(f"step {task.step} is given up: {task.object} is scrapped")
+            elif then == "rework" and (before := self._worked_at(tpg, trigger, task)):
+                reopened |= {work.step: frozenset[str]() for work in before}
+                reopened[task.step] = frozenset({task.robot})
+                *most, last = [work.label for work in before]
+                several = f"{', '.join(most)} and {last} are" if most else f"{last} is"
+                words.append(f"{several} done again, and then {task.label}")
+            else:
+                words.append(f"{task.label} is done again")
+        return TriageResult(tuple(words), tuple(changes), reopened)
+
+    def _sees_to(self, task: Task) -> bool:
+        """Ask a person to see to what has failed too often; return whether that helps."""
+        if task.step in self.ledger.undone:
+            return False
+        words = (
+            f"{task.label} failed again and again: will you see to step {task.step}?"
+        )
+        count = self.ledger.asked_for(task.step)
+        question = Question(task.step, count, task.kind, task.object, words)
+        ask = self.person.asked(self.ledger.asks, question)
+        if ask is None or not self.ledger.answered(ask):
+            return False
+        self.ledger.tries[task.step, task.kind] = 0
+        return True
+
+    def _worked_at(
+        self, tpg: TemporalPlanGraph, trigger: ReplanTrigger, task: Task
+    ) -> list[Task]:
+        """Return the processes done to a part before another one, since it came to its place, in order of their steps.
+
+        None of those that were done while the part was handled, as behind a door, which is shut once, nor of those
+        before; and none of steps that are not done any more.
+        """
+        clock, counts = trigger.clock, trigger.released
+        if clock is not None:
+            counts = tuple(map(len, clock.ended_s))
+        done = complete_tasks(tpg, counts)
+        own = [t for t in tpg.tasks if t.object == task.object and t.step < task.step]
+        came = [t.step for t in own if t.handlings or t.kind in HANDLING]
+        since = max(came, default=0)
+        works = {
+            t.step: t
+            for t in own
+            if t.step > since and t.kind not in _NO_PROCESS and t.index in done
+        }
+        return [works[k] for k in sorted(works.keys() - self.ledger.undone)]
+
+    def _then(self, task: Task) -> str:
+        """Return what is done about a process that has failed for good."""
+        said = self.section.failures.get(task.kind)
+        return "again" if said is None else said.then
+
+    def _fate(self, task: Task, *, held: bool) -> Fate:
+        """Return what has become of the object of a skill that failed."""
+        said = self.section.failures.get(task.kind)
+        if said is None:
+            return Fate.LOST
+        drawn = self._draw(task, "fate")
+        if drawn < (said.slips if held else said.wrong):
+            return Fate.SLIPPED if held else Fate.WRONG
+        beside = not held and drawn < said.wrong + said.beside
+        return Fate.BESIDE if beside else Fate.LOST
+
+    def _draw(self, task: Task, what: str, index: int = 0) -> float:
+        """Return a number in [0, 1) that is drawn for the failure of a task."""
+        number = task.step + self.ledger.tries[task.step, task.kind] * AGAIN
+        mine = [self.person.replication]
+        about = self.person.seed, mine, [task.kind], number, [what], "failure"
+        return float(uniforms(*about, index)[0][0])
+
+    def _found(
+        self,
+        tpg: TemporalPlanGraph,
+        trigger: ReplanTrigger,
+        failure: Failure,
+        task: Task,
+    ) -> Handling | None:
+        """Return where a part is found beside its place; None where nothing can be done with it there."""
+        name = str(task.object)
+        lay = self.ledger.measured.get(name, tpg.cell.object(name).start)
+        offset = self.section.failures[task.kind].offset
+        far, around, turned = (self._draw(task, "offset", k) for k in range(3))
+        angle = 2.0 * np.pi * around
+        way = offset.m * np.sqrt(far) * np.array([np.cos(angle), np.sin(angle)])
+        pose = offset_on_surface(lay, way, offset.rad * (2.0 * turned - 1.0))
+        found = Handling(name, 1, None, pose)
+        who = tpg.chains[failure.chain].robot
+        committed = committed_subgraph(tpg, cut_at(tpg, trigger))
+        there = with_attempt(committed, tpg, who, failure.node, (found,))
+        try:
+            # Others go on by a plan in which it lies where it was said.
+            check_invariant(DerivedTpg(there))
+        except PlanInvariantError:
+            return None
+        poses = {**self.ledger.measured, name: pose}
+        return found if self.allows(poses) else None
+
+    def _changes(
+        self,
+        tpg: TemporalPlanGraph,
+        trigger: ReplanTrigger,
+        failure: Failure,
+        task: Task,
+    ) -> tuple[tuple[Handling, ...], str]:
+        """Return what becomes of the object of a skill that failed, and in words where it is of no use any more."""
+        name = task.object
+        if name is None or task.kind not in HANDLING:
+            return (), ""
+        if failure.missing:
+            self.ledger.shunned.add(self.ledger.lost(name))
+            return (), ""
+        # What it holds does not change any more before its robot goes on.
+        state = world_state_after(tpg, cut_at(tpg, trigger, steps=False))
+        at = state.attachments.get(name)
+        if not failure.lost or at is None:
+            if task.kind == "pick":
+                self.ledger.shunned.add(self.ledger.lost(name))
+            return (), ""
+        fate = self._fate(task, held=at.holder is not None)
+        words = fate.value
+        if fate is Fate.BESIDE:
+            if found := self._found(tpg, trigger, failure, task):
+                self.ledger.measured[name] = found.pose
+                return (found,), _beside_words(at.pose, found.pose)
+            words = f"{words}, where nobody can pick it"
+        self.ledger.gone.add(self.ledger.lost(name))
+        # A station presents the next one, whatever has become of this one.
+        coming = () if at.holder else _brought(task)
+        if fate is not Fate.LOST and not coming:
+            return (), words  # it is still where it was
+        if at.holder is None:
+            return (Handling(name, 1, GONE, at.pose), *coming), words
+        pose = object_pose(tpg.cell, state, name)
+        return (Handling(name, 1, None, pose), Handling(name, 1, GONE, pose)), words
+
+
+def _brought(task: Task) -> tuple[Handling, ...]:
+    """Return what comes up once something has been picked."""
+    return tuple(
+        replace(h, waypoint=1) for h in task.handlings if h.object != task.object
+    )
+
+
+def _beside_words(said: Transform, found: Transform) -> str:
+    """Return how far a part lies beside its place, in words."""
+    mm = 1e3 * float(np.linalg.norm(found[:3, 3] - said[:3, 3]))
+    turn = found[:3, :3] @ said[:3, :3].T
+    deg = float(np.degrees(abs(np.arctan2(turn[1, 0], turn[0, 0]))))
+    return f"{Fate.BESIDE}, {mm:.1f} mm and {deg:.1f} degrees off, and is picked there"
+
+
+def request_replacement(
+    ledger: OperationLedger,
+    person: Person,
+    cell: Workcell,
+    step: int,
+    name: str,
+    why: str,
+) -> bool:
+    """Ask a person for another object in place of one that is lost; return whether anybody was asked.
+
+    Args:
+        ledger: what is known; it is written to.
+        person: who is asked.
+        cell: with all objects that there are.
+        step: that lacks the object; it is given up where that does not help.
+        name: of what is lost.
+        why: reason to give it up.
+    """
+    words = f"step {step} lacks an object: will you bring one in place of {name}?"
+    taken = [item.name for item in cell.objects]
+    question = Question(step, ledger.asked_for(step), "", name, words)
+    ask = person.asked(ledger.asks, question, taken)
+    if ask is not None and not ledger.answered(ask):
+        said = why.partition("\n")[0]
+        ledger.give_up(step, f"{said}, and a person could not help")
+    return ask is not None
+
+
+def interrupted_steps(
+    ledger: OperationLedger, out: frozenset[str], world: World
+) -> dict[int, frozenset[str]]:
+    """Return the steps in the middle of which a robot is out; what it holds is lost."""
+    ledger.gone |= {name for name, at in world.held() if at.holder in out}
+    found = {}
+    for number, step in world.begun().items():
+        left = [
+            t
+            for t in step.tasks
+            if t.index not in world.complete and t.kind not in SUPPLY_KINDS
+        ]
+        if any(t.robot in out and t.kind != TRANSIT for t in left):
+            ledger.gone |= {t.object for t in left if t.object is not None}
+            found[number] = out
+    return found
+
+
+def dependent_steps(
+    tasks: Iterable[Task],
+    allowed: Iterable[AllowedContact],
+    chosen: TaskPlan,
+    needs: Iterable[tuple[int, int]],
+) -> Mapping[int, frozenset[int]]:
+    """Return the later steps that cannot be without a step, by number.
+
+    In them something touches its object where that is put, or would fall without it.
+
+    Args:
+        tasks: of a plan.
+        allowed: what may touch in them.
+        chosen: objects of steps that are not done are those of their choices.
+        needs: what would fall, see ``AssemblyWork``.
+    """
+    tasks = tuple(tasks)
+    placed = {choice.object: choice.step for choice in chosen.choices}
+    placed.update((name, step) for step, name in chosen.taken.items())
+    for task in tasks:
+        if task.kind in ("place-down", "place-up") and task.object is not None:
+            placed[task.object] = task.step
+    step_of = {task.index: task.step for task in tasks}
+    works = {t.index for t in tasks if t.kind not in (TRANSIT, "pick", "handover")}
+    found: dict[int, set[int]] = {}
+    for first, later in needs:
+        found.setdefault(first, set()).add(later)
+    for contact in allowed:
+        for name in (contact.first, contact.second):
+            step = placed.get(name)
+            if step is not None:
+                touch = {step_of[t] for t in contact.tasks & works}
+                found.setdefault(step, set()).update(k for k in touch if k > step)
+    return {step: frozenset(own) for step, own in found.items()}
+
+
+def find_infeasible_steps(
+    work: AssemblyWork, now: ReplanningState, cell: Workcell
+) -> tuple[AssemblyWork, dict[int, str]]:
+    """Return the work with spare objects where others are lost, and the steps that nobody can do any more.
+
+    Args:
+        work: all candidates up to now.
+        now: what has become of the plan.
+        cell: its objects, where they were at the start.
+
+    Returns:
+        The work, and the reason by the number of the step.
+    """
+    while True:
+        left = fix_choices(work.problem, now.kept, now.world.out, {})
+        steps = [step for step in left.impossible if step not in now.kept]
+        before = work
+        for step in steps:
+            own = work.problem.primaries_of.get(step, ())
+            if all(work.problem.primaries[k].object in now.world.out for k in own):
+                work = work.spare(step, _untouched(now, cell)) or work
+        if work is before:
+            return work, {
+                step: _lost_or_out(work.problem, step, now) or left.lacking(step) or ""
+                for step in steps
+            }
+
+
+def _untouched(now: ReplanningState, cell: Workcell) -> set[str]:
+    """Return the objects that lie where they were at the start and that nobody has chosen."""
+    lie = {
+        name: at.pose
+        for name, at in now.world.state.attachments.items()
+        if at.holder is None and name not in now.world.out
+    }
+    items = (item for item in cell.objects if item.name in lie)
+    there = {i.name for i in items if np.allclose(lie[i.name], i.start)}
+    return there - {choice.object for choice in now.kept.values()}
+
+
+def _lost_or_out(problem: AssignmentProblem, step: int, now: ReplanningState) -> str:
+    """Return in words what a step lacks where that is the only thing that could do it, else nothing."""
+    own = [problem.primaries[k] for k in problem.primaries_of.get(step, ())]
+    for names, words in (
+        ({item.object for item in own}, "is lost"),
+        ({item.robot for item in own}, "is out"),
+    ):
+        if len(names) == 1 and names <= now.world.out:
+            return f"{names.pop()} {words}"
+    return ""

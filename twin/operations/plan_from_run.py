@@ -1,0 +1,169 @@
+"""Plans that begin where a run was at some time: RUN@T, read from what was executed."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from planning.errors import RequestError
+from planning.tasks.task import BROUGHT
+from scheduling.graph.temporal_plan_graph import NodeChain
+from scheduling.graph.windows import window_opening_times
+from scheduling.rolling.cut import Counts, cut_after
+from twin.durations.nanoseconds import NANOSECONDS
+from twin.host.progress import Report, StageWatch
+from twin.operations.commitment import Failure
+from twin.operations.operation import require_rolling
+from twin.operations.remainder import remaining_graph
+from twin.planning.pipeline import plan_motions, planned_shortcuts, wanted_steps
+from twin.runs.events import EventCode
+from twin.runs.policies import IN_TURNS, SHORTENED
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult
+from twin.trial.run_moment import RunMoment
+from twin.trial.run_result import RunResult
+
+_AWAY = 0.02
+"""A robot that is further from where its plan has it at rest was moved by somebody else [rad or m]."""
+
+
+def plan_from_run(
+    case: LoadedScenario, moment: RunMoment, out: Collection[str], progress: Report
+) -> PlanResult:
+    """Plan what is left of a run at a time.
+
+    At that time every robot goes on to the first border at which it is at rest and within no skill; the plan
+    begins in the world there.
+
+    Args:
+        case: what was built, planned and executed as it now says.
+        moment: when.
+        out: robots that do nothing any more from then on.
+        progress: told how far each stage has come.
+
+    Raises:
+        RequestError: something cannot go on, or nothing is left.
+        TwinError: the scenario has no plan; see ``twin.plan``.
+    """
+    require_rolling(case.sections)
+    run, t_ns = moment.run, moment.t_ns
+    for name in out:
+        if name not in case.robots:
+            raise RequestError(f"there is no robot {name!r}", choices=case.robots)
+    for section in ("cell", "assembly"):
+        if getattr(run.sections, section) != getattr(case.sections, section):
+            raise RequestError(f"{section} is not that of the run {run.name!r}")
+    tpg = run.tpg
+    if tpg.cell.begun is not None:
+        raise RequestError(
+            f"the run {run.name!r} itself began in the middle, after {tpg.cell.begun.after}: what was done"
+            " before is not in it"
+        )
+    if any(task.kind == BROUGHT for task in tpg.tasks):
+        raise RequestError("what somebody brought in a run is not known to a new plan")
+    counts, failures, left_s, ago = _first_rests(run, moment)
+    gone = {
+        event.robot
+        for event in run.history
+        if event.t_ns <= t_ns and event.code is EventCode.OUT_OF_SERVICE
+    }
+    watch = StageWatch(progress)
+    last = max((task.step for task in tpg.tasks), default=0)
+    motions = plan_motions(
+        case.sections,
+        case.folder,
+        watch,
+        whole=True,
+        first=wanted_steps(case.sections, last),
+    )
+    with watch.stage("motion"):
+        found = remaining_graph(
+            case.sections,
+            motions,
+            tpg,
+            counts,
+            failures,
+            {*out, *gone},
+            left_s,
+            ago,
+            str(moment),
+            _undone(run),
+        )
+    name = SHORTENED if planned_shortcuts(case.sections) else IN_TURNS
+    return PlanResult(case, found, name, planning_s=watch.seconds)
+
+
+def _undone(run: RunResult) -> dict[int, str]:
+    """Return the steps that were given up or dropped in a run, by number, with the reason."""
+    told = run.summary.get("operation") or {}
+    return {
+        int(step): str(why)
+        for key in ("given_up", "dropped")
+        for step, why in told.get(key, {}).items()
+    }
+
+
+def _first_rests(
+    run: RunResult, moment: RunMoment
+) -> tuple[Counts, tuple[Failure, ...], dict[str, float], dict[int, float]]:
+    """Return up to how many of its nodes each robot goes on from a time, to where it is at rest and in no skill.
+
+    With them come the skills that had failed by then, at the begin of which their robots stand, and for how
+    long machines are at work still when all robots are at rest, and how long before that tasks ended that opened
+    windows of time, by index [s].
+
+    Raises:
+        RequestError: the run ended before that, or a robot was not where its plan has it.
+    """
+    tpg, index = run.tpg, run.tpg.chain_index
+    times = [(start, end.copy()) for start, end in run.node_times_ns]
+    failed: dict[tuple[int, int], Failure] = {}
+    for event in run.history:
+        if event.kind == "failed" and event.node >= 0:
+            at = index[event.robot], event.node
+            failed[at] = Failure(*at)
+        elif event.kind == "recovered":  # the attempt is over then
+            at = index[event.robot], event.node
+            times[at[0]][1][at[1]] = event.t_ns
+            del failed[at]
+    before = [np.count_nonzero((s >= 0) & (s < moment.t_ns)) for s, _ in times]
+    tried = tuple(own for k, own in sorted(failed.items()) if k[1] < before[k[0]])
+    begun, counts = [int(count) for count in before], Counts()
+    for own in tried:
+        begun[own.chain] = own.node
+    while counts != tuple(begun):
+        counts = cut_after(tpg, begun, failed, steps=False)
+        begun = list(map(_to_rest, tpg.chains, counts))
+    for chain, count, (_, end) in zip(tpg.chains, counts, times, strict=True):
+        machine = tpg.cell.is_machine(chain.robot)
+        if np.any(end[:count] < 0):
+            raise RequestError(
+                f"{chain.robot!r} does not come to rest between {moment} and the end of the run"
+            )
+        if machine:
+            continue
+        when = end[count - 1 : count] if count else np.zeros(1, dtype=np.int64)
+        stood = run.motions[chain.robot].at(when)[0]
+        if (away := np.abs(stood - chain.stands_at(count)).max()) > _AWAY:
+            raise RequestError(
+                f"{chain.robot!r} came to rest {away:.3g} rad or m from where its plan has it: who moved it?"
+            )
+    rest = [
+        (chain.robot, int(end[count - 1]))
+        for chain, count, (_, end) in zip(tpg.chains, counts, times, strict=True)
+        if count
+    ]
+    machines = {name: t for name, t in rest if tpg.cell.is_machine(name)}
+    still = max((t for name, t in rest if name not in machines), default=moment.t_ns)
+    left = {name: (t - still) / NANOSECONDS for name, t in machines.items()}
+    opened = window_opening_times(tpg, np.concatenate([end for _, end in times]))
+    ago = {k: (still - t) / NANOSECONDS for k, t in opened.items() if t <= still}
+    return counts, tried, {name: s for name, s in left.items() if s > 0.0}, ago
+
+
+def _to_rest(chain: NodeChain, count: int) -> int:
+    """Return after how many nodes, at least so many, a robot rests that may have passed corners at speed."""
+    if chain.drive is None or count == 0:
+        return count
+    return count + int(np.argmax(chain.drive.rests[count - 1 :]))

@@ -1,0 +1,255 @@
+"""Recovery of a plan as a function of its state, and appending an extension to the committed prefix."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from planning.cell.workcell import Workcell
+from planning.tasks.task import LEFT_OUT, Task, TimeWindow
+from planning.transforms import Indices
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.rolling.extension import committed_subgraph, extend_graph
+from scheduling.rolling.supply import deliveries, rename_objects, supply_waits
+from twin.durations.nanoseconds import NANOSECONDS
+from twin.operations.commitment import (
+    CommittedPrefix,
+    Draw,
+    PlanRevision,
+    ReplanTrigger,
+    describe_cause,
+)
+from twin.operations.person import AGAIN, OperationLedger, Person, with_human_help
+from twin.operations.termination import NO_PROGRESS, RevisionMeasure, measure_of
+from twin.scenario.sections.scenario import Scenario
+from twin.uncertainty.draws import TaskName
+
+_Skill = tuple[int, str]
+"""Step and kind of a task."""
+
+Extension = tuple[TemporalPlanGraph, TemporalPlanGraph, CommittedPrefix]
+"""All of a longer graph, what is new only, and what is committed."""
+
+
+@dataclass(frozen=True)
+class TaskSeeds:
+    """Random-number keys per task attempt, so that replanned tasks reuse the draws of the original plan.
+
+    A task that is planned again before anybody has tried it keeps the key that it had in the first plan; one
+    that is tried once more has a key of its own. So what happens to a step does not depend on when or how often
+    others were planned, and strategies of recovery can be compared.
+
+    Attributes:
+        first: tasks of the first plan, by step and kind.
+        skills: step and kind of every task, by index: those of what failed or is left out, too.
+        names: keys of tasks that are not named by themselves, by index.
+    """
+
+    first: Mapping[_Skill, tuple[Task, ...]]
+    skills: Mapping[int, _Skill]
+    names: Mapping[int, TaskName]
+
+    @classmethod
+    def of(cls, tpg: TemporalPlanGraph) -> TaskSeeds:
+        """Return the keys of a first plan, whose tasks name their draws themselves."""
+        first: dict[_Skill, tuple[Task, ...]] = {}
+        for task in tpg.tasks:
+            own = task.step, task.kind
+            first[own] = (*first.get(own, ()), task)
+        return cls(first, {t.index: (t.step, t.kind) for t in tpg.tasks}, {})
+
+    def onward(self, tpg: TemporalPlanGraph, new: int) -> TaskSeeds:
+        """Return the names for a graph whose tasks from an index on are new."""
+        before = [t.index for t in tpg.tasks[:new] if t.kind != LEFT_OUT]
+        tries = Counter(self.skills[index] for index in before)
+        skills = {index: self.skills[index] for index in range(new)}
+        names = {k: name for k, name in self.names.items() if k < new}
+        for task in tpg.tasks[new:]:
+            own = task.step, task.kind
+            skills[task.index] = own
+            if planned := self.first.get(own):
+                again = max(tries[own] - len(planned) + 1, 0)
+                model = planned[min(tries[own], len(planned) - 1)]
+                names[task.index] = (model.robot, model.index + again * AGAIN)
+            tries[own] += 1
+        return TaskSeeds(self.first, skills, names)
+
+
+@dataclass(frozen=True)
+class RecoveryState:
+    """State of a plan from which it can be extended; nobody changes its ledger.
+
+    Attributes:
+        tpg: its graph.
+        seeds: random-number keys of its tasks.
+        ledger: what has become of steps and objects.
+        measure: bound on revisions still to come, see ``termination``; None before the run begins.
+    """
+
+    tpg: TemporalPlanGraph
+    seeds: TaskSeeds
+    ledger: OperationLedger
+    measure: RevisionMeasure | None = field(default=None, kw_only=True)
+
+
+State = TypeVar("State", bound=RecoveryState)
+
+
+class Planner(ABC, Generic[State]):
+    """Recovery of one kind of assembly: from a state and what has happened to a new state and a revision of the plan.
+
+    Attributes:
+        scenario: its recovery section sets limits and times.
+        draw: times of new nodes.
+        person: who is asked before something is given up.
+        initial: state of the plan with which an operation begins.
+    """
+
+    scenario: Scenario
+    draw: Draw
+    person: Person
+    initial: State
+
+    @abstractmethod
+    def is_short(self, state: State) -> bool:
+        """Return whether less is made in a state than is wanted."""
+
+    def never_begun(self, _state: State) -> Mapping[int, str]:
+        """Return steps that are wanted and were never planned, as nobody can do them, by number, with the reason."""
+        return {}
+
+    @abstractmethod
+    def begun(self, state: State, counts: Sequence[int]) -> set[int]:
+        """Return the steps that have begun once so many nodes of each chain are executed."""
+
+    @abstractmethod
+    def due(self, state: State, released: Sequence[int]) -> bool:
+        """Return whether it is time to plan more steps, though nothing has failed."""
+
+    @abstractmethod
+    def extend(
+        self, state: State, trigger: ReplanTrigger, *, more_steps: bool = True
+    ) -> tuple[State, Extension]:
+        """Return the next state, still with its graph, and a longer graph, in which failures are recovered from.
+
+        The tasks of the new graph are those before it and then its own; it begins in the world at the cut.
+        Without ``more_steps`` no steps come into the planning window.
+        """
+
+    def extend_initial(self, trigger: ReplanTrigger) -> tuple[State, Extension]:
+        """Return the state and the longer graph that follow from the initial state, with no further steps."""
+        return self.extend(self.initial, trigger, more_steps=False)
+
+    @abstractmethod
+    def end(
+        self, state: State, trigger: ReplanTrigger, why: str
+    ) -> tuple[State, Extension]:
+        """Return the state in which every step that is not done is given up, and the committed graph alone."""
+
+    def unplanned(self, _state: State) -> int:
+        """Return how many steps are not planned yet, 0 where no more are to be."""
+        return 0
+
+    def new_steps(self, _before: State, _after: State) -> range:
+        """Return the numbers of the steps that are planned for the first time."""
+        return range(0)
+
+    def with_measure(self, state: State, events: int) -> State:
+        """Return a state with its measure; so many events from outside can occur."""
+        return replace(state, measure=self._measured(state, events))
+
+    def _measured(self, state: State, events: int) -> RevisionMeasure:
+        unplanned = self.unplanned(state)
+        return measure_of(self.scenario, self.person, state.ledger, events, unplanned)
+
+    def recover(
+        self, state: State, trigger: ReplanTrigger
+    ) -> tuple[State, PlanRevision]:
+        """Return the state and the revision of the plan that follow from what has happened.
+
+        The state given is not changed, so recovery may be asked for again with more that has happened. A
+        revision reduces the measure, or is the end of the operation; see ``termination``.
+
+        Args:
+            state: of the plan that is executed; of its graph only committed nodes are executed any more.
+            trigger: what has happened since.
+
+        Raises:
+            UnansweredError: a question to a person is open.
+        """
+        begin = time.process_time()
+        after, found = self.extend(state, trigger)
+        new = self.new_steps(state, after)
+        measure, before = self._measured(after, trigger.events), state.measure
+        if before is not None and not measure.is_below(before):
+            after, found = self.end(state, trigger, NO_PROGRESS)
+            measure = min(before, self._measured(after, trigger.events))
+        union, own, at = found
+        executed_by = tuple(chain.robot for chain in union.chains)
+        assert executed_by[: len(at.robots)] == at.robots, "chains keep their numbers"
+        seeds = state.seeds.onward(union, len(at.committed.tasks))
+        after = replace(after, tpg=union, seeds=seeds, measure=measure)
+        answers = [ask.answer for ask in after.ledger.asks[len(state.ledger.asks) :]]
+        fresh = replace(trigger, more=trigger.more - state.ledger.more)
+        planning_s = self.scenario.execution.recovery.planning_s
+        version = PlanRevision(
+            union,
+            at.counts(union),
+            tuple(chain.robot for chain in own.chains),
+            self.draw(own, seeds.names),
+            round(planning_s * NANOSECONDS),
+            time.process_time() - begin,
+            describe_cause(state.tpg, fresh, new, answers),
+            at.triage.words,
+        )
+        return after, version
+
+
+def empty_extension(at: CommittedPrefix, cell: Workcell) -> Extension:
+    """Return what is committed, after which nothing comes."""
+    nothing = committed_subgraph(at.committed, [0] * len(at.committed.chains))
+    waits = np.empty((0, 2), dtype=np.int64)
+    return (
+        extend_graph(at.committed, nothing, cell, waits, order=at.robots),
+        nothing,
+        at,
+    )
+
+
+def append_extension(
+    at: CommittedPrefix,
+    new: TemporalPlanGraph,
+    cell: Workcell,
+    ledger: OperationLedger,
+    waits: Indices,
+    windows: Iterable[TimeWindow] | None = None,
+) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Workcell]:
+    """Append a new graph to what is committed, with what a person does for it.
+
+    Args:
+        at: what is committed.
+        new: begins in the world at the cut; its tasks are those before it and then its own.
+        cell: with all objects that there are.
+        ledger: knows what somebody is to bring, and the names of that.
+        waits: what waits for what, of what is new and what is committed, shape (e, 2).
+        windows: of time, where they are not those of what is committed.
+
+    Returns:
+        All of it, what is new only, and the cell with what is brought.
+    """
+    before = at.committed.tasks
+    new = rename_objects(new, ledger.fresh, len(before))
+    new, cell = with_human_help(new, cell, ledger.pending(before))
+    own = new.tasks[len(before) :]
+    waits = np.concatenate([waits, supply_waits(own, deliveries((*before, *own)))])
+    return (
+        extend_graph(at.committed, new, cell, waits, windows, order=at.robots),
+        new,
+        cell,
+    )

@@ -1,0 +1,276 @@
+"""Recovery of assemblies when a skill has failed for good, or a robot is out: the best of plans from several cuts.
+
+The skill again, or its step with what is left: another grip, another object of the kind, another robot, as
+the integer program chooses; else the step is given up with what rests on it, and the rest goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import InitVar, dataclass, replace
+from functools import partial
+from types import MappingProxyType
+
+from planning.cell.workcell import start_state
+from planning.errors import (
+    InfeasibleStepError,
+    PlanInvariantError,
+    TransitError,
+)
+from planning.tasks.task import TAKEN_OUT
+from planning.worlds.measured import Poses, choices_at_measured_poses
+from planning.worlds.supplied import REMOVAL
+from planning.worlds.world import World
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
+from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
+from scheduling.rolling.forecast import Clock, forecast_s
+from scheduling.rolling.supply import with_pending_objects
+from twin.operations.commitment import (
+    CommittedPrefix,
+    CutPolicy,
+    Draw,
+    ReplanTrigger,
+    TriageResult,
+    committed_at,
+    executable_lengths,
+)
+from twin.operations.failure_triage import (
+    FailureTriage,
+    dependent_steps,
+)
+from twin.operations.person import OperationLedger, Person
+from twin.operations.planner import (
+    Extension,
+    Planner,
+    TaskSeeds,
+)
+from twin.operations.recovery_draft import AssemblyState, Draft, PlanningContext
+from twin.operations.step_window import StepWindow
+from twin.scenario.sections.scenario import Scenario
+
+_AS_PLANNED = ((CutPolicy(steps=True),), (CutPolicy(aside=True),))
+"""Where a plan is cut in which nothing has happened but that more steps come next."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """An extension of the plan from one cut.
+
+    Attributes:
+        union, new: the longer graph, and what is new only.
+        at: what is committed.
+        state: of the longer graph.
+        more: how many steps it gives up.
+    """
+
+    union: TemporalPlanGraph
+    new: TemporalPlanGraph
+    at: CommittedPrefix
+    state: AssemblyState
+    more: int
+
+    def end_s(self, clock: Clock | None, planning_s: float) -> float:
+        """Return the forecast of when all of it will be complete [s]."""
+        return forecast_s(self.union, self.at.counts(self.union), clock, planning_s)
+
+
+@dataclass
+class Recovery(Planner[AssemblyState]):
+    """Recovery of an assembly of bricks, goals or parts.
+
+    Attributes:
+        scenario: its recovery section says how.
+        motions: what the first plan was made of.
+        tpg: the first plan.
+        draw: times of new nodes.
+        person: who is asked before something is given up.
+        gone: objects that are lost already.
+        measured: where parts lie that were found beside their places.
+        undone: steps that are given up already, by number, with the reason.
+        cuts: from which plans are proposed, those that come later only where something has to be given up else; of
+            all that the one that gives up least is chosen, and of these the one that is complete soonest.
+    """
+
+    scenario: Scenario
+    motions: InitVar[PlannedMotions]
+    tpg: InitVar[TemporalPlanGraph]
+    draw: Draw
+    person: Person
+    gone: InitVar[Collection[str]] = ()
+    measured: InitVar[Poses] = MappingProxyType({})
+    undone: InitVar[Mapping[int, str]] = MappingProxyType({})
+    cuts: tuple[tuple[CutPolicy, ...], ...] = (
+        (CutPolicy(), CutPolicy(going=True), CutPolicy(aside=True)),
+        (CutPolicy(steps=True),),
+    )
+
+    def __post_init__(
+        self,
+        motions: PlannedMotions,
+        tpg: TemporalPlanGraph,
+        gone: Collection[str],
+        measured: Poses,
+        undone: Mapping[int, str],
+    ) -> None:
+        settings = motions.settings
+        seconds = {TAKEN_OUT: self.scenario.execution.recovery.remove_s}
+        settings = replace(
+            settings, skill_seconds={**settings.skill_seconds, **seconds}
+        )
+        motions = replace(motions, settings=settings)
+        chosen, work = motions.task_plan, motions.work
+        assert work is not None
+        window = StepWindow(self.scenario.execution.window, motions)
+        self.context = PlanningContext(self.scenario, self.person, window)
+        ledger = OperationLedger(
+            dependent_steps(tpg.tasks, tpg.allowed, chosen, work.needs),
+            given_up=dict(undone),
+            gone=set(gone),
+            measured=dict(measured),
+        )
+        cell = with_pending_objects(tpg.cell, (), REMOVAL) if work.passing else tpg.cell
+        steps = planned_steps(tpg)
+        self.initial = AssemblyState(
+            tpg, TaskSeeds.of(tpg), ledger, cell, chosen, steps, motions
+        )
+
+    def is_short(self, state: AssemblyState) -> bool:
+        """Return whether less is made in a state than is wanted."""
+        ledger, planned = state.ledger, len(state.task_plan.choices)
+        return self.context.window.is_short(ledger.given_up, ledger.more, planned)
+
+    def never_begun(self, state: AssemblyState) -> Mapping[int, str]:
+        """Return steps of products that are wanted and that nobody can begin, by number, with the reason."""
+        ledger, planned = state.ledger, len(state.task_plan.choices)
+        if not ledger.closed or not self.context.window.in_products:
+            return {}
+        last = self.context.window.last(ledger.given_up, ledger.more)
+        return dict.fromkeys(range(planned + 1, last + 1), ledger.closed)
+
+    def begun(self, state: AssemblyState, counts: Sequence[int]) -> set[int]:
+        """Return the steps that have begun once so many nodes of each chain are executed."""
+        complete, cell = complete_tasks(state.tpg, counts), state.tpg.cell
+        world = World(start_state(cell), state.steps, complete=complete)
+        return set(world.begun())
+
+    def due(self, state: AssemblyState, released: Sequence[int]) -> bool:
+        """Return whether it is time to plan more steps, though nothing has failed."""
+        planned, ledger = len(state.task_plan.choices), state.ledger
+        last = self.context.window.last(ledger.given_up, ledger.more)
+        return not ledger.closed and self.context.window.due(
+            state.tpg, released, planned, ledger.undone, last
+        )
+
+    def unplanned(self, state: AssemblyState) -> int:
+        """Return how many steps are not planned yet, 0 where no more are to be."""
+        return (
+            0 if state.ledger.closed else self.context.window.unplanned(state.task_plan)
+        )
+
+    def new_steps(self, before: AssemblyState, after: AssemblyState) -> range:
+        """Return the numbers of the steps that are planned for the first time."""
+        first = len(before.task_plan.choices) + 1
+        return range(first, len(after.task_plan.choices) + 1)
+
+    def extend(
+        self,
+        state: AssemblyState,
+        trigger: ReplanTrigger,
+        *,
+        more_steps: bool = True,
+    ) -> tuple[AssemblyState, Extension]:
+        """Return the next state and a longer graph, see ``Planner``."""
+        draft = self._draft(state)
+        ledger, window = draft.ledger, self.context.window
+        if more_steps:
+            draft.reach = len(state.task_plan.choices)
+            if self.due(state, trigger.released):
+                last = window.last(ledger.given_up, trigger.more)
+                draft.reach = window.after(draft.reach, last)
+            draft.motions = window.of_first(draft.motions, draft.reach)
+            ledger.more = trigger.more
+        allows = partial(
+            self.context.elsewhere.allows, draft.motions.work, draft.task_plan
+        )
+        about = self.scenario.execution, ledger, self.person
+        triage = FailureTriage(*about, allows).decide(state.tpg, trigger)
+        there = ledger.measured
+        draft.task_plan = choices_at_measured_poses(draft.work, draft.task_plan, there)
+        return self._from_best_cut(draft, trigger, triage)
+
+    def _draft(
+        self,
+        state: AssemblyState,
+        motions: PlannedMotions | None = None,
+        reach: int = 0,
+    ) -> Draft:
+        """Return a draft that begins with a state, which stays as it is."""
+        return Draft(
+            self.context,
+            state.tpg,
+            state.seeds,
+            state.ledger.copy(),
+            state.cell,
+            state.task_plan,
+            state.steps,
+            motions or state.motions,
+            state.past,
+            state.measure,
+            reach,
+        )
+
+    def _from_best_cut(
+        self,
+        draft: Draft,
+        trigger: ReplanTrigger,
+        triage: TriageResult,
+    ) -> tuple[AssemblyState, Extension]:
+        """Return the best of the proposals from all cuts, or the end of the operation where there is none."""
+        before, found, why = draft.state(), list[Proposal](), ""
+        motions, tpg = draft.motions, draft.tpg
+        planning_s = self.scenario.execution.recovery.planning_s
+        tried = set[tuple[Counts, bool]]()
+        for cuts in _AS_PLANNED if trigger.due else self.cuts:
+            stuck = False
+            for cut in cuts:
+                counts = cut.counts(tpg, trigger, planning_s)
+                if (counts, cut.aside) in tried:
+                    continue
+                tried.add((counts, cut.aside))
+                at = committed_at(tpg, counts, trigger, triage)
+                attempt = self._draft(before, motions, draft.reach)
+                try:
+                    union, new = attempt.onward(at, aside=cut.aside)
+                except (PlanInvariantError, TransitError, InfeasibleStepError) as error:
+                    why = str(error)
+                else:
+                    more = len(attempt.ledger.given_up) - len(before.ledger.given_up)
+                    found.append(Proposal(union, new, at, attempt.state(), more))
+                # Spare objects stay among the candidates from cut to cut.
+                motions, stuck = attempt.motions, stuck or attempt.stuck
+            if found and (any(not item.more for item in found) or not stuck):
+                break  # what nobody can do can be done from nowhere else
+        if found:
+            about = trigger.clock, planning_s
+            best = min(found, key=lambda item: (item.more, item.end_s(*about)))
+            state = replace(best.state, motions=motions)
+            return state, (best.union, best.new, best.at)
+        ended = self._draft(before, motions, draft.reach)
+        extension = ended.nothing_further(at, why)
+        return ended.state(), extension
+
+    def end(
+        self,
+        state: AssemblyState,
+        trigger: ReplanTrigger,
+        why: str,
+    ) -> tuple[AssemblyState, Extension]:
+        """Return the state in which every step that is not done is given up, and the committed graph alone."""
+        draft = self._draft(state)
+        about = self.scenario.execution, draft.ledger, self.person
+        triage = FailureTriage(*about).decide(state.tpg, trigger)
+        counts = executable_lengths(state.tpg, trigger)
+        at = committed_at(state.tpg, counts, trigger, triage)
+        extension = draft.nothing_further(at, why)
+        return draft.state(), extension

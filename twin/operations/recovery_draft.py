@@ -1,0 +1,325 @@
+"""State of a recovery in the making: what is planned from one cut, and what is given up where nothing can be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from planning.cell.workcell import Workcell, WorldState
+from planning.errors import (
+    InfeasibleStepError,
+    TransitError,
+)
+from planning.motion.motion_cache import MotionCache
+from planning.tasks.assignment import TaskPlan
+from planning.tasks.task import StepTasks
+from planning.tasks.work import AssemblyWork
+from planning.worlds.measured import MeasuredWork
+from planning.worlds.onward import (
+    BlockedStep,
+    ReplanningState,
+    find_blocked_step,
+    fix_choices,
+)
+from planning.worlds.world import World, robots_with_unfinished_steps, unfinished_steps
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
+from twin.host.progress import StageWatch
+from twin.operations.commitment import (
+    CommittedPrefix,
+)
+from twin.operations.failure_triage import (
+    dependent_steps,
+    find_infeasible_steps,
+    interrupted_steps,
+    request_replacement,
+)
+from twin.operations.person import OperationLedger, Person
+from twin.operations.planner import (
+    Extension,
+    RecoveryState,
+    TaskSeeds,
+    append_extension,
+    empty_extension,
+)
+from twin.operations.replanning import plan_from
+from twin.operations.step_window import StepWindow
+from twin.operations.termination import NO_PROGRESS, RevisionMeasure
+from twin.scenario.sections.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class AssemblyState(RecoveryState):
+    """State of the plan of an assembly.
+
+    Attributes:
+        cell: with the objects that have come up.
+        task_plan: the choices.
+        steps, past: tasks, as of a world.
+        motions: candidates of all steps, with spare objects that are used.
+    """
+
+    cell: Workcell
+    task_plan: TaskPlan
+    steps: tuple[StepTasks, ...]
+    motions: PlannedMotions
+    past: tuple[StepTasks, ...] = ()
+
+
+@dataclass(frozen=True)
+class PlanningContext:
+    """Settings and caches of a recovery, which no state depends on.
+
+    Attributes:
+        scenario: its recovery section says how to plan.
+        person: who is asked before something is given up.
+        window: how many first steps are planned.
+        known: motions that were planned before.
+        elsewhere: candidates with parts where they were measured.
+    """
+
+    scenario: Scenario
+    person: Person
+    window: StepWindow
+    known: MotionCache = field(default_factory=MotionCache)
+    elsewhere: MeasuredWork = field(default_factory=MeasuredWork)
+
+
+@dataclass
+class Draft:
+    """A state in the making, from one cut.
+
+    Attributes:
+        context: settings and caches.
+        tpg, seeds, ledger, cell, task_plan, steps, motions, past, measure: of the state.
+        reach: number of first steps that are planned.
+        stuck: whether a step was given up because no motion was found.
+    """
+
+    context: PlanningContext
+    tpg: TemporalPlanGraph
+    seeds: TaskSeeds
+    ledger: OperationLedger
+    cell: Workcell
+    task_plan: TaskPlan
+    steps: tuple[StepTasks, ...]
+    motions: PlannedMotions
+    past: tuple[StepTasks, ...]
+    measure: RevisionMeasure | None
+    reach: int = 0
+    stuck: bool = False
+
+    def state(self) -> AssemblyState:
+        """Return the state that is reached."""
+        return AssemblyState(
+            self.tpg,
+            self.seeds,
+            self.ledger.copy(),
+            self.cell,
+            self.task_plan,
+            self.steps,
+            self.motions,
+            self.past,
+            measure=self.measure,
+        )
+
+    @property
+    def work(self) -> AssemblyWork:
+        """All candidates, with parts where they were measured."""
+        elsewhere = self.context.elsewhere
+        return elsewhere.of(self.motions.work, self.ledger.measured)
+
+    def nothing_further(self, at: CommittedPrefix, why: str) -> Extension:
+        """Give up all steps that are not done once what is committed is complete."""
+        world = self._world(at)
+        left = {item.step.step for item in unfinished_steps(world, {}) if not item.ends}
+        done = world.begun().keys() - left
+        self.ledger.closed = why.partition("\n")[0] or NO_PROGRESS
+        for step in self.context.window.all_steps(self.task_plan):
+            if step not in done:
+                self.ledger.give_up(step, why)
+        return empty_extension(at, self.cell)
+
+    def _world(self, at: CommittedPrefix) -> World:
+        """Return the world once all that is committed is complete."""
+        complete = set(at.complete)
+        for task in at.tried:
+            if task.step in at.triage.reopened or task.step in self.ledger.undone:
+                complete.add(task.index)
+        pending = self.ledger.pending(at.committed.tasks)
+        where = self.ledger.where(at.state.attachments, pending, self.cell)
+        return World(
+            WorldState(at.state.configurations, where),
+            self.steps,
+            self.past,
+            frozenset(complete),
+            frozenset(self.ledger.gone | self.ledger.shunned) | at.out,
+            len(at.committed.tasks),
+            at.ago,
+        )
+
+    def onward(
+        self, at: CommittedPrefix, *, aside: bool
+    ) -> tuple[TemporalPlanGraph, TemporalPlanGraph]:
+        """Return the longer graph and the new one, giving up what cannot be done."""
+        watch, goes_aside = StageWatch(), frozenset[str]()
+        emptied: dict[int, frozenset[str]] = {}
+        machines = {item.name for item in self.cell.machines}
+        if aside:
+            goes_aside = (
+                robots_with_unfinished_steps(unfinished_steps(self._world(at), {}))
+                - at.out
+                - machines
+            )
+        while True:
+            self._look_at_what_is_ordered()
+            world = self._world(at)
+            reopened = {
+                **at.triage.reopened,
+                **interrupted_steps(self.ledger, at.out, world),
+                **emptied,
+            }
+            for step in at.unwanted - (world.begun().keys() - reopened.keys()):
+                self.ledger.drop(step)
+            for steps in self.work.passing.values():
+                self.ledger.leave_off(set(steps) - world.begun().keys(), steps)
+            given_up = self.ledger.undone
+            for step in given_up & world.begun().keys():
+                reopened.setdefault(step, frozenset())
+            now = ReplanningState(
+                world, self.task_plan, reopened, given_up, aside=goes_aside
+            )
+            work, undoable = find_infeasible_steps(self.work, now, self.cell)
+            if not self.context.elsewhere.keep(work, self.ledger.measured):
+                self.motions = replace(self.motions, work=work)
+            if undoable:
+                there = self.ledger.takes_what_is_there()
+                asked = not there and any(
+                    self._asks_for(step, why, now) for step, why in undoable.items()
+                )
+                if not there and not asked:
+                    for step, why in undoable.items():
+                        self.ledger.give_up(step, why)
+                    self._look_no_further(undoable)
+                continue
+            try:
+                onward, tpg = plan_from(
+                    replace(self.motions, work=self.work),
+                    self.context.scenario,
+                    self.cell,
+                    now,
+                    at.committed.tasks,
+                    watch,
+                    candidates=self.context.scenario.execution.recovery.shortcuts,
+                    known=self.context.known,
+                )
+            except (InfeasibleStepError, TransitError) as error:
+                others = frozenset[str]()
+                if isinstance(error, TransitError):
+                    left = unfinished_steps(world, reopened)
+                    others = (
+                        robots_with_unfinished_steps(left, but=error.step)
+                        - world.out
+                        - machines
+                    )
+                if others - goes_aside:
+                    goes_aside |= others
+                elif not self.ledger.takes_what_is_there():
+                    why_not = find_blocked_step(self.cell, self.work.problem, now)
+                    if why_not and why_not.robot and why_not.later not in emptied:
+                        emptied[why_not.later] = self._emptied(world, why_not.robot)
+                    elif not self._retreat(now, error, why_not):
+                        raise
+                continue
+            come_up = onward.motions.cell.objects[len(self.cell.objects) :]
+            self.cell = replace(self.cell, objects=(*self.cell.objects, *come_up))
+            known = onward.motions.dependencies, onward.motions.windows
+            union, new, self.cell = append_extension(
+                at, tpg, self.cell, self.ledger, *known
+            )
+            if len(onward.task_plan.choices) > len(self.task_plan.choices):
+                self.ledger.resting = dependent_steps(
+                    union.tasks, union.allowed, onward.task_plan, self.work.needs
+                )
+                if self.ledger.falls():
+                    continue
+            self.task_plan = onward.task_plan
+            self.steps, self.past = onward.steps, onward.past
+            return union, new
+
+    def _asks_for(self, step: int, why: str, now: ReplanningState) -> bool:
+        """Ask a person for an object for a step if that is what it lacks; return whether there is anything new."""
+        lost = self.ledger.gone - now.world.state.attachments.keys()
+        whole = fix_choices(self.work.problem, now.kept, now.world.out - lost, {})
+        own = [c for c in whole.primaries if c.step == step and c.object in lost]
+        if not own or whole.lacking(step) is not None:
+            return False
+        name = min(own, key=lambda c: (c.cost, c.object)).object
+        if name in self.work.passing:
+            return False  # others lie by now where it came from
+        about = self.ledger, self.context.person, self.cell
+        return request_replacement(*about, step, name, why)
+
+    def _look_at_what_is_ordered(self) -> None:
+        """Look at the steps of as many products as are ordered, in place of others that are not made among them."""
+        ledger, motions = self.ledger, self.motions
+        assert motions.work is not None
+        ordered = 0
+        if self.context.window.ordered_at_once and not ledger.closed:
+            ordered = self.context.window.last(ledger.given_up, ledger.more)
+        count = max(len(self.task_plan.choices), self.reach, ordered)
+        if count != len(motions.work.problem.steps):
+            self.motions = self.context.window.of_first(motions, count)
+
+    def _look_no_further(self, infeasible: Mapping[int, str]) -> None:
+        """End the assembly before a step that comes into the window and that nobody can do."""
+        planned = len(self.task_plan.choices)
+        if new := [step for step in infeasible if step > planned]:
+            first, ledger = min(new), self.ledger
+            count = self.context.window.whole_products(first - 1)
+            self.reach = count
+            ledger.closed = f"step {first} is given up"
+            if reason := infeasible[first].partition("\n")[0]:
+                ledger.closed += f": {reason}"
+            for step in self.context.window.all_steps(self.task_plan):
+                if step > count and step != first:
+                    ledger.give_up(step, f"step {first} is given up")
+            if self.context.window.in_products:
+                # Of a product that cannot be made nothing is begun; nor was it there before.
+                for step in [k for k in ledger.given_up if k > count]:
+                    del ledger.given_up[step]
+
+    def _emptied(self, world: World, robot: str) -> frozenset[str]:
+        """Let what a robot holds be taken from its hand, so that it can do something else; return who that is."""
+        self.ledger.gone |= {name for name, at in world.held() if at.holder == robot}
+        return frozenset({robot})
+
+    def _retreat(
+        self,
+        now: ReplanningState,
+        error: InfeasibleStepError | TransitError,
+        why_not: BlockedStep | None,
+    ) -> bool:
+        """Give up a step, or ask for what it lacks, and tell whether there was one.
+
+        It is that of the error, or one that nobody can do, else what fewest rest on.
+        """
+        undone = self.ledger.undone
+        left = [c.step for c in self.task_plan.choices if c.step not in undone]
+        named = why_not and why_not.step
+        if isinstance(error, TransitError):
+            named = error.step
+        if named not in left:
+            steps = [step for step in left if step not in now.kept]
+            if not steps:
+                return False
+            named = min(steps, key=lambda k: (len(self.ledger.resting.get(k, ())), -k))
+        assert named is not None
+        self.stuck = True
+        lacks, why = isinstance(error, InfeasibleStepError), str(error)
+        robots = {name.partition("/")[0] for name in error.blocked_by if "/" in name}
+        if in_the_way := sorted(now.world.out & robots):
+            why = f"{' and '.join(in_the_way)}, out of service, is in the way: {why}"
+        if not lacks or not self._asks_for(named, why, now):
+            self.ledger.give_up(named, why)
+        return True

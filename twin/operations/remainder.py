@@ -1,0 +1,272 @@
+"""What is left of a run from a time on, planned from the world that was executed up to there.
+
+Nothing is taken from what was planned and not executed: steps that have begun keep the robots, objects, grips
+and supports of their tasks, and all others are chosen anew.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from planning.cell.workcell import Begun, start_state
+from planning.errors import RequestError
+from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
+from planning.tasks.task import (
+    FAILED,
+    GONE,
+    STRAIGHT,
+    SUPPLY_KINDS,
+    TAKEN_OUT,
+    TRANSIT,
+    StepTasks,
+    Task,
+)
+from planning.tasks.work import AssemblyWork
+from planning.worlds.measured import MeasuredWork
+from planning.worlds.supplied import REMOVAL
+from planning.worlds.world import World, picked_steps
+from scheduling.graph.plan_files import plan_sha256
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
+from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
+from scheduling.rolling.supply import drop_history, resume_machines
+from twin.operations.commitment import (
+    CommittedPrefix,
+    CutPolicy,
+    Failure,
+    ReplanTrigger,
+)
+from twin.operations.person import Person
+from twin.operations.planner import Planner
+from twin.operations.recovery import Recovery
+from twin.planning.pipeline import planned_shortcuts
+from twin.registry import RECOVERIES
+from twin.scenario.sections.scenario import Scenario
+from twin.uncertainty.draws import TaskName
+from twin.uncertainty.node_times import NodeTimes
+
+_SAME = 1e-6
+"""Joint values of a task that differ by less, in turns, are the same."""
+
+
+def remaining_graph(
+    scenario: Scenario,
+    motions: PlannedMotions,
+    tpg: TemporalPlanGraph,
+    counts: Counts,
+    failures: Sequence[Failure],
+    out: Collection[str],
+    left_s: Mapping[str, float],
+    ago: Mapping[int, float],
+    when: str,
+    undone: Mapping[int, str],
+) -> TemporalPlanGraph:
+    """Return the plan of what is left at a cut, which begins in the world there.
+
+    Args:
+        scenario: what is built, and how it is planned.
+        motions: of a plan of all of it.
+        tpg: what was executed.
+        counts: how many nodes of each chain are complete at the cut.
+        failures: skills that have failed for good, and of which nothing was made.
+        out: robots that are out from then on.
+        left_s: machines that are at work when all robots are at rest there, with how long still [s].
+        ago: how long before all robots are at rest there tasks ended that opened windows of time, by index [s].
+        when: the time, for people.
+        undone: steps that were given up or dropped, by number, with the reason.
+
+    Raises:
+        RequestError: something cannot go on, or nothing is left.
+    """
+    done = complete_tasks(tpg, counts)
+    world = World(start_state(tpg.cell), planned_steps(tpg), complete=done)
+    before = [h for h in tpg.handlings if h.node < counts[h.robot]]
+    gone = frozenset(h.object for h in before if h.holder == GONE)
+    measured = {
+        h.object: h.pose
+        for h in before
+        if tpg.task_of(h).kind == FAILED
+        and tpg.task_of(h).object == h.object
+        and h.holder is None
+        and h.object not in gone
+    }
+    planner: Planner[Any]
+    if (kind := scenario.assembly.kind) in RECOVERIES:
+        nobody = Person(None, scenario.seed)
+        planner = RECOVERIES.load(kind)(
+            scenario, motions, tpg, _nobody_draws, nobody, gone, steps=False
+        )
+    else:
+        assert motions.work is not None
+        _require_tried_once(tpg, world)
+        work = MeasuredWork().find(motions.work, measured) or motions.work
+        work = _with_what_was_used(work, world.begun())
+        known = {k: own for k, own in world.begun().items() if k not in undone}
+        chosen = _choices_of(work, motions.task_plan, known)
+        planner = Recovery(
+            _with_shortcuts(scenario),
+            replace(motions, task_plan=chosen, work=work),
+            tpg,
+            _nobody_draws,
+            Person(None, scenario.seed),
+            gone,
+            measured,
+            undone,
+            cuts=((CutPolicy(),), (CutPolicy(aside=True),)),
+        )
+    trigger = ReplanTrigger(tuple(failures), frozenset(out), frozenset(), counts, ago)
+    state, extension = planner.extend_initial(trigger)
+    union, new, at = extension
+    first = len(at.committed.tasks)
+    _require_whole(state.ledger.given_up, new, at, undone)
+    if not len(new.tasks) > first:
+        raise RequestError(f"nothing is left to do at {when}")
+    kinds = Counter(tpg.tasks[k].kind for k in done)
+    after = f"{scenario.name} {plan_sha256(tpg)[:12]} at {when}"
+    counted = tuple(sorted(kinds.items()))
+    begun = Begun(after, counted, tuple(sorted(out)), tuple(_done_steps(world)))
+    own = drop_history(new, first, begun, room=len(left_s))
+    return resume_machines(own, union, at.lengths, left_s)
+
+
+def _done_steps(world: World) -> Iterator[int]:
+    """Yield the steps of which all is done but ways to go."""
+    for number, step in sorted(world.begun().items()):
+        ways = (TRANSIT, STRAIGHT, *SUPPLY_KINDS)
+        skills = {task.index for task in step.tasks if task.kind not in ways}
+        if skills <= world.complete:
+            yield number
+
+
+def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:
+    """Refuse what is in the middle of a step that failed later: what was left of it then is not in the run.
+
+    Raises:
+        RequestError: names the step.
+    """
+    failed = {
+        task.step
+        for task in tpg.tasks
+        if task.kind == FAILED and task.index not in world.complete
+    }
+    for number, step in world.begun().items():
+        left = {t.index for t in step.tasks if t.kind != TRANSIT} - world.complete
+        if number in failed and left:
+            raise RequestError(
+                f"step {number} is in the middle then, and fails later in this run: take a time before it was begun or"
+                " after it last failed"
+            )
+
+
+def _require_whole(
+    given_up: Mapping[int, str],
+    new: TemporalPlanGraph,
+    at: CommittedPrefix,
+    known: Collection[int],
+) -> None:
+    """Refuse what cannot go on.
+
+    Raises:
+        RequestError: says what, and why.
+    """
+    for name, place in at.state.attachments.items():
+        if place.holder in at.out:
+            raise RequestError(
+                f"{place.holder!r} is out and has {name!r} in its hand: only a person can take it from there"
+            )
+    if steps := [
+        f"step {k}: {why}" for k, why in sorted(given_up.items()) if k not in known
+    ]:
+        raise RequestError("not all can go on from there: " + "; ".join(steps))
+    for task in new.tasks[len(at.committed.tasks) :]:
+        if task.kind == TAKEN_OUT and task.robot != REMOVAL:
+            raise RequestError(
+                f"{task.robot!r} has {task.object!r} in its hand, which has nowhere to go"
+            )
+
+
+def _with_shortcuts(scenario: Scenario) -> Scenario:
+    """Return a scenario in which a plan is shortened as much as any other plan of it."""
+    own = scenario.execution
+    recovery = own.recovery.changed(shortcuts=planned_shortcuts(scenario))
+    return scenario.changed(execution=own.changed(recovery=recovery))
+
+
+def _nobody_draws(
+    _graph: TemporalPlanGraph, _names: Mapping[int, TaskName]
+) -> NodeTimes:
+    raise AssertionError("a plan is made and not executed")
+
+
+def _with_what_was_used(
+    work: AssemblyWork, begun: Mapping[int, StepTasks]
+) -> AssemblyWork:
+    """Return the work with the spare objects that were used."""
+    for number, step in sorted(begun.items()):
+        known = {item.object for item in work.problem.primaries if item.step == number}
+        picked = {t.object for t in step.tasks if t.kind == "pick" and t.object}
+        if picked - known:
+            work = work.spare(number, picked - known) or work
+    return work
+
+
+def _choices_of(
+    work: AssemblyWork, plan: TaskPlan, begun: Mapping[int, StepTasks]
+) -> TaskPlan:
+    """Return choices in which every step that has begun is done as it was.
+
+    Raises:
+        RequestError: one was done in another way than any that is known.
+    """
+    every = {task.index for step in begun.values() for task in step.tasks}
+    plan = replace(plan, taken=picked_steps(begun, every))
+    for number, step in sorted(begun.items()):
+        skills = [task for task in step.tasks if task.kind != TRANSIT or task.goal]
+        for choice in _choices(work.problem, plan, number, skills):
+            tried = plan.with_choice(choice)
+            needed = [
+                task
+                for task in work.expand(tried, number, 0).tasks
+                if task.kind != TRANSIT or task.goal
+            ]
+            if all(any(_alike(a, b) for b in skills) for a in needed):
+                plan = tried
+                break
+        else:
+            raise RequestError(
+                f"step {number} was done in a way that is none of those of its scenario"
+            )
+    return plan
+
+
+def _choices(
+    problem: AssignmentProblem, plan: TaskPlan, step: int, done: Sequence[Task]
+) -> Iterator[StepChoice]:
+    """Yield the ways to do a step with who did it, the planned one first."""
+    robots = {task.robot for task in done}
+    yield plan[step]
+    for p in problem.primaries_of.get(step, ()):
+        primary = problem.primaries[p]
+        if primary.robot not in robots:
+            continue
+        if not problem.needs_support[step - 1]:
+            yield StepChoice(primary)
+            continue
+        for s in problem.supports_of.get(step, ()):
+            support = problem.supports[s]
+            if support.robot in robots and problem.compatible(p, s):
+                yield StepChoice(primary, support)
+
+
+def _alike(one: Task, other: Task) -> bool:
+    """Tell whether two tasks are the same but for their numbers, and whole turns of their robot's joints."""
+    names = one.robot, one.kind, one.object, one.path.shape
+    if names != (other.robot, other.kind, other.object, other.path.shape):
+        return False
+    away = (one.path - other.path) / (2.0 * np.pi)
+    return bool(np.all(np.abs(away - np.rint(away)) <= _SAME))

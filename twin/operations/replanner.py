@@ -1,0 +1,347 @@
+"""Replanning of an execution: the graph is cut and extended while it is executed.
+
+A skill that fails for good, and a robot that goes out of service, do not end the run: what is committed is
+executed, meanwhile the rest is planned from the world at its end, and then the longer graph takes over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Generator, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+import simpy
+from simpy.events import EventPriority
+
+from scheduling.graph.plan_files import plan_sha256
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.windows import window_opening_times
+from scheduling.rolling.forecast import Clock
+from twin.durations.nanoseconds import NANOSECONDS
+from twin.engine.execution import Execution
+from twin.engine.ports import Replanner, Steps
+from twin.engine.supply import LateSupply
+from twin.operations.commitment import Failure, PlanRevision, ReplanTrigger
+from twin.operations.continued_times import continued_times
+from twin.operations.person import UnansweredError
+from twin.operations.planner import Planner
+from twin.runs.events import EventCode
+
+_AFTER_ALL = EventPriority(10)
+"""Priority of what considers all that has happened at a time."""
+
+_AHEAD_NS = NANOSECONDS // 2
+"""Time before the end of what was released at which a robot is released its next task: more than it brakes for."""
+
+Keep = Callable[[int, TemporalPlanGraph], None]
+"""Keeps a revision of the plan, given its number, from 1, before any event of it is recorded."""
+
+Hold = Callable[[TemporalPlanGraph], TemporalPlanGraph]
+"""Returns a graph with edges that hold back what opens windows of time."""
+
+
+class RollingReplanner(Replanner):
+    """Extends the graph of an execution whenever something has failed, or more steps are due.
+
+    Attributes:
+        versions: graphs that took the place of the first one, in order.
+        planner, state: recovery, and its state of the graph that is executed.
+
+    Args:
+        execution: the run; its supply, if any, is a ``LateSupply``.
+        planner: plans what is left.
+        hold: holds back what opens windows of time; by default nothing is.
+        far: whether robots are released as much as is safe; else no task long before it begins.
+        halting: whether all robots stop after their present tasks when something is to be planned.
+        keep: keeps each graph that takes over.
+    """
+
+    def __init__(
+        self,
+        execution: Execution,
+        *,
+        planner: Planner[Any],
+        hold: Hold | None = None,
+        far: bool = False,
+        halting: bool = False,
+        keep: Keep | None = None,
+    ) -> None:
+        self._cell = execution
+        self._hold = hold or (lambda tpg: tpg)
+        execution.dispatch_by(self._hold(execution.tpg))
+        self.versions: list[PlanRevision] = []
+        self.planner, self.state = planner, planner.initial
+        self._halting, self._keep_version = halting, keep
+        messages_ns = execution.messages.report_ns + execution.messages.release_ns
+        self._ahead_ns = None if far else _AHEAD_NS + messages_ns
+        self._limit = [len(chain) for chain in execution.tpg.chains]
+        self._failures: list[Failure] = []
+        self._out: set[str] = set()
+        self._unwanted: set[int] = set()
+        self._more = 0
+        cell = execution.tpg.cell
+        self._team = {r.name for r in (*cell.robots, *cell.machines)}
+        self._to_come = 0
+        self._again = False
+        self._planning = False
+        self._revised = execution.env.event()
+        execution.gates.append(self._may_release)
+        execution.release_hooks.append(self._released)
+
+    @property
+    def planning(self) -> bool:
+        """Whether a revision of the plan is being made, or is about to take over."""
+        return self._planning
+
+    @property
+    def short(self) -> bool:
+        """Whether the plan that is executed makes less than is wanted."""
+        return self.planner.is_short(self.state)
+
+    @property
+    def out(self) -> frozenset[str]:
+        """Robots that are out of service."""
+        return frozenset(self._out)
+
+    @property
+    def given_up(self) -> Mapping[int, str]:
+        """Steps that are not done in the plan that is executed, by number, with the reason."""
+        given_up: Mapping[int, str] = self.state.ledger.given_up
+        return given_up
+
+    def limit(self, chain: int) -> int:
+        """Return how many nodes of a chain are committed, or all where nothing is to be replaced."""
+        return self._limit[chain]
+
+    def begin(self) -> None:
+        """Take note that the run begins; replanning terminates, see ``termination``."""
+        self.state = self.planner.with_measure(self.state, self._events())
+
+    def outage(self, robot: str, at_ns: int) -> None:
+        """Take a robot out of service at a time [ns]."""
+        cell = self._cell
+
+        def stop() -> Steps:
+            yield cell.env.timeout(max(at_ns - cell.now_ns, 0))
+            if robot not in self._out and not cell.is_done():
+                self._out.add(robot)
+                if robot in cell.tpg.chain_index:
+                    k = cell.tpg.chain_index[robot]
+                    self._limit[k] = min(self._limit[k], cell.released[k])
+                    if cell.narrator is not None:
+                        cell.narrator.emit(
+                            "failed", k, detail=EventCode.OUT_OF_SERVICE.value
+                        )
+                self._replan()
+
+        cell.env.process(stop())
+
+    def order(self, drop: Collection[int], more: int, at_ns: int) -> None:
+        """Cancel steps, and order more products, at a time [ns]."""
+        cell = self._cell
+        self._to_come += 1
+
+        def change() -> Steps:
+            yield cell.env.timeout(at_ns)
+            self._to_come -= 1
+            self._unwanted.update(drop)
+            self._more += more
+            failed = {f.chain: f.node for f in self._failures}
+            counts = [failed.get(k, n) for k, n in enumerate(cell.released)]
+            if more or self._unwanted - self.planner.begun(self.state, counts):
+                self._replan()
+
+        cell.env.process(change())
+
+    def _events(self) -> int:
+        """Return how many events from outside can still occur."""
+        unknown, supply = 0, self._cell.supply
+        if isinstance(supply, LateSupply):
+            unknown = len({*supply.coming.values()} - supply.missed)
+        return len(self._team - self._out) + self._to_come + unknown
+
+    # Robots
+
+    def recover(self, chain: int, node: int) -> Steps:
+        """Wait for a revision of the plan after a skill that begins with a node has failed for good."""
+        cell = self._cell
+        failed_ns = cell.now_ns
+        missing = cell.supply is not None and bool(cell.supply.missing(chain, node))
+        if cell.messages.report_ns:
+            # Until the message is there the robot is at work, for all that anybody knows.
+            yield cell.env.timeout(cell.messages.report_ns)
+        cell.end[chain][node] = failed_ns
+        lost = not missing and chain in cell.times.lost
+        self._failures.append(Failure(chain, node, lost, missing))
+        self._limit[chain] = node
+        cell.withdraw(chain, node + 1)
+        self._replan()
+        yield self._revised
+
+    def revised(self) -> simpy.Event:
+        """Return the event with which the next revision takes over."""
+        return self._revised
+
+    def _may_release(self, chain: int) -> bool:
+        """Return whether the next node of a chain belongs to what is committed, and is due.
+
+        What is released is not withdrawn, and the more is released, the less can be planned anew: so no task
+        is begun long before its time.
+        """
+        cell, count = self._cell, self._cell.outstanding[chain]
+        node, task = cell.released[chain], cell.task[chain]
+        if node >= self._limit[chain]:
+            return False
+        if self._ahead_ns is None or not count or task[node] == task[node - 1]:
+            return True
+        return int(sum(cell.motion[chain][node - count : node])) < self._ahead_ns
+
+    def _released(self, chain: int, node: int) -> None:
+        """Plan more where it is time for it, as a robot has been released a task."""
+        task = self._cell.task[chain]
+        if node == 0 or task[node] != task[node - 1]:
+            self._plan_more()
+
+    def _plan_more(self) -> None:
+        released = self._cell.released
+        if not self._planning and self.planner.due(self.state, released):
+            self._plan_again()
+
+    # Planning
+
+    def _replan(self) -> None:
+        """Plan what is left, or once more what is being planned, as something has happened."""
+        if self._halting:
+            self._halt()
+        self._plan_again()
+
+    def _plan_again(self) -> None:
+        self._again = True
+        if not self._planning:
+            self._planning = True
+            self._cell.env.process(self._plan())
+
+    def _halt(self) -> None:
+        """Withdraw all that was released beyond the present tasks."""
+        for k, own in enumerate(self._cell.start):
+            count = sum(begun >= 0 for begun in own)
+            while not self._rests_between_tasks(k, count):
+                count += 1
+            self._cell.withdraw(k, count)
+            self._limit[k] = min(self._limit[k], count)
+
+    def _rests_between_tasks(self, chain: int, count: int) -> bool:
+        """Return whether a robot is at rest, and in no task, after so many of its nodes."""
+        task = self._cell.task[chain]
+        if count == len(task):
+            return True
+        between = count == 0 or task[count - 1] != task[count]
+        return between and self._cell.robots.rests_before(chain, count)
+
+    def _plan(self) -> Steps:
+        cell = self._cell
+        # After all that happens at this time.
+        yield cell.at_the_end_of_now(_AFTER_ALL)
+        while self._again:
+            self._again = False
+            state, version = yield from self._version()
+            self._limit = list(version.counts[: len(self._limit)])
+            if version.planning_ns:
+                yield cell.env.timeout(version.planning_ns)
+        self._planning = False
+        self.state = state
+        if self._failures or plan_sha256(version.tpg) != plan_sha256(cell.tpg):
+            self._take_over(version)
+        else:
+            # Planning anew has changed nothing.
+            self._set_limits()
+        revised, self._revised = self._revised, cell.env.event()
+        revised.succeed()
+        cell.dispatch_again()
+        self._plan_more()
+
+    def _version(self) -> Generator[simpy.Event, Any, tuple[Any, PlanRevision]]:
+        """Plan what is left of all that has happened by now, as often as a person has to be asked for that."""
+        cell, audience = self._cell, self._cell.audience
+        while True:
+            if audience is not None:
+                audience.show_planning()
+            plan = partial(self.planner.recover, self.state, self._trigger())
+            try:
+                return (yield from cell.robots.compute(plan))
+            except UnansweredError as error:
+                if audience is None:
+                    raise
+                question = error.question
+            yield from audience.answered(question)
+            self._again = False
+
+    def _trigger(self) -> ReplanTrigger:
+        """Return what has happened by now."""
+        cell = self._cell
+        coming = {} if cell.supply is None else cell.supply.coming
+        opened = window_opening_times(
+            cell.tpg, np.array([t for own in cell.end for t in own])
+        )
+        return ReplanTrigger(
+            tuple(self._failures),
+            frozenset(self._out),
+            frozenset(self._unwanted),
+            # Whatever is done, what is to be brought is brought.
+            tuple(max(n, int(k in coming)) for k, n in enumerate(cell.released)),
+            {k: (cell.now_ns - t) / NANOSECONDS for k, t in opened.items()},
+            self._clock(),
+            due=not (self._failures or self._out or self._unwanted or self._more),
+            more=self._more,
+            events=self._events(),
+        )
+
+    def _clock(self) -> Clock:
+        begun, ended = (
+            tuple(np.array([t for t in own if t >= 0]) / NANOSECONDS for own in rows)
+            for rows in (self._cell.start, self._cell.end)
+        )
+        return Clock(self._cell.now_ns / NANOSECONDS, begun, ended)
+
+    def _take_over(self, version: PlanRevision) -> None:
+        """Let the execution go on with a revision of its graph."""
+        cell, tpg = self._cell, version.tpg
+        failures, self._failures = self._failures, []
+        times = continued_times(cell.times, version, cell.end)
+        failed = [(failure.chain, failure.node) for failure in failures]
+        cell.extend(tpg, self._hold(tpg), times, version.counts, failed)
+        self._set_limits()
+        if self._keep_version is not None:
+            self._keep_version(cell.revision, tpg)
+        self._record(version, failures)
+        self.versions.append(version)
+
+    def _record(self, version: PlanRevision, failures: list[Failure]) -> None:
+        """Record a revision, and the recovery from each failure."""
+        narrator = self._cell.narrator
+        if narrator is None:
+            return
+        cut = ", ".join(
+            f"{chain.robot} {count}"
+            for chain, count in zip(version.tpg.chains, version.counts, strict=True)
+        )
+        seconds = version.planning_ns / NANOSECONDS
+        narrator.emit(
+            "replanned",
+            detail=f"version {self._cell.revision}, {plan_sha256(version.tpg)[:12]}:"
+            f" {version.cause}; cut at {cut}; planned in {seconds:.3f} s",
+        )
+        for failure, words in zip(failures, version.recovered, strict=True):
+            lost = failure.chain, failure.node
+            for h in version.tpg.handlings:
+                if (h.robot, h.node) == lost:
+                    narrator.handle(*lost, h.object, h.holder)
+            narrator.emit("recovered", *lost, detail=words)
+
+    def _set_limits(self) -> None:
+        """Let robots that are in service be released all of the graph."""
+        self._limit = [
+            self._cell.released[k] if chain.robot in self._out else len(chain)
+            for k, chain in enumerate(self._cell.tpg.chains)
+        ]

@@ -1,0 +1,181 @@
+"""Replications that are operated: what fails for good in them is planned anew, as ``twin operate`` does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.tasks.task import FAILED, STRAIGHT, TAKEN_OUT, TRANSIT
+from planning.transforms import Indices
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.planned_motions import PlannedMotions
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
+from twin.engine.bulk.bulk_engine import with_window_holds
+from twin.engine.execution_model import ExecutionModel
+from twin.operations.operation import Operation, operate
+from twin.operations.replicated.hindsight import Hindsight
+from twin.scenario.sections.scenario import Scenario
+
+RUNGS = ("done_again", "begun_anew", "not_done_any_more", "robots_out", "asked")
+"""What was done about failures for good: the same with the same object, its step with another object, nothing;
+then how many robots were out, and how often a person was asked."""
+
+SAME = "same"
+"""Outcome of a replication that need not be computed, as it is that of what it is compared with."""
+
+
+@dataclass(frozen=True)
+class OperatedRows:
+    """What came of operating, a column a replication; nothing but ``knew_ns`` where no skill failed for good.
+
+    Attributes:
+        versions: graphs that took over, shape (r,).
+        recoveries: how often what was done, in the order of RUNGS, shape (5, r).
+        steps: numbers of all steps, shape (s,).
+        given_up: 1 for a step that was given up, shape (s, r).
+        skills: those that may fail, shape (k,).
+        failed: 1 for a skill of which an attempt failed in a replication that was operated, shape (k, r).
+        knew_ns: makespan of a plan that knew what would be lost; -1 where there is none, shape (r,) [ns].
+    """
+
+    versions: Indices
+    recoveries: Indices
+    steps: Indices
+    given_up: Indices
+    skills: npt.NDArray[Any]
+    failed: Indices
+    knew_ns: Nanoseconds
+
+    def columns(self, makespan_ns: Nanoseconds) -> dict[str, Any]:
+        """Return the columns of ``replications.parquet`` beside those of every study."""
+        known = self.knew_ns >= 0
+        lost = (makespan_ns - self.knew_ns) / NANOSECONDS
+        gone = [self.steps[own > 0].tolist() for own in self.given_up.T]
+        return {
+            "versions": self.versions,
+            **dict(zip(RUNGS, self.recoveries, strict=True)),
+            "given_up": [" ".join(map(str, own)) for own in gone],
+            "regret_s": np.where(known, lost, np.nan),
+        }
+
+
+@dataclass(frozen=True)
+class OperatingWorkload:
+    """What it takes to operate a plan, sent along with its timing graph.
+
+    Attributes:
+        scenario: says what is done about failures.
+        motions: what the plan was made of, with all candidates.
+        tpg: the plan.
+        skills: those that may fail.
+        only: numbers of the replications to operate, of what is compared with replications that are there;
+            None for all, and to make plans that knew what would be lost.
+    """
+
+    scenario: Scenario
+    motions: PlannedMotions
+    tpg: TemporalPlanGraph
+    skills: tuple[str, ...]
+    only: frozenset[int] | None = None
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """All robots, as those without work may get some."""
+        return tuple(robot.name for robot in self.motions.cell.robots)
+
+    def leaves(self, replication: int) -> bool:
+        """Tell whether a replication need not be operated."""
+        return self.only is not None and replication not in self.only
+
+    def rows(self, count: int) -> OperatedRows:
+        """Return rows of replications in which nothing has failed."""
+        steps = sorted(choice.step for choice in self.motions.task_plan.choices)
+        return OperatedRows(
+            np.zeros(count, dtype=np.int64),
+            np.zeros((len(RUNGS), count), dtype=np.int64),
+            np.array(steps, dtype=np.int64),
+            np.zeros((len(steps), count), dtype=np.int64),
+            np.array(self.skills, dtype=str),
+            np.zeros((len(self.skills), count), dtype=np.int64),
+            np.full(count, -1, dtype=np.int64),
+        )
+
+
+class Operator:
+    """Operates replications of a plan, one after the other."""
+
+    def __init__(
+        self, operated: OperatingWorkload, model: ExecutionModel, seed: int
+    ) -> None:
+        self._operated, self._model, self._seed = operated, model, seed
+        about = operated.scenario, operated.motions, operated.tpg
+        self._hindsight = Hindsight(*about, model)
+        self._held = with_window_holds(operated.tpg, model)
+
+    def run(self, replication: int) -> Operation:
+        """Operate a replication."""
+        own = self._operated
+        return operate(
+            own.scenario,
+            own.motions,
+            own.tpg,
+            self._model,
+            seed=self._seed,
+            replication=replication,
+            held=self._held,
+        )
+
+    def enter(self, rows: OperatedRows, place: int, done: Operation) -> None:
+        """Enter what came of a replication."""
+        own = self._operated
+        rows.versions[place] = len(done.versions)
+        rows.recoveries[:, place] = _recoveries(done)
+        rows.given_up[:, place] = np.isin(rows.steps, list(done.given_up))
+        rows.failed[:, place] = np.isin(rows.skills, _failed_skills(own.tpg, done))
+        if done.versions and own.only is None:
+            knew = self._hindsight.makespan_ns(done)
+            rows.knew_ns[place] = -1 if knew is None else knew
+
+
+def _recoveries(done: Operation) -> list[int]:
+    """Return how often what was done about failures for good, in the order of RUNGS."""
+    counts = dict.fromkeys(RUNGS, 0)
+    tasks = done.tpg.tasks
+    for k, task in enumerate(tasks):
+        if task.kind != FAILED:
+            continue
+        after = [
+            later.object
+            for later in tasks[k + 1 :]
+            if later.step == task.step
+            and later.object is not None
+            and later.kind not in (TRANSIT, STRAIGHT, TAKEN_OUT)
+        ]
+        rung = "not_done_any_more"
+        if after:
+            rung = "done_again" if after[0] == task.object else "begun_anew"
+        counts[rung] += 1
+    counts["robots_out"], counts["asked"] = len(done.out), len(done.asks)
+    return list(counts.values())
+
+
+def _failed_skills(first: TemporalPlanGraph, done: Operation) -> Sequence[str]:
+    """Return the skills at which attempts failed, for good or not."""
+    kinds: dict[int, str] = {}
+    for graph in (first, *(version.tpg for version in done.versions)):
+        for k, task in enumerate(graph.tasks):
+            kinds.setdefault(k, task.kind)
+    return sorted(
+        {
+            kinds[int(chain.task[stand.node])]
+            for chain, stands in zip(
+                done.tpg.chains, done.record.standstills, strict=True
+            )
+            for stand in stands
+            if stand.cause == "retry"
+        }
+    )

@@ -1,0 +1,103 @@
+"""Names of policies, the same in every command, table and file: which plan, released how."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+from planning.errors import RequestError
+
+if TYPE_CHECKING:
+    from twin.runs.execution_record import Policy
+
+IN_TURNS = "in turns"
+SHORTENED = "shortened"
+IN_SLOTS = "in slots"
+SLOTS_SHORTENED = "in slots, shortened"
+AT_ONCE = "at once"
+"""Plans: one task after another; the same with a better order of tasks and shortcuts; in slots;
+these shortened; and in space and time, as constructions are."""
+
+WHOLE_PLANS = {SHORTENED: IN_TURNS, SLOTS_SHORTENED: IN_SLOTS}
+"""The plan that each of those with shortcuts is made of."""
+
+SEQUENTIAL = "sequential"
+SYNCHRONOUS = "synchronous"
+SYNCHRONOUS_TPG = "synchronous + TPG"
+SYNCHRONOUS_SHORTCUTS = "synchronous + TPG + shortcuts"
+ASYNCHRONOUS = "asynchronous"
+ASYNCHRONOUS_SHORTCUTS = "asynchronous + shortcuts"
+OPEN_LOOP = "open-loop"
+
+PLAIN_POLICIES = (SEQUENTIAL, SYNCHRONOUS, SYNCHRONOUS_TPG, ASYNCHRONOUS)
+"""Those that are safe and take no shortcuts: what shortcuts are worth is told against these."""
+
+
+class NamedPolicy(NamedTuple):
+    """A policy by its parts: the plan that is executed, and how its nodes are released."""
+
+    plan: str
+    release: Policy
+
+
+NAMED_POLICIES = {
+    SEQUENTIAL: NamedPolicy(IN_TURNS, "sequential"),
+    SYNCHRONOUS: NamedPolicy(IN_SLOTS, "synchronous"),
+    SYNCHRONOUS_TPG: NamedPolicy(IN_SLOTS, "asynchronous"),
+    SYNCHRONOUS_SHORTCUTS: NamedPolicy(SLOTS_SHORTENED, "asynchronous"),
+    ASYNCHRONOUS: NamedPolicy(IN_TURNS, "asynchronous"),
+    ASYNCHRONOUS_SHORTCUTS: NamedPolicy(SHORTENED, "asynchronous"),
+    OPEN_LOOP: NamedPolicy(IN_TURNS, "open-loop"),
+}
+"""What each name means, in the order of tables and charts."""
+
+
+def _letters(text: str) -> str:
+    """Return a name without what people write differently."""
+    return text.lower().replace(" ", "").replace("_", "-").removesuffix("s")
+
+
+_BY_LETTERS = {_letters(name): name for name in NAMED_POLICIES}
+
+
+def parse_policy_name(text: str) -> str:
+    """Return the name of the policy that a text means.
+
+    Blanks and capitals do not matter, nor the plural: ``asynchronous+shortcut`` is
+    ``asynchronous + shortcuts``.
+
+    Raises:
+        RequestError: there is no such policy.
+    """
+    try:
+        return _BY_LETTERS[_letters(text)]
+    except KeyError:
+        raise RequestError(
+            f"no policy {text!r}", choices=tuple(NAMED_POLICIES)
+        ) from None
+
+
+def policy_name(plan: str, release: str) -> str:
+    """Return the name of the policy that releases a plan so.
+
+    One task after another of the plan in turns is the baseline ``sequential``. What has no name
+    of its own says both: ``sequential of the plan in slots``.
+    """
+    plan = IN_TURNS if plan == AT_ONCE else plan
+    for name, meant in NAMED_POLICIES.items():
+        if meant == (plan, release):
+            return name
+    if plan == SHORTENED:
+        return f"{release} + shortcuts"
+    return f"{release} of the plan {plan}"
+
+
+def plan_folder(plan: str) -> str:
+    """Return the name of the folder of a plan."""
+    return plan.replace(", ", "-").replace(" ", "-")
+
+
+def preferred_policy(policies: Sequence[str]) -> str:
+    """Return the policy that coordinates best."""
+    order = (ASYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS, *NAMED_POLICIES)
+    return next(policy for policy in order if policy in policies)

@@ -1,0 +1,96 @@
+"""Windows of time between steps: what a plan promises of them, and what a run made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from planning.tasks.task import EARLIER, TimeWindow
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.windows import least_gaps, window_gaps, window_nodes
+from twin.durations.nanoseconds import NANOSECONDS
+from twin.runs.execution_record import ExecutionRecord
+
+
+def window_summary(
+    tpg: TemporalPlanGraph, run: ExecutionRecord
+) -> list[dict[str, Any]]:
+    """Return each window as a run kept it, as ``summary.json`` has it; what did not happen is None."""
+    if not tpg.windows:
+        return []
+    start, end = np.concatenate(run.start_ns), np.concatenate(run.end_ns)
+    gaps, nodes = window_gaps(tpg, start, end), window_nodes(tpg)
+    found = []
+    for window, gap, (_, done, due) in zip(tpg.windows, gaps, nodes, strict=True):
+        happened = (done == EARLIER or end[done] >= 0) and start[due] >= 0
+        passed = float(gap) / NANOSECONDS if happened else None
+        slack = None
+        if passed is not None and window.most is not None:
+            slack = window.most - passed
+        found.append(
+            {
+                "window": window.words,
+                "at_least_s": window.least,
+                "within_s": window.most,
+                "passed_s": passed,
+                "slack_s": slack,
+                "broken": None if slack is None else slack < 0.0,
+            }
+        )
+    return found
+
+
+def window_rows(windows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
+    """Return rows of the printed summary: what, how much, and a remark."""
+    rows = []
+    for own in windows:
+        bounds = []
+        if own["at_least_s"]:
+            bounds.append(f"at least {own['at_least_s']:g} s")
+        if own["within_s"] is not None:
+            bounds.append(f"within {own['within_s']:g} s")
+        said = " and ".join(bounds)
+        if own["broken"]:
+            said = f"BROKEN by {-own['slack_s']:.2f} s: {said}"
+        passed = "-" if own["passed_s"] is None else f"{own['passed_s']:.2f} s"
+        rows.append((str(own["window"]), passed, said))
+    return rows
+
+
+def broken_words(window: TimeWindow, passed_ns: int) -> str:
+    """Return that a window was broken, by how much; empty where it was kept."""
+    if window.most is None:
+        return ""
+    late = passed_ns / NANOSECONDS - window.most
+    if late <= 0.0:
+        return ""
+    return f"{window.words}: {passed_ns / NANOSECONDS:.3f} s, {late:.3f} s more than {window.most:g} s"
+
+
+def window_warnings(
+    tpg: TemporalPlanGraph, nominal: ExecutionRecord, *, held: bool
+) -> Iterator[str]:
+    """Yield the windows that a plan does not keep at nominal times, and by how much.
+
+    Args:
+        tpg: the plan.
+        nominal: the plan executed with nominal times.
+        held: whether what opens windows was held back.
+    """
+    start, end = np.concatenate(nominal.start_ns), np.concatenate(nominal.end_ns)
+    gaps = window_gaps(tpg, start, end)
+    least = least_gaps(tpg, (end - start)[:, None])[:, 0]
+    for window, gap, at_least in zip(tpg.windows, gaps, least, strict=True):
+        if not (broken := broken_words(window, int(gap))):
+            continue
+        assert window.most is not None
+        over = int(at_least) / NANOSECONDS - window.most
+        if over > 0.0:
+            can = f"; what lies between takes {over:.3f} s too long, whenever it is opened"
+        elif held:
+            can = ", although what opens it is held back"
+        else:
+            can = "; hold back what opens it: execution.windows: {hold: 0.95}"
+        yield f"at nominal times, {broken}{can}"

@@ -1,0 +1,300 @@
+"""``twin.study``: many replications of a plan under uncertainty, and what they tell.
+
+``twin.compare``: its preset with one plan and one replication a seed, under every policy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import starmap
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from planning.errors import RequestError
+from planning.parquet import read_parquet
+from twin.api.runs import AnyPlan, scenario_of
+from twin.audits.worlds.engines import engine_named
+from twin.host.arguments import checks_arguments
+from twin.host.progress import Report, report_nothing
+from twin.operations.api import operated_plan, require_operable
+from twin.runs.folder import lock_folder, run_folder
+from twin.runs.policies import OPEN_LOOP, parse_policy_name
+from twin.scenario.variations import Variation, variants, variation
+from twin.studies.folder import (
+    EDGES,
+    REPLICATIONS,
+    REPORT,
+    TASKS,
+    StudyRequest,
+    require_no_study,
+    require_same_study,
+)
+from twin.studies.plans import (
+    default_policies,
+    given_plans,
+    operated_policies,
+    possible_policies,
+    shortcut_budget,
+    with_baselines,
+)
+from twin.studies.replications.executors import check_cluster, open_executor
+from twin.studies.replications.experiment import Experiment
+from twin.studies.replications.statistics import Interval, Precision
+from twin.studies.report.report import write_report
+from twin.studies.study import StudyResult, start_study
+from twin.studies.study import resume_study as resumed
+from twin.trial.loaded_scenario import AnyScenario, PathOrName, load
+from twin.trial.plan_result import PlanResult
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from twin.cluster.address import Cluster
+
+Vary = Mapping[str, Iterable[Any]] | Iterable[Variation]
+"""Values by key, such as ``{"skills.pick.scale": [1, 1.5, 2]}``."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study that was run into its folder.
+
+    Attributes:
+        result: all that is known of it.
+    """
+
+    result: StudyResult
+
+    def __repr__(self) -> str:
+        """Return what it is in a line."""
+        own = self.result.summary
+        size = f"{len(own.cells)} policies and variants"
+        return f"<study of {own.scenario!r}: {size}, in {self.folder}>"
+
+    @property
+    def folder(self) -> Path:
+        """Folder of its files."""
+        return self.result.folder
+
+    @property
+    def report(self) -> Path:
+        """The page with all figures and tables, which needs no network."""
+        return self.folder / REPORT
+
+    @property
+    def summary(self) -> Mapping[str, Any]:
+        """All figures, the content of ``summary.json``."""
+        return self.result.summary.content()
+
+    @property
+    def cells(self) -> pa.Table:
+        """A row a policy and variant: mean and quantiles of the makespan, with bounds."""
+        import pyarrow as pa
+
+        rows = []
+        for cell in self.result.summary.cells:
+            row = {"policy": cell.policy, **cell.variant, "n": cell.replications}
+            row |= _bounds("makespan_s", cell.makespan_s)
+            row |= _bounds("makespan_p50_s", cell.makespan_p50_s)
+            row |= _bounds("makespan_p90_s", cell.makespan_p90_s)
+            rows.append(row)
+        return pa.Table.from_pylist(rows)
+
+    @property
+    def ranking(self) -> pa.Table:
+        """A row a policy and layout, the quickest first: mean, and how far behind that."""
+        import pyarrow as pa
+
+        rows = []
+        for row in self.result.summary.ranking:
+            found = {"rank": row.rank, "policy": row.policy, **row.variant}
+            found |= {"mean_s": row.mean_s, **_bounds("behind_s", row.behind_s)}
+            rows.append(found)
+        return pa.Table.from_pylist(rows)
+
+    @property
+    def refused(self) -> pa.Table:
+        """A row a layout that cannot be planned: its values, and why not."""
+        import pyarrow as pa
+
+        rows = [
+            {**item.layout, "reason": item.reason}
+            for item in self.result.summary.refused
+        ]
+        return pa.Table.from_pylist(rows)
+
+    @property
+    def replications(self) -> pa.Table:
+        """A row a replication: policy, varied inputs, outcome, makespan, waits."""
+        return self._table(REPLICATIONS)
+
+    @property
+    def tasks(self) -> pa.Table:
+        """A row a task of each policy and variant: when it is done, how often critical."""
+        return self._table(TASKS)
+
+    @property
+    def edges(self) -> pa.Table:
+        """A row a wait that may be: which tasks it joins, why, how often critical."""
+        return self._table(EDGES)
+
+    def _table(self, name: str) -> pa.Table:
+        return read_parquet(self.folder / name)
+
+    def _repr_html_(self) -> str:
+        from twin.drawing.markup import card, run_picture
+        from twin.studies.report.page_tables import difference_list, makespans_table
+
+        table = makespans_table(self.result.summary)
+        table += difference_list(self.result.summary)
+        chart = run_picture(self.folder / "makespan.png")
+        return table + chart + card("Report", [("page", str(self.report))])
+
+
+def _bounds(key: str, found: Interval | None) -> dict[str, float | None]:
+    """Return an estimate and the bounds of its interval as entries of a row."""
+    told = {} if found is None else found.content()
+    sides = {f"{key}_{side}": told.get(side) for side in ("low", "high")}
+    return {key: told.get("estimate"), **sides}
+
+
+@checks_arguments
+def study(
+    plan: AnyPlan,
+    vary: Vary = (),
+    *,
+    replications: int | None = None,
+    precision: Precision | None = None,
+    policies: Sequence[str] = (),
+    deadline_s: float | None = None,
+    antithetic: bool = False,
+    sobol: int = 0,
+    audited: int = 20,
+    audit_engine: str | None = None,
+    shortcuts: int | None = None,
+    operate: bool = False,
+    failures: float | None = None,
+    workers: int | None = 0,
+    cluster: Cluster | None = None,
+    out: PathOrName | None = None,
+    progress: Report = report_nothing,
+) -> Study:
+    """Replicate a plan under uncertainty: how long it takes, and how sure one can be.
+
+    All policies and variants see the same draws, so their differences are sharp.
+
+    Args:
+        plan: a scenario, or the path of its file, of which the plans of the policies are made;
+            or a plan that is there.
+        vary: values by key; every combination is studied. Keys are those of
+            ``LoadedScenario.varied``.
+        replications: of every policy and variant; by default until the precision is reached.
+        precision: when there are enough replications, and the confidence of all intervals.
+        policies: sequential, synchronous, 'synchronous + TPG', 'synchronous + TPG + shortcuts',
+            asynchronous, 'asynchronous + shortcuts' or open-loop, of which there may be several; by
+            default sequential, and what twin run executes.
+        deadline_s: how likely is the run over by then [s]?
+        antithetic: draw replications in mirrored pairs.
+        sobol: points of the sample for Sobol indices, such as 128; 0 for none.
+        audited: replications that are checked for collisions: open-loop ones, and all where bases are off.
+        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
+            is installed, else coal.
+        shortcuts: most shortcuts tried on each plan, in place of the scenario's.
+        operate: plan anew what is left where a skill fails for good or a robot is out, as twin operate
+            does, of the plan that it executes.
+        failures: with it, probability that an attempt at any skill fails, of which a fifth loses what is
+            handled, where the scenario says nothing of that skill.
+        workers: processes; 0 for none besides this one, None for one a core. A script that asks
+            for some must be importable: what it does stands under ``if __name__ == "__main__":``.
+        cluster: whose workers do it instead.
+        out: folder for the results; by default ``logs/study-<scenario>-<UTC time>``.
+        progress: told how far each stage has come.
+
+    Raises:
+        ScenarioError: the file is not valid, or a varied input does not fit.
+        RequestError: the request contradicts itself, the folder holds a study, or what is to be operated
+            cannot be planned anew.
+        TwinError: the scenario cannot be planned; see ``twin.plan``.
+    """
+    engine = engine_named(audit_engine) if audit_engine else None
+    if cluster is not None:
+        check_cluster(cluster)  # now, not after the planning
+    case = scenario_of(plan)
+    names = tuple(map(parse_policy_name, policies))
+    varied = starmap(variation, vary.items()) if isinstance(vary, Mapping) else vary
+    combined = variants(list(varied))
+    place, plans, saved = None if out is None else Path(out), None, ""
+    if isinstance(plan, PlanResult) and shortcuts is not None:
+        raise RequestError("shortcuts are for planning, not for a plan that is there")
+    motions = None
+    if operate:
+        require_operable(plan, case, names, combined)
+        require_no_study(place, case.sections)
+        plan = operated_plan(plan, combined, shortcuts, failures, progress)
+        case, names = plan.scenario, names or operated_policies(plan)[-1:]
+        plans, motions = given_plans(plan, names), plan.motions
+    elif failures is not None:
+        raise RequestError("failures are for what is operated: give operate, too")
+    elif isinstance(plan, PlanResult):
+        possible = [p for p in possible_policies(plan) if p != OPEN_LOOP]
+        own = with_baselines(possible[-1])
+        names = names or tuple(policy for policy in own if policy in possible)
+        plans = given_plans(plan, names)
+        saved = "" if plan.folder is None else str(plan.folder.resolve())
+    experiment = Experiment(
+        policies=names or default_policies(case.sections),
+        variants=combined,
+        replications=replications,
+        precision=precision or Precision(),
+        antithetic=antithetic,
+        audited=audited,
+        audit_engine=engine,
+    )
+    budget = shortcut_budget(case.sections) if shortcuts is None else shortcuts
+    request = StudyRequest(
+        *(case.sections, case.folder, experiment, budget, deadline_s, sobol, saved),
+        operated=operate,
+    )
+    require_no_study(place, request.scenario)
+    executor = partial(open_executor, workers, cluster)
+    with run_folder(place, f"study-{case.name}") as folder:
+        result = start_study(request, folder, executor, progress, plans, motions)
+    write_report(result, progress)
+    return Study(result)
+
+
+@checks_arguments
+def resume_study(
+    folder: PathOrName,
+    scenario: AnyScenario | None = None,
+    *,
+    workers: int | None = 0,
+    cluster: Cluster | None = None,
+    progress: Report = report_nothing,
+) -> Study:
+    """Go on with a study that was interrupted; nothing is computed twice.
+
+    A study that has come to its end is read.
+
+    Args:
+        folder: of the study.
+        scenario: that it must be of, None for any.
+        workers: see study.
+        cluster: whose workers do it instead.
+        progress: told how far each stage has come.
+
+    Raises:
+        OutputError: the folder is not one of a study that got as far as its plans.
+        RequestError: it is one of another scenario.
+    """
+    if cluster is not None:
+        check_cluster(cluster)
+    place = Path(folder)
+    if scenario is not None:
+        require_same_study(place, load(scenario).sections)
+    with lock_folder(place):
+        result = resumed(place, partial(open_executor, workers, cluster), progress)
+    write_report(result, progress)
+    return Study(result)

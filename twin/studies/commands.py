@@ -1,0 +1,280 @@
+"""``twin study`` and ``twin compare``: many runs of a scenario, and what they tell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from planning.errors import RequestError
+from twin.commands.options import (
+    AsJson,
+    AuditEngine,
+    Certificates,
+    Insecure,
+    OptionalScenarioFile,
+    Quiet,
+    ScenarioFile,
+    Scheduler,
+    Seed,
+)
+from twin.commands.view import View, count_columns
+from twin.host.guard import guarded
+
+if TYPE_CHECKING:
+    from twin.studies.comparisons import Comparison
+    from twin.trial.loaded_scenario import LoadedScenario
+    from twin.trial.plan_result import PlanResult
+
+
+@guarded
+def study(
+    scenario: OptionalScenarioFile = None,
+    replications: Annotated[
+        int | None,
+        typer.Option(
+            "--replications",
+            "-n",
+            min=1,
+            help="Of every policy and variant; by default until the precision is reached.",
+        ),
+    ] = None,
+    precision: Annotated[
+        float,
+        typer.Option(
+            min=1e-6,
+            help="Go on until the interval of the mean is this narrow, relative to it.",
+        ),
+    ] = 0.02,
+    policies: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--policy",
+            help="Sequential, synchronous, 'synchronous + TPG', 'synchronous + TPG +"
+            " shortcuts', asynchronous, 'asynchronous + shortcuts' or open-loop, of which"
+            " there may be several; by default sequential, and what twin run executes.",
+        ),
+    ] = None,
+    deadline_s: Annotated[
+        float | None,
+        typer.Option("--deadline", help="How likely is the run over by then [s]?"),
+    ] = None,
+    antithetic: Annotated[
+        bool,
+        typer.Option("--antithetic", help="Draw replications in mirrored pairs."),
+    ] = False,
+    sobol: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            help="Points of the sample for Sobol indices, such as 128; 0 for none.",
+        ),
+    ] = 0,
+    audited: Annotated[
+        int,
+        typer.Option(
+            "--audit-sample",
+            min=0,
+            help="Replications that are checked for collisions: open-loop ones, and all"
+            " where bases are off.",
+        ),
+    ] = 20,
+    audit_engine: AuditEngine = None,
+    shortcuts: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Most shortcuts tried on each plan, in place of the scenario's.",
+        ),
+    ] = None,
+    operate: Annotated[
+        bool,
+        typer.Option(
+            "--operate",
+            help="Plan anew what is left where a skill fails for good or a robot is out, as"
+            " twin operate does, of the plan that it executes.",
+        ),
+    ] = False,
+    failures: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            max=1,
+            metavar="P",
+            help="With it, probability that an attempt at any skill fails, of which a fifth"
+            " loses what is handled, where the scenario says nothing of that skill.",
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Processes; 0 for none besides this one. Default: one a core.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder for the results; by default logs/study-<scenario>-<UTC time>.",
+        ),
+    ] = None,
+    least: Annotated[
+        int, typer.Option(min=2, help="At least so many, with --precision.")
+    ] = 20,
+    most: Annotated[
+        int, typer.Option(min=2, help="At most so many, with --precision.")
+    ] = 10_000,
+    confidence: Annotated[
+        float, typer.Option(min=0.5, max=0.9999, help="Of all intervals.")
+    ] = 0.95,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Any key, or one of the execution section:"
+            " cell.robots.b.base.xyz_m.0=0.7,0.8 plans each layout and ranks them,"
+            " skills.pick.scale=1,2 needs no other plan. Give it again for every"
+            " combination."
+        ),
+    ] = None,
+    seed: Seed = None,
+    scheduler: Scheduler = None,
+    certificates: Certificates = None,
+    insecure: Insecure = False,
+    plan: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Study the plan in this folder of a run, instead of planning. Without"
+            " SCENARIO that of the run is taken.",
+        ),
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Go on with the study in this folder."),
+    ] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Replicate a plan under uncertainty: how long it takes, and how sure one can be.
+
+    All policies and variants see the same draws, so their differences are sharp. Leaves
+    replications.parquet, tasks.parquet, edges.parquet, summary.json, pictures and report.html.
+    """
+    from twin.cluster.commands import given_cluster
+    from twin.scenario.variations import parse_variation
+    from twin.studies import api
+    from twin.studies.replications.statistics import Precision
+    from twin.studies.report.terminal_table import print_study
+
+    view = View(as_json, quiet)
+    cluster = given_cluster(scheduler, certificates, insecure)
+    with view.progress(count_columns) as progress:
+        if resume is not None:
+            found = api.resume_study(
+                resume, scenario, workers=workers, cluster=cluster, progress=progress
+            )
+        else:
+            found = api.study(
+                _subject(scenario, plan, seed),
+                [parse_variation(text) for text in vary or ()],
+                replications=replications,
+                precision=Precision(precision, least, most, confidence),
+                policies=policies or (),
+                deadline_s=deadline_s,
+                antithetic=antithetic,
+                sobol=sobol,
+                audited=audited,
+                audit_engine=audit_engine,
+                shortcuts=shortcuts,
+                operate=operate,
+                failures=failures,
+                workers=workers,
+                cluster=cluster,
+                out=out,
+                progress=progress,
+            )
+    view.tell(found.summary, lambda: print_study(found.result))
+
+
+def _subject(
+    path: Path | None, plan: Path | None, seed: int | None
+) -> LoadedScenario | PlanResult:
+    """Return what is studied: a scenario, or the plan that a run left."""
+    from twin.trial.loaded_scenario import load
+    from twin.trial.plan_result import read_plan, scenario_of_run
+
+    if path is not None:
+        chosen = load(path)
+    elif plan is not None:
+        chosen = scenario_of_run(plan)
+    else:
+        raise RequestError("give a scenario file, --plan DIR or --resume DIR")
+    chosen = chosen.varied({} if seed is None else {"seed": seed})
+    return chosen if plan is None else read_plan(plan, chosen)
+
+
+@guarded
+def compare(
+    scenario: ScenarioFile,
+    seeds: Annotated[
+        int, typer.Option(min=1, help="How many, counted from the scenario's.")
+    ] = 4,
+    shortcuts: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Most that are tried on each plan, in place of the scenario's.",
+        ),
+    ] = None,
+    reference_skills: Annotated[
+        bool,
+        typer.Option(
+            "--reference-skills",
+            help="Skills take as long as their reference paths, as in the simulations of the"
+            " APEX-MR paper, in place of the scenario's durations.",
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder for compare.json and compare.png; by default"
+            " logs/<scenario>-<UTC time>.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Plan a scenario with several seeds and execute it under every policy.
+
+    Sequential, synchronous and asynchronous, with and without shortcuts: all from the same
+    paths, with the same skill durations. Leaves makespan and wait with what no coordination can
+    beat, and planning time by stage: ``compare.json`` and ``compare.png``.
+    """
+    from twin.studies import comparisons
+
+    view = View(as_json, quiet)
+    with view.progress() as progress:
+        found = comparisons.compare(
+            scenario,
+            seeds=seeds,
+            shortcuts=shortcuts,
+            reference_skills=reference_skills,
+            out=out,
+            progress=progress,
+        )
+    _show_comparison(found, view)
+
+
+def _show_comparison(found: Comparison, view: View) -> None:
+    from twin.studies.report.comparison_chart import print_comparison
+
+    figures, folder, heading = found.figures, found.folder, found.heading
+    view.tell(
+        figures,
+        lambda: print_comparison(
+            figures, folder, heading=heading, compiled=view.compiled
+        ),
+    )

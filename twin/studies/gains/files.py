@@ -1,0 +1,57 @@
+"""Files ``gains.json`` and ``gains.csv`` of the gains in every cell of a study."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from itertools import product
+from pathlib import Path
+
+from twin.host.atomic_files import write_json, write_text
+from twin.studies.gains.gains import LEVER_FIELDS, SHORTER, CellGains, gain_content
+from twin.studies.replications.experiment import Experiment
+
+JSON, CSV = "gains.json", "gains.csv"
+
+
+def write_gains(
+    folder: Path, experiment: Experiment, cells: Sequence[CellGains]
+) -> None:
+    """Write what is worth fixing in every cell of a study, as JSON and as CSV.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    content = {
+        "confidence": experiment.precision.confidence,
+        "shorter": SHORTER,
+        "cells": [
+            {
+                "policy": policy,
+                "variant": dict(variant),
+                "replications": cell.replications,
+                "engine": cell.engine,
+                "gains": [gain_content(gain) for gain in cell.gains],
+            }
+            for (policy, variant), cell in zip(experiment.cells, cells, strict=True)
+        ],
+    }
+    write_json(folder / JSON, content)
+    names = ["policy", *experiment.variants[0], "replications", "rank", *LEVER_FIELDS]
+    for less, statistic in product(("shorter", "gone"), ("mean_s", "p90_s")):
+        names += [f"{less}_{statistic}{bound}" for bound in ("", "_low", "_high")]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    for (policy, variant), cell in zip(experiment.cells, cells, strict=True):
+        own = [policy, *map(str, variant.values()), cell.replications]
+        for rank, gain in enumerate(cell.gains, start=1):
+            told = gain_content(gain)
+            row = [*own, rank, *(told[key] for key in LEVER_FIELDS)]
+            row[len(own) + 2] = str(gain.lever.many).lower()
+            for less, statistic in product(("shorter", "gone"), ("mean_s", "p90_s")):
+                interval = told[less][statistic]
+                row += [interval[key] for key in ("estimate", "low", "high")]
+            writer.writerow(row)
+    write_text(folder / CSV, text.getvalue())

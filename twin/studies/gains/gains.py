@@ -1,0 +1,205 @@
+"""Gains: by how much makespans fall when one thing in a plan takes less time, or none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from planning.transforms import Array, Indices
+from twin.durations.nanoseconds import NANOSECONDS
+from twin.host.progress import Report, report_nothing
+from twin.studies.gains.candidates import FEW, MANY, candidates
+from twin.studies.gains.paired_quantiles import PairedQuantiles
+from twin.studies.gains.replays import (
+    Intervention,
+    Replay,
+    needs_event_engine,
+    replay_cost,
+)
+from twin.studies.replications.experiment import Experiment
+from twin.studies.replications.statistics import Figures, SummaryEntry, mean_interval
+from twin.studies.replications.workload import Workload
+
+SHORTER, GONE = 0.2, 1.0
+"""By which share a lever is made shorter."""
+
+QUANTILE = 0.9
+"""Quantile of the makespan whose gain is told besides that of the mean."""
+
+LEADING = 7
+"""Most gains of either kind on the first page of the report and in the summary."""
+
+TRYING = "what is worth fixing"
+"""Name of the stage for progress displays."""
+
+_BUDGET = 500_000_000
+"""Nodes and edges looked at for a study: some seconds, whatever its size."""
+
+_BUDGET_BY_EVENTS = 1_000_000
+"""The same where the event engine has to do it."""
+
+_LEAST_RUNS, _MOST_RUNS = 100, 2000
+_FEWEST = 20
+"""Replications of a cell whose plan is so long that more would take minutes."""
+
+_LEAST_BY_EVENTS, _MOST_BY_EVENTS = 8, 200
+"""Replications of a cell; where fewer are affordable by events nothing is tried."""
+
+_MOST_VALUES = 8_000_000
+"""Nodes and edges times replications that are in memory at once."""
+
+LEVER_FIELDS = ("kind", "many", "name", "robot", "task")
+"""What both files say of a lever."""
+
+
+class Saving(Figures):
+    """Fall of the makespan.
+
+    Attributes:
+        mean_s: of its mean [s].
+        p90_s: of its P90 [s].
+    """
+
+    mean_s: SummaryEntry
+    p90_s: SummaryEntry
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Fall of the makespan by one lever.
+
+    Attributes:
+        lever: what takes less time.
+        shorter: when it takes a fifth less.
+        gone: when it takes none.
+    """
+
+    lever: Intervention
+    shorter: Saving
+    gone: Saving
+
+
+@dataclass(frozen=True)
+class CellGains:
+    """Gains in one cell of a study.
+
+    Attributes:
+        replications: that were executed again, the first ones that complete; 0 where the plan
+            is too large for that, or none completes.
+        engine: ``paths`` or ``events``.
+        gains: the greatest first.
+    """
+
+    replications: int
+    engine: str
+    gains: tuple[Gain, ...]
+
+    def best(self, most: int, *, many: bool) -> tuple[Gain, ...]:
+        """Return the greatest gains of many things at once, or of one thing each."""
+        return tuple(g for g in self.gains if g.lever.many == many)[:most]
+
+    @property
+    def leading(self) -> tuple[dict[str, Any], ...]:
+        """The greatest gains for JSON: of one thing each, then of many at once."""
+        found = (self.best(LEADING, many=many) for many in (False, True))
+        return tuple(gain_content(gain) for gains in found for gain in gains)
+
+
+def study_gains(
+    experiment: Experiment,
+    loads: Sequence[Workload],
+    counts: Sequence[int],
+    progress: Report = report_nothing,
+) -> list[CellGains]:
+    """Return what is worth fixing in every cell of a study, from so many replications of each."""
+    found = []
+    for k, (load, count) in enumerate(zip(loads, counts, strict=True)):
+        progress(TRYING, k, len(loads))
+        found.append(cell_gains(experiment, load, count, share=1.0 / len(loads)))
+    progress(TRYING, len(loads), len(loads))
+    return found
+
+
+def cell_gains(
+    experiment: Experiment, load: Workload, count: int, *, share: float = 1.0
+) -> CellGains:
+    """Return what is worth fixing in one cell, the greatest gain first.
+
+    The same draws are executed again with one lever shortened. How many replications and
+    candidates are tried follows from the size of the plan alone, never from the clock.
+    """
+    numbers = np.arange(_affordable(load, count, share), dtype=np.int64)
+    engine = "events" if needs_event_engine(load) else "paths"
+    if len(numbers) == 0:
+        return CellGains(0, engine, ())
+    replay = Replay(load, numbers)
+    if len(replay.numbers) == 0:
+        return CellGains(0, engine, ())
+    most = FEW if engine == "events" else MANY
+    found = replay.base()
+    levers = candidates(replay, found, load.execution, most)
+    base = _seconds(found.makespan_ns)
+    del found  # as large as all draws, several times
+    gains = list(_gains(experiment, load, replay, base, levers))
+    gains.sort(key=lambda gain: -gain.shorter.mean_s.estimate)
+    helpful = tuple(gain for gain in gains if gain.gone.mean_s.estimate > 0)
+    return CellGains(len(replay.numbers), engine, helpful)
+
+
+def _gains(
+    experiment: Experiment,
+    load: Workload,
+    replay: Replay,
+    base: Array,
+    levers: Sequence[Intervention],
+) -> Iterator[Gain]:
+    confidence = experiment.precision.confidence
+    # Mirror images stay together only where none of them is left out.
+    numbers = replay.numbers
+    mirrored = (
+        experiment.antithetic and len(numbers) == int(numbers[-1]) + 1 and len(base) > 1
+    )
+    p90 = PairedQuantiles(
+        base, QUANTILE, confidence=confidence, seed=load.seed, antithetic=mirrored
+    )
+    for lever in levers:
+        savings = []
+        for less in (SHORTER, GONE):
+            changed = _seconds(replay.makespans_ns(lever, less))
+            mean = mean_interval(
+                base - changed, confidence=confidence, antithetic=mirrored
+            )
+            savings.append(Saving(mean_s=mean, p90_s=p90.fall(changed)))
+        yield Gain(lever, *savings)
+
+
+def _affordable(load: Workload, count: int, share: float) -> int:
+    """Return how many replications of a cell are executed again."""
+    levers, least, most, budget = MANY.levers, _LEAST_RUNS, _MOST_RUNS, _BUDGET
+    if needs_event_engine(load):
+        levers, budget = FEW.levers, _BUDGET_BY_EVENTS
+        least, most = _LEAST_BY_EVENTS, _MOST_BY_EVENTS
+    affordable = share * budget / (2 * levers * replay_cost(load))
+    # A replication of a study takes a few times as long as to execute it again by paths.
+    affordable = max(
+        affordable, count / (4 * levers if needs_event_engine(load) else levers)
+    )
+    if needs_event_engine(load) and affordable < least:
+        return 0
+    if not needs_event_engine(load):
+        least = max(_FEWEST, min(least, _MOST_VALUES // 4 // replay_cost(load)))
+    most = max(least, min(most, _MOST_VALUES // replay_cost(load)))
+    return min(count, int(np.clip(affordable, least, most)) // 2 * 2)
+
+
+def _seconds(nanoseconds: Indices) -> Array:
+    return np.asarray(nanoseconds / NANOSECONDS)
+
+
+def gain_content(gain: Gain) -> dict[str, Any]:
+    """Return a gain for JSON."""
+    lever = {key: getattr(gain.lever, key) for key in LEVER_FIELDS}
+    return {**lever, "shorter": gain.shorter.content(), "gone": gain.gone.content()}

@@ -1,0 +1,320 @@
+"""Levers, which take time and could take less, and replays: the same draws with a lever shortened."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from planning.tasks.task import TRANSIT
+from planning.transforms import Indices
+from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
+from scheduling.motion_times import is_driven, with_full_speed_times
+from twin.durations.nanoseconds import Nanoseconds
+from twin.engine.bulk.bulk_engine import BulkEngine, contract_for_bulk
+from twin.engine.bulk.max_plus import (
+    Completions,
+    PrecedenceArrays,
+    explain_completions,
+    makespans,
+    policy_graph,
+)
+from twin.engine.engine import Simulator
+from twin.engine.execution_model import ExecutionModel, Messages
+from twin.studies.replications.workload import Workload
+from twin.uncertainty.chain_draws import Cause
+from twin.uncertainty.contraction import trivial_contraction
+from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.node_times import (
+    NodeTimes,
+    NodeTimeSampler,
+    SegmentTimes,
+    Standstill,
+)
+from twin.uncertainty.stop_times import draw_stops
+
+Kind = Literal["task", "skill", "robot", "wait", "stall", "message"]
+
+
+def _none() -> Indices:
+    return np.empty(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Intervention:
+    """Something that takes time in a plan, and could take less or none.
+
+    Attributes:
+        kind: a task, all tasks of a kind, all work of a robot, waits of one task for another or all waits of a
+            cause, standstills, or messages.
+        name: in words.
+        robot: whose it is, empty where it is nobody's own.
+        task: index of the task, of a wait that of the task that waits; None where there is none.
+        rows: nodes whose time it is a part of, numbered through chain by chain.
+        causes: the standstills of these nodes that it is; none where it is their work.
+        edges: what is waited for, as indices of edges.
+        stops: the stops by the run's clock that it is, empty where it is none.
+        messages: True where it is the messages between robots and dispatcher.
+    """
+
+    kind: Kind
+    name: str
+    robot: str = ""
+    task: int | None = None
+    rows: Indices = field(default_factory=_none)
+    causes: tuple[Cause, ...] = ()
+    edges: Indices = field(default_factory=_none)
+    stops: Literal["", "breakdowns", "emergency stops"] = ""
+    messages: bool = False
+
+    @property
+    def many(self) -> bool:
+        """True where it is many things at once, and not one task, wait or robot's standstills."""
+        if self.kind in ("task", "wait"):
+            return self.task is None
+        return self.kind != "stall" or not self.robot
+
+
+def needs_event_engine(load: Workload) -> bool:
+    """Tell whether a plan can be executed again by the event engine only."""
+    model = load.execution
+    return bool(load.reasons) and (
+        is_driven(load.tpg)
+        or model.disturbances.at_absolute_times
+        or model.policy == "synchronous"
+    )
+
+
+def replay_cost(load: Workload) -> int:
+    """Return how many nodes and edges are looked at in one replication."""
+    tpg = load.tpg
+    if not (needs_event_engine(load) and load.execution.policy == "open-loop"):
+        tpg = contract_for_bulk(tpg, load.execution).tpg
+    return sum(len(chain) for chain in tpg.chains) + len(tpg.edges)
+
+
+class Replay:
+    """Replications of one workload that can be executed again with something shortened.
+
+    The bulk engine does it where it can, else the event engine, one replication after the other.
+    Replications in which a task fails for good are left out.
+
+    Attributes:
+        tpg: what is executed, contracted where that changes nothing.
+        graph: what must wait for what, until all work is done.
+        numbers: of the replications, shape (r,).
+        times: what every node takes in them.
+        eases_waits: whether waits can be shortened.
+    """
+
+    def __init__(
+        self, load: Workload, numbers: Indices, *, by_events: bool | None = None
+    ) -> None:
+        """Draw the replications.
+
+        Args:
+            load: the work of one cell.
+            numbers: of the replications.
+            by_events: whether the event engine executes them; None to do what must be done.
+        """
+        model = self._model = load.execution
+        self._seed = load.seed
+        self._bulk: BulkEngine | None = None
+        self._simulator: Simulator | None = None
+        if needs_event_engine(load) if by_events is None else by_events:
+            self._simulator = Simulator(load.tpg, model)
+            cut = trivial_contraction(load.tpg)
+            if self._simulator.contraction is not None:
+                cut = contract_for_bulk(load.tpg, model)
+            free = with_full_speed_times(load.tpg)
+            sampler = NodeTimeSampler(free, model.durations, model.disturbances)
+            times = sampler.sample_segments(cut, seed=load.seed, replications=numbers)
+            graph = graph_until_work_is_done(
+                cut.tpg, policy_graph(cut.tpg, model.policy)
+            )
+        else:
+            self._bulk = BulkEngine(load.tpg, model)
+            cut = self._bulk.contraction
+            times = self._bulk.sample(seed=load.seed, replications=numbers)
+            graph = graph_until_work_is_done(cut.tpg, self._bulk.graph)
+            self._bulk.graph = graph
+        self.tpg, self.graph = cut.tpg, graph
+        self.numbers, self.times = numbers[~times.fails], times.completing()
+        self.eases_waits = not (load.reasons or self._simulator or is_driven(load.tpg))
+
+    @cached_property
+    def work_ns(self) -> Nanoseconds:
+        """Times of nodes without standstills, shape (nodes, r) [ns]."""
+        return np.asarray(self.times.busy_ns - self.times.stood_ns())
+
+    def base(self) -> Completions:
+        """Return what came of the replications as they were drawn."""
+        if self._bulk is not None:
+            return self._bulk.execute(self.times)
+        return explain_completions(
+            self.graph, *self._by_events(self.times, self._model)
+        )
+
+    def makespans_ns(self, lever: Intervention, share: float) -> Nanoseconds:
+        """Return when all work is done with a lever a share shorter, shape (r,) [ns]."""
+        if len(lever.edges):
+            busy_ns = self.times.busy_ns
+            return makespans_with_eased_waits(self.graph, busy_ns, lever.edges, share)
+        model = self._model
+        if lever.messages:
+            model = replace(model, messages=speed_up_messages(model.messages, share))
+        if lever.stops:
+            fewer = _shorter_stops(model.disturbances, lever.stops, share)
+            model = replace(model, disturbances=fewer)
+        with self._shortened(lever, share) as times:
+            if self._bulk is not None:
+                said = model.messages.under(model.policy)
+                return self._bulk.makespans(times, said)
+            return makespans(self.graph, self._by_events(times, model)[1])
+
+    @contextmanager
+    def _shortened(self, lever: Intervention, share: float) -> Iterator[SegmentTimes]:
+        """Give the times of nodes while a lever takes a share less.
+
+        Each node is made shorter by itself; standstills stay as they were drawn unless they
+        are the lever, and the work stays as it was drawn where they are. The array of ``times``
+        itself is changed, and is as before afterwards: a copy of all takes longer than to
+        execute it again.
+        """
+        busy_ns, rows = self.times.busy_ns, lever.rows
+        kept, groups = busy_ns[rows], list(self.times.standstills)
+        if lever.causes:
+            for k, group in enumerate(groups):
+                if group.cause in lever.causes:
+                    own = np.isin(group.node, rows)
+                    less = shorten_times(group.duration_ns, share)
+                    less = np.where(own, less, group.duration_ns)
+                    gone = group.duration_ns - less
+                    np.subtract.at(busy_ns, (group.node, group.column), gone)
+                    groups[k] = replace(group, duration_ns=less)
+        elif len(rows):
+            work = self.work_ns[rows]
+            busy_ns[rows] = kept - work + shorten_times(work, share)
+        try:
+            yield replace(self.times, standstills=tuple(groups))
+        finally:
+            busy_ns[rows] = kept
+
+    def _by_events(
+        self, times: SegmentTimes, model: ExecutionModel
+    ) -> tuple[Nanoseconds, Nanoseconds]:
+        """Return start and end of every node, shape (nodes, replications) [ns]."""
+        assert self._simulator is not None
+        cuts = self.graph.first[1:-1]
+        stood_ns = times.stood_ns()
+        start, end = np.empty_like(stood_ns), np.empty_like(stood_ns)
+        for column, number in enumerate(self.numbers.tolist()):
+            stood = np.split(stood_ns[:, column], cuts)
+            override = times.speed_override[:, column : column + 1].ravel()
+            drawn = NodeTimes(
+                tuple(np.split((times.busy_ns - stood_ns)[:, column], cuts)),
+                tuple(stood),
+                tuple(
+                    tuple(
+                        Standstill(node, "stall", int(own[node]))
+                        for node in np.flatnonzero(own).tolist()
+                    )
+                    for own in stood
+                ),
+                (-1,) * len(stood),
+                draw_stops(
+                    self.tpg, model.disturbances, seed=self._seed, replication=number
+                ),
+                speed_override=tuple(np.split(override, cuts)) if len(override) else (),
+            )
+            done = self._simulator.execute(drawn, model.messages)
+            start[:, column] = np.concatenate(done.start)
+            end[:, column] = np.concatenate(done.end)
+        return start, end
+
+
+def graph_until_work_is_done(
+    tpg: TemporalPlanGraph, graph: PrecedenceArrays
+) -> PrecedenceArrays:
+    """Return the graph of runs that are over when all work is done.
+
+    Work is all but transits on which nothing depends: a robot that goes HOME after its last skill has
+    done its part. In a plan without skills, all is work.
+    """
+    works = np.array([task.kind != TRANSIT or task.goal for task in tpg.tasks])
+    last = np.full(len(tpg.chains), -1, dtype=np.int64)
+    for k, chain in enumerate(tpg.chains):
+        own = np.flatnonzero(works[chain.task])
+        if len(own):
+            last[k] = graph.first[k] + own[-1]
+    return graph._replace(last=last) if np.any(last >= 0) else graph
+
+
+def makespans_with_eased_waits(
+    graph: PrecedenceArrays, busy_ns: Nanoseconds, edges: Indices, share: float
+) -> Nanoseconds:
+    """Return makespans when what nodes wait for by some edges alone is a share shorter.
+
+    Args:
+        graph: what must wait for what.
+        busy_ns: time of each node, shape (nodes, r) [ns].
+        edges: whose waits are eased.
+        share: 1 for robots that do not wait by these edges at all.
+
+    Returns:
+        Shape (r,) [ns].
+    """
+    eased = np.zeros(len(graph.source), dtype=bool)
+    eased[edges] = True
+    firsts, chains = graph.first.tolist(), graph.chain.tolist()
+    sources, begins = graph.source.tolist(), graph.edge_first.tolist()
+    patience = graph.patience.tolist()
+    end = np.empty_like(busy_ns)
+    for n in graph.order.tolist():
+        free = np.full(busy_ns.shape[1], graph.not_before[n], dtype=np.int64)
+        if n > firsts[chains[n]]:
+            np.maximum(free, end[n - 1], out=free)
+        waits = []
+        for e in range(begins[n], begins[n + 1]):
+            met = end[sources[e]]
+            if patience and patience[e] < EVER:
+                lifted = met - busy_ns[sources[e]] + patience[e]
+                met = np.minimum(met, lifted)
+            if eased[e]:
+                waits.append(met)
+            else:
+                np.maximum(free, met, out=free)
+        if waits:
+            free += shorten_times(np.maximum(np.max(waits, axis=0) - free, 0), share)
+        end[n] = free + busy_ns[n]
+    return makespans(graph, end)
+
+
+def shorten_times(times_ns: Nanoseconds, share: float) -> Nanoseconds:
+    """Return times less a share of them, in whole nanoseconds."""
+    return np.asarray(np.rint((1.0 - share) * times_ns), dtype=np.int64)
+
+
+def speed_up_messages(messages: Messages, share: float) -> Messages:
+    """Return messages that take a share less time."""
+    report, release = shorten_times(
+        np.array([messages.report_ns, messages.release_ns]), share
+    ).tolist()
+    return messages._replace(report_ns=report, release_ns=release)
+
+
+def _shorter_stops(own: Disturbances, which: str, share: float) -> Disturbances:
+    """Return disturbances whose stops by the clock last a share less."""
+    if which == "breakdowns" and own.breakdowns is not None:
+        mttr_s = (1.0 - share) * own.breakdowns.mttr_s
+        return own.changed(breakdowns=own.breakdowns.changed(mttr_s=mttr_s))
+    stops = tuple(
+        stop.changed(duration_s=(1.0 - share) * stop.duration_s)
+        for stop in own.emergency_stops
+        if share < 1.0
+    )
+    return own.changed(emergency_stops=stops)

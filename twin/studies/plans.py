@@ -1,0 +1,361 @@
+"""Plans that a study executes, of one layout or of several, and the workloads made of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from planning.errors import RequestError, ScenarioError, TwinError, join_lines
+from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import is_driven
+from scheduling.planned_motions import PlannedMotions
+from twin.checks.check import check_scenario
+from twin.document.validation import parse_document
+from twin.engine.bulk.bulk_engine import with_window_holds
+from twin.engine.execution_model import ExecutionModel
+from twin.host.progress import Report, StageWatch
+from twin.host.versions import versions
+from twin.operations.replicated.operating import OperatingWorkload
+from twin.planning.pipeline import default_shortcuts, plan_motions, planned_shortcuts
+from twin.planning.repetition import repeated_plans
+from twin.reading.checks import find_problems
+from twin.runs.policies import (
+    ASYNCHRONOUS,
+    ASYNCHRONOUS_SHORTCUTS,
+    AT_ONCE,
+    IN_SLOTS,
+    IN_TURNS,
+    NAMED_POLICIES,
+    SEQUENTIAL,
+    SHORTENED,
+    SLOTS_SHORTENED,
+    WHOLE_PLANS,
+    plan_folder,
+    policy_name,
+)
+from twin.scenario.manifest import file_hashes, scenario_sha256
+from twin.scenario.sections.kind import assembly_kind
+from twin.scenario.sections.scenario import Scenario, resolve_scenario
+from twin.scenario.variations import Variant, apply_variation, layout_of
+from twin.studies.folder import RefusedLayout, StudyRequest
+from twin.studies.replications.experiment import Experiment
+from twin.studies.replications.timing_graph import timing_graph
+from twin.studies.replications.workload import Workload
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import CoordinatedPlans, chooses_robot_subset, shortest_plan
+from twin.trial.simulation import scenario_execution
+
+Plans = Mapping[str, TemporalPlanGraph]
+"""Plans by their names in twin.runs.policies; those of several layouts by plan_key."""
+
+LAYOUTS = "layouts planned"
+"""Name of the stage for progress displays."""
+
+
+def default_policies(scenario: Scenario) -> tuple[str, ...]:
+    """Return the policies that a study has by default: that of a run, and what it is compared with."""
+    if scenario.planning.coordination == "synchronous":
+        plan = SLOTS_SHORTENED if planned_shortcuts(scenario) else IN_SLOTS
+    else:
+        plan = SHORTENED if planned_shortcuts(scenario) else IN_TURNS
+    own = policy_name(plan, scenario.execution.policy)
+    if own not in NAMED_POLICIES:
+        own = ASYNCHRONOUS
+    return with_baselines(own)
+
+
+def with_baselines(policy: str) -> tuple[str, ...]:
+    """Return a policy behind those that it is compared with by default.
+
+    That is one task at a time; one with shortcuts is compared with the same motions without them, too.
+    """
+    plain = (ASYNCHRONOUS,) if policy == ASYNCHRONOUS_SHORTCUTS else ()
+    return tuple(dict.fromkeys((SEQUENTIAL, *plain, policy)))
+
+
+def shortcut_budget(scenario: Scenario) -> int:
+    """Return the default number of shortcut candidates: the scenario's, or by its size."""
+    return planned_shortcuts(scenario) or default_shortcuts(scenario)
+
+
+def require_no_machines(scenario: Scenario) -> None:
+    """Refuse plans in slots of a scenario with machines, with a ScenarioError."""
+    if assembly_kind(scenario.assembly).machines():
+        raise ScenarioError(
+            "no plan in slots can wait for machines, sources and products: study the"
+            " scenario with the policies sequential and asynchronous"
+        )
+
+
+def study_plans(
+    scenario: Scenario,
+    base: Path,
+    policies: tuple[str, ...],
+    *,
+    candidates: int,
+    progress: Report,
+) -> Plans:
+    """Return the plans that some policies need, all of the same motions.
+
+    Args:
+        scenario: a checked scenario.
+        base: where relative paths in it start.
+        policies: names of twin.runs.policies.
+        candidates: shortcuts tried, where a policy takes them.
+        progress: told how far each stage has come.
+
+    Raises:
+        TwinError: the scenario cannot be planned; see plan_scenario.
+    """
+    needed = {NAMED_POLICIES[policy].plan for policy in policies}
+    watch = StageWatch(progress)
+    if needed & {IN_SLOTS, SLOTS_SHORTENED}:
+        require_no_machines(scenario)
+    if chooses_robot_subset(scenario):
+        turns = shortest_plan(LoadedScenario(scenario, base), watch).motions
+    else:
+        turns = plan_motions(scenario, base, watch)
+    made = CoordinatedPlans(turns, scenario, lambda: watch, candidates=candidates)
+    also = {WHOLE_PLANS.get(name) for name in needed}
+    within = {
+        name: made[name]
+        for name in (IN_TURNS, IN_SLOTS, *WHOLE_PLANS)
+        if name in needed | also
+    }
+    plans = repeated_plans(within, turns.pattern, watch)
+    return {name: plan for name, plan in plans.items() if name in needed}
+
+
+def given_plans(given: PlanResult, policies: tuple[str, ...]) -> Plans:
+    """Return the plans that some policies need, of those that a run left.
+
+    Raises:
+        RequestError: a policy needs another plan; names those that do not.
+    """
+    could = possible_policies(given)
+    for policy in policies:
+        if policy not in could:
+            raise RequestError(
+                f"policy {policy!r} needs the plan {NAMED_POLICIES[policy].plan}, the given one"
+                f" is {given.name}",
+                choices=could,
+            )
+    there = _plans_of(given)
+    return {
+        name: there[name]
+        for name in dict.fromkeys(NAMED_POLICIES[policy].plan for policy in policies)
+    }
+
+
+def operated_policies(given: PlanResult) -> tuple[str, ...]:
+    """Return the policies under which what fails of a plan can be planned anew."""
+    could = possible_policies(given)
+    return tuple(p for p in could if NAMED_POLICIES[p].release == "asynchronous")
+
+
+def possible_policies(given: PlanResult) -> tuple[str, ...]:
+    """Return the policies that a plan left by a run can be studied under."""
+    there = _plans_of(given)
+    # What is left of the plan in turns beside one in slots is its tasks, not what waits for what.
+    bare = {IN_TURNS} if given.name in (IN_SLOTS, SLOTS_SHORTENED) else set()
+    return tuple(
+        name
+        for name, (plan, release) in NAMED_POLICIES.items()
+        if plan in there and (plan not in bare or release == "sequential")
+    )
+
+
+def _plans_of(given: PlanResult) -> Plans:
+    variant = IN_TURNS if given.name == AT_ONCE else given.name
+    plans = {variant: given.tpg}
+    return plans if given.turns is None else {IN_TURNS: given.turns, **plans}
+
+
+def save_plans(plans: Plans, folder: Path) -> None:
+    """Write every plan into a folder of its name."""
+    for name, plan in plans.items():
+        save_plan(plan, folder / plan_folder(name))
+
+
+def load_plans(folder: Path, experiment: Experiment) -> Plans:
+    """Return the plans of an experiment; OutputError when one is missing."""
+    names = dict.fromkeys(
+        plan_key(variant, NAMED_POLICIES[policy].plan)
+        for policy, variant in experiment.cells
+    )
+    return {name: load_plan(folder / plan_folder(name)) for name in names}
+
+
+def plan_key(variant: Variant, plan: str) -> str:
+    """Return the name of a plan among those of all layouts; its own where there is one layout."""
+    layout = layout_of(variant)
+    if not layout:
+        return plan
+    digest = hashlib.sha256(json.dumps(layout, sort_keys=True).encode()).hexdigest()
+    return f"{digest[:12]}/{plan}"
+
+
+def plan_hashes(plans: Plans) -> dict[str, str]:
+    """Return a hash of every plan, by name."""
+    return {name: plan_sha256(plan) for name, plan in plans.items()}
+
+
+def workloads(
+    scenario: Scenario,
+    base: Path,
+    plans: Plans,
+    experiment: Experiment,
+    motions: PlannedMotions | None = None,
+) -> list[Workload]:
+    """Return the work of every cell of an experiment.
+
+    Args:
+        scenario: what is studied.
+        base: where relative paths of the scenario start.
+        plans: of all layouts.
+        experiment: policies and varied inputs.
+        motions: what the plans were made of, where what fails is planned anew.
+
+    Raises:
+        ScenarioError: a varied input does not fit the scenario.
+    """
+    graphs = {name: timing_graph(plan) for name, plan in plans.items()}
+    hashes = plan_hashes(plans)
+    files, packages = file_hashes(scenario, base), versions()
+    loads = []
+    for policy, variant in experiment.cells:
+        own = apply_variation(scenario, variant)
+        plan, release = NAMED_POLICIES[policy]
+        name = plan_key(variant, plan)
+        model = scenario_execution(
+            own, base, policy=release, antithetic=experiment.antithetic
+        )
+        reasons = tuple(own.execution.needs_event_engine())
+        operated = None
+        if motions is not None:
+            fail = tuple(sorted(model.disturbances.failures))
+            operated = OperatingWorkload(own, motions, plans[name], fail)
+            reasons += tuple(own.execution.known_when_it_happens())
+        origin = {
+            "scenario": scenario_sha256(resolve_scenario(own)),
+            "plan": hashes[name],
+            "policy": policy,
+            "antithetic": experiment.antithetic,
+            "files": files,
+            "versions": packages,
+            **({} if operated is None else {"operated": True}),
+        }
+        text = json.dumps(origin, sort_keys=True)
+        made_from = hashlib.sha256(text.encode()).hexdigest()
+        load = workload(plans[name], model, scenario.seed, graph=graphs[name])
+        loads.append(
+            replace(load, reasons=reasons, made_from=made_from, operated=operated)
+        )
+    return loads
+
+
+def workload(
+    plan: TemporalPlanGraph,
+    model: ExecutionModel,
+    seed: int,
+    *,
+    graph: TemporalPlanGraph | None = None,
+) -> Workload:
+    """Return the work of replicating a plan.
+
+    Args:
+        plan: with its paths.
+        model: how it is executed, and what varies.
+        seed: names the draws.
+        graph: its timing graph, where that is there already.
+    """
+    graph = timing_graph(plan) if graph is None else graph
+    if is_driven(graph) and model.disturbances.at_absolute_times:
+        graph = plan  # whom the clock stops in a skill brakes along its path
+    held = with_window_holds(graph, model)
+    return Workload(held, model, seed, free=None if held is graph else graph)
+
+
+def distinct(variants: Iterable[Variant]) -> list[Variant]:
+    """Return some variants, each once, in order of their first."""
+    return list({json.dumps(variant): variant for variant in variants}.values())
+
+
+def plans_of_layouts(
+    request: StudyRequest, progress: Report
+) -> tuple[StudyRequest, Plans]:
+    """Plan every layout of a study; those that have no plan are left out, with the reason.
+
+    Where nothing is varied that a plan depends on there is one layout, and it must have a plan.
+
+    Returns:
+        The request with the variants that can be planned, and the layouts that cannot; and the plans of
+        all layouts, by plan_key.
+
+    Raises:
+        TwinError: the only layout cannot be planned.
+        RequestError: there are several, and none can.
+    """
+    experiment = request.experiment
+    wanted = distinct(map(layout_of, experiment.variants))
+    if not any(wanted):
+        plans = _planned(request, {}, progress)
+        return request, {plan_key({}, k): p for k, p in plans.items()}
+    found: dict[str, Plans] = {}
+    refused = []
+    for number, layout in enumerate(wanted):
+        progress(LAYOUTS, number, len(wanted))
+        try:
+            found[json.dumps(layout)] = _planned(request, layout, progress)
+        except TwinError as error:
+            refused.append(RefusedLayout(layout, join_lines(str(error))))
+    progress(LAYOUTS, len(wanted), len(wanted))
+    if not found:
+        said = "; ".join(f"{words(item.layout)}: {item.reason}" for item in refused)
+        raise RequestError(f"no layout can be planned: {said}")
+    kept = tuple(v for v in experiment.variants if json.dumps(layout_of(v)) in found)
+    plans = {
+        plan_key(layout, name): plan
+        for layout in distinct(map(layout_of, kept))
+        for name, plan in found[json.dumps(layout)].items()
+    }
+    experiment = replace(experiment, variants=kept)
+    return replace(request, experiment=experiment, refused=tuple(refused)), plans
+
+
+def words(layout: Variant) -> str:
+    """Return the values of a layout in one line."""
+    return ", ".join(f"{key} = {value}" for key, value in layout.items())
+
+
+def _planned(request: StudyRequest, layout: Variant, progress: Report) -> Plans:
+    """Plan one layout for every policy; what the check of its cell finds is an error."""
+    scenario = apply_variation(request.scenario, layout)
+    if layout:
+        for message in _errors(scenario, request.base):
+            raise RequestError(message)
+    return study_plans(
+        scenario,
+        request.base,
+        request.experiment.policies,
+        candidates=request.candidates,
+        progress=progress,
+    )
+
+
+def _errors(scenario: Scenario, base: Path) -> Iterator[str]:
+    """Yield what makes every plan of a layout impossible or false."""
+    for _, message in find_problems(scenario, base):
+        yield message
+        return
+    # Its places are those of no file: only the messages are told.
+    text = json.dumps(resolve_scenario(scenario))
+    document = parse_document(base / f"{scenario.name}.yaml", text)
+    report = check_scenario(scenario, document, base)
+    if report.errors:
+        yield "; ".join(item.message for item in report.errors)

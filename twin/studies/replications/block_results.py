@@ -1,0 +1,452 @@
+"""Results of blocks of replications: rows, sums over tasks, and a file of each block.
+
+A file is whole or not there: what a killed study goes on from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from functools import reduce
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.errors import OutputError
+from planning.files import (
+    NPZ_ERRORS,
+    digest_parts,
+    read_file,
+    read_npz,
+    replace_atomically,
+)
+from planning.transforms import Array, Indices
+from scheduling.graph.machine_chains import machine_chains, working_machines
+from scheduling.graph.temporal_plan_graph import (
+    MOTION_CONFLICT,
+    TASK_DEPENDENCY,
+    TemporalPlanGraph,
+)
+from scheduling.graph.windows import window_gaps
+from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
+from twin.engine.bulk.max_plus import OTHER, Completions
+from twin.operations.replicated.operating import OperatedRows, OperatingWorkload
+from twin.runs.throughput import product_nodes
+from twin.studies.replications.experiment import Block
+
+COMPLETED, ERROR = "completed", "error"
+
+WAIT_COLUMNS = {
+    TASK_DEPENDENCY: "wait_dependency_s",
+    MOTION_CONFLICT: "wait_conflict_s",
+    OTHER: "wait_other_s",
+}
+"""Columns of the waits of all robots together, by cause."""
+
+KEPT = 500
+"""Replications whose starts and ends of tasks are kept, for bands on a Gantt chart."""
+
+_FEWEST, _MOST_KEPT = 50, 4_000_000
+"""Fewest of these, and starts of tasks in all of them where a plan is so long that it would be more."""
+
+_LARGEST = 1 << 28  # bytes of a block: some hundred times the largest one
+
+_SEAL = "made_from_and_sha256"
+_NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.npz")
+_TEXTS = ("outcome", "error")
+_ROWS = ("replication", "makespan_ns", "busy_ns", "waited_ns")
+
+UNKNOWN = -(2**62)
+"""Time that passed in a window of a replication that did not complete [ns]."""
+_TALLY = ("critical", "critical_edges", "slack_ns", "start_ns", "end_ns")
+
+
+@dataclass(frozen=True)
+class ReplicationRows:
+    """Rows of a block of replications; what did not complete has no waits.
+
+    Attributes:
+        replication: number of each, shape (r,).
+        outcome: ``completed``, ``failed``, ``aborted`` or ``error``, shape (r,).
+        makespan_ns: shape (r,) [ns]; -1 for an error.
+        busy_ns: work and stalls of each robot, then of each machine that works at parts, shape
+            (robots and machines, r) [ns]; -1 where unknown.
+        waited_ns: waits of all robots by cause, shape (3, r) [ns]; -1 where unknown.
+        engine: ``bulk`` or ``events``.
+        error: what went wrong, empty where nothing did, shape (r,).
+        robots: names of robots and machines.
+        operated: what came of planning anew; None where that is not done.
+    """
+
+    replication: Indices
+    outcome: npt.NDArray[Any]
+    makespan_ns: Nanoseconds
+    busy_ns: Nanoseconds
+    waited_ns: Nanoseconds
+    engine: str
+    error: npt.NDArray[Any]
+    robots: tuple[str, ...]
+    operated: OperatedRows | None = None
+
+    def fill(
+        self, which: npt.NDArray[np.bool_], found: Completions, tpg: TemporalPlanGraph
+    ) -> None:
+        """Enter what came of replications that completed.
+
+        Args:
+            which: those rows, shape (r,).
+            found: their times.
+            tpg: what was executed.
+        """
+        robots, machines = worker_chains(tpg)
+        self.outcome[which] = COMPLETED
+        self.makespan_ns[which] = found.makespan_ns
+        busy = found.chain_end_ns - found.waited_ns.sum(axis=1)
+        self.busy_ns[:, which] = 0
+        names = [tpg.chains[k].robot for k in (*robots, *machines)]
+        for k, name in enumerate(self.robots):
+            if name in names:
+                self.busy_ns[k, which] = busy[tpg.chain_index[name]]
+        self.waited_ns[:, which] = found.waited_ns[robots].sum(axis=0)
+
+    def makespans_s(self) -> Array:
+        """Return the makespans, NaN where a replication did not complete, shape (r,) [s]."""
+        return _seconds(self.makespan_ns, self.outcome == COMPLETED)
+
+    def columns(self) -> dict[str, Any]:
+        """Return the columns of ``replications.parquet`` that do not name the cell."""
+        completed = self.outcome == COMPLETED
+        out: dict[str, Any] = {
+            "replication": self.replication,
+            "outcome": self.outcome.astype(str),
+            "makespan_s": _seconds(self.makespan_ns, self.makespan_ns >= 0),
+            "wait_total_s": _seconds(self.waited_ns.sum(axis=0), completed),
+        }
+        for cause, name in WAIT_COLUMNS.items():
+            out[name] = _seconds(self.waited_ns[cause], completed)
+        for k, robot in enumerate(self.robots):
+            out[f"busy_s_{robot}"] = _seconds(self.busy_ns[k], completed)
+        if self.operated is not None:
+            out |= self.operated.columns(self.makespan_ns)
+        out["engine"] = np.full(len(completed), self.engine)
+        out["error"] = self.error.astype(str)
+        return out
+
+
+@dataclass(frozen=True)
+class TaskTally:
+    """Sums over replications, and samples of the first of them.
+
+    Attributes:
+        count: replications counted.
+        critical: in how many of them each task was on the critical path, shape (tasks,).
+        critical_edges: the same for type-2 edges, shape (edges,).
+        slack_ns: sum of the slacks of each task, shape (tasks,) [ns].
+        start_ns, end_ns: of each task in replications below KEPT, shape (k, tasks) [ns].
+    """
+
+    count: int
+    critical: Indices
+    critical_edges: Indices
+    slack_ns: Nanoseconds
+    start_ns: Nanoseconds
+    end_ns: Nanoseconds
+
+    def plus(self, other: TaskTally) -> TaskTally:
+        """Return both together; ``other`` has the later replications."""
+        return TaskTally(
+            self.count + other.count,
+            self.critical + other.critical,
+            self.critical_edges + other.critical_edges,
+            self.slack_ns + other.slack_ns,
+            np.concatenate([self.start_ns, other.start_ns]),
+            np.concatenate([self.end_ns, other.end_ns]),
+        )
+
+
+@dataclass(frozen=True)
+class TaskGroups:
+    """Nodes of every task; nodes of all chains are numbered through.
+
+    Attributes:
+        task: index of each task that has nodes, in the order of its nodes, shape (tasks,).
+        first: its first node, shape (tasks,).
+        last: its last node, shape (tasks,).
+    """
+
+    task: Indices
+    first: Indices
+    last: Indices
+
+    def tally(self, replications: Indices, found: Completions) -> TaskTally:
+        """Sum up what came of some replications that completed."""
+        kept = replications < min(KEPT, max(_FEWEST, _MOST_KEPT // len(self.task)))
+        critical = np.logical_or.reduceat(found.critical, self.first, axis=0)
+        slack = np.minimum.reduceat(found.slack_ns, self.first, axis=0).sum(axis=1)
+        return TaskTally(
+            len(replications),
+            critical.sum(axis=1).astype(np.int64),
+            found.critical_edge.sum(axis=1).astype(np.int64),
+            slack,
+            np.ascontiguousarray(found.start_ns[self.first][:, kept].T),
+            np.ascontiguousarray(found.end_ns[self.last][:, kept].T),
+        )
+
+
+@dataclass(frozen=True)
+class ProductTimes:
+    """Times at which products began and were complete in replications that completed.
+
+    Attributes:
+        product_begin_ns, product_end_ns: shape (products, r) [ns].
+    """
+
+    product_begin_ns: Nanoseconds
+    product_end_ns: Nanoseconds
+
+
+@dataclass(frozen=True)
+class WindowTimes:
+    """Time that passed in windows of time, in all replications.
+
+    Attributes:
+        gap_ns: UNKNOWN where a replication did not complete, shape (windows, r) [ns].
+        free_gap_ns: the same where nothing is held back; empty where nothing is anyway.
+        free_makespan_ns: and its makespan, -1 where that did not complete, shape (r,) [ns].
+    """
+
+    gap_ns: Nanoseconds
+    free_gap_ns: Nanoseconds
+    free_makespan_ns: Nanoseconds
+
+
+@dataclass(frozen=True)
+class BlockResult:
+    """Result of a block of replications.
+
+    Attributes:
+        block: which.
+        rows: one a replication.
+        tally: what is kept of tasks; replications that did not complete are not in it.
+        products: None where there is only one.
+        windows: None where there are none.
+    """
+
+    block: Block
+    rows: ReplicationRows
+    tally: TaskTally
+    products: ProductTimes | None = None
+    windows: WindowTimes | None = None
+
+
+Part = TypeVar("Part", OperatedRows, ProductTimes, WindowTimes)
+
+
+def worker_chains(tpg: TemporalPlanGraph) -> tuple[list[int], tuple[int, ...]]:
+    """Return the chains of the robots, and those of the machines that work at parts."""
+    machines = machine_chains(tpg)
+    robots = [k for k in range(len(tpg.chains)) if k not in machines]
+    return robots, working_machines(tpg)
+
+
+def empty_rows(
+    block: Block,
+    tpg: TemporalPlanGraph,
+    *,
+    engine: str,
+    operated: OperatingWorkload | None = None,
+) -> ReplicationRows:
+    """Return rows to be filled, of those robots that have work, or may get some."""
+    count = block.count
+    robots, machines = worker_chains(tpg)
+    work = [tpg.chains[k].robot for k in (*robots, *machines)]
+    names = tuple(dict.fromkeys([*work, *(operated.robots if operated else ())]))
+    return ReplicationRows(
+        replication=np.asarray(block.replications, dtype=np.int64),
+        outcome=np.full(count, "", dtype=object),
+        makespan_ns=np.full(count, -1, dtype=np.int64),
+        busy_ns=np.full((len(names), count), -1, dtype=np.int64),
+        waited_ns=np.full((3, count), -1, dtype=np.int64),
+        engine=engine,
+        error=np.full(count, "", dtype=object),
+        robots=names,
+        operated=None if operated is None else operated.rows(count),
+    )
+
+
+def block_result(
+    block: Block,
+    rows: ReplicationRows,
+    well: npt.NDArray[np.bool_],
+    found: Completions,
+    tpg: TemporalPlanGraph,
+) -> BlockResult:
+    """Return the result of a block, with the rows of what completed filled.
+
+    Args:
+        block: which.
+        rows: of all its replications.
+        well: those that completed, shape (r,).
+        found: their times.
+        tpg: what was executed, contracted or not.
+    """
+    rows.fill(well, found, tpg)
+    tally = task_groups(tpg).tally(rows.replication[well], found)
+    products, windows = None, None
+    if (nodes := product_nodes(tpg)) is not None:
+        products = ProductTimes(nodes.begin(found.start_ns), nodes.end(found.end_ns))
+    if tpg.windows:
+        gaps = np.full((len(tpg.windows), len(well)), UNKNOWN, dtype=np.int64)
+        gaps[:, well] = window_gaps(tpg, found.start_ns, found.end_ns)
+        none = np.empty(0, dtype=np.int64)
+        windows = WindowTimes(gaps, none.reshape(len(gaps), 0), none)
+    return BlockResult(block, rows, tally, products, windows)
+
+
+def task_groups(tpg: TemporalPlanGraph) -> TaskGroups:
+    """Return the nodes of every task of a graph, contracted or not."""
+    task = np.concatenate([chain.task for chain in tpg.chains])
+    chain = np.repeat(np.arange(len(tpg.chains)), [len(c) for c in tpg.chains])
+    opens = np.diff(task, prepend=-1) != 0
+    opens |= np.diff(chain, prepend=-1) != 0
+    first = np.flatnonzero(opens)
+    last = np.append(first[1:], len(task)) - 1
+    return TaskGroups(task[first], first, last)
+
+
+def write_block(folder: Path, result: BlockResult, made_from: str = "") -> None:
+    """Write the result of a block.
+
+    Args:
+        folder: of the blocks.
+        result: what came of it.
+        made_from: hash of all that it depends on, see ``Workload``.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    block = result.block
+    arrays: dict[str, Any] = {**vars(result.rows), **vars(result.tally)}
+    for more in (arrays.pop("operated"), result.products, result.windows):
+        arrays |= {} if more is None else vars(more)
+    arrays |= {name: arrays[name].astype(str) for name in _TEXTS}
+    arrays["robots"] = np.array(result.rows.robots, dtype=str)
+    arrays = {name: np.asarray(values) for name, values in arrays.items()}
+    arrays[_SEAL] = np.array([made_from, _digest(arrays, block, made_from)])
+    with replace_atomically(_path(folder, block)) as temporary:
+        np.savez_compressed(temporary, **arrays)
+
+
+def read_block(folder: Path, block: Block, made_from: str | None = None) -> BlockResult:
+    """Return what ``write_block`` wrote.
+
+    Args:
+        folder: of the blocks.
+        block: which one.
+        made_from: hash of all that it should have been made from; None to believe the file.
+
+    Raises:
+        OutputError: the file is missing, damaged, of another block or made from something else.
+    """
+    path = _path(folder, block)
+    try:
+        arrays = read_npz(read_file(path, _LARGEST), kinds="iU", most=_LARGEST)
+        origin, digest = arrays.pop(_SEAL).tolist()
+        if digest != _digest(arrays, block, origin):
+            raise ValueError("its content is not what was written, or of another block")
+        rows = ReplicationRows(
+            **{name: arrays[name] for name in _ROWS},
+            **{name: arrays[name].astype(object) for name in _TEXTS},
+            engine=str(arrays["engine"]),
+            robots=tuple(arrays["robots"].tolist()),
+            operated=_part(OperatedRows, arrays),
+        )
+        tally = TaskTally(
+            int(arrays["count"]), **{name: arrays[name] for name in _TALLY}
+        )
+        products, windows = _part(ProductTimes, arrays), _part(WindowTimes, arrays)
+    except NPZ_ERRORS as error:
+        raise OutputError(f"{path}: is no block of a study: {error}") from error
+    if made_from not in (None, origin):
+        raise OutputError(
+            f"{path}: was made from another scenario, plan, policy, variant or version of a package"
+        )
+    return BlockResult(block, rows, tally, products, windows)
+
+
+def _part(kind: type[Part], arrays: Mapping[str, Any]) -> Part | None:
+    """Return a part of what a block holds; None where it is not in it."""
+    names = [item.name for item in fields(kind)]
+    return kind(**{k: arrays[k] for k in names}) if names[0] in arrays else None
+
+
+def _digest(
+    arrays: Mapping[str, npt.NDArray[Any]], block: Block, made_from: str
+) -> str:
+    """Return a hash of what a block holds, which it is, and what it was made from."""
+    digest = hashlib.sha256(f"{block} {made_from}".encode())
+    for piece in digest_parts(arrays):
+        digest.update(piece)
+    return digest.hexdigest()
+
+
+def quarantine_block(folder: Path, block: Block) -> Path:
+    """Move the file of a block that cannot be used out of the way; return where it is now.
+
+    Raises:
+        OutputError: it cannot be moved.
+    """
+    path = _path(folder, block)
+    target = folder / "set-aside" / path.name
+    try:
+        target.parent.mkdir(exist_ok=True)
+        path.replace(target)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be moved: {error}") from error
+    return target
+
+
+def blocks_done(folder: Path) -> Iterator[Block]:
+    """Yield the blocks of which there is a file."""
+    for path in folder.glob("*.npz"):
+        if match := _NAME.fullmatch(path.name):
+            yield Block(*map(int, match.groups()))
+
+
+def cell_blocks(folder: Path, cell: int) -> Iterator[BlockResult]:
+    """Yield what came of the blocks of a cell, in the order of their replications."""
+    own = [block for block in blocks_done(folder) if block.cell == cell]
+    for block in sorted(own, key=lambda block: block.first):
+        yield read_block(folder, block)
+
+
+def cell_makespans_s(folder: Path, cell: int) -> Array:
+    """Return the makespans of a cell, NaN where it did not complete, shape (n,) [s]."""
+    return np.concatenate([b.rows.makespans_s() for b in cell_blocks(folder, cell)])
+
+
+def cell_part(folder: Path, cell: int, name: Literal["products", "windows"]) -> Any:
+    """Return a part of what came of a cell, over all its blocks; None where there is none."""
+    parts = [getattr(block, name) for block in cell_blocks(folder, cell)]
+    parts = [part for part in parts if part is not None]
+    if not parts:
+        return None
+    values = zip(*(vars(part).values() for part in parts), strict=True)
+    return type(parts[0])(*(np.concatenate(own, axis=-1) for own in values))
+
+
+def cell_tally(folder: Path, cell: int) -> TaskTally:
+    """Return the task tally of a cell, over all its blocks."""
+    return reduce(TaskTally.plus, (b.tally for b in cell_blocks(folder, cell)))
+
+
+def _path(folder: Path, block: Block) -> Path:
+    return folder / f"{block.cell}-{block.first}-{block.count}.npz"
+
+
+def _seconds(nanoseconds: Nanoseconds, known: npt.NDArray[np.bool_]) -> Array:
+    return np.where(known, nanoseconds / NANOSECONDS, np.nan)

@@ -1,0 +1,235 @@
+"""Workload of one cell of a study, in a form that can be sent to any process or machine.
+
+Only time matters once paths are known to be safe. So it holds a timing graph: a TemporalPlanGraph
+that can be executed, but not drawn, of a few hundred kilobytes for hundreds of steps.
+"""
+
+from __future__ import annotations
+
+import pickle
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations.nanoseconds import Nanoseconds
+from twin.engine.bulk.bulk_engine import BulkEngine
+from twin.engine.bulk.max_plus import (
+    Completions,
+    PrecedenceArrays,
+    explain_completions,
+    policy_graph,
+)
+from twin.engine.engine import Simulator
+from twin.engine.execution_model import ExecutionModel
+from twin.operations.replicated.operating import SAME, OperatingWorkload, Operator
+from twin.runs.execution_record import DeadlockError, ExecutionRecord
+from twin.studies.replications.block_results import (
+    COMPLETED,
+    ERROR,
+    BlockResult,
+    ReplicationRows,
+    block_result,
+    empty_rows,
+)
+from twin.studies.replications.experiment import Block
+
+
+@dataclass(frozen=True)
+class Workload:
+    """A plan, how it is executed, and what varies.
+
+    Attributes:
+        tpg: what is executed; a timing graph will do.
+        execution: how it is executed, and what varies.
+        seed: names the draws.
+        reasons: why only the event engine can execute it; empty where both can.
+        made_from: hash of scenario, plan, policy, variant, files and versions, which results
+            of replications are kept with.
+        free: the plan in which nothing is held back, which is executed with the same draws to be compared
+            with; None where nothing is.
+        operated: what is needed to plan anew where a skill fails for good; None where that ends a replication.
+    """
+
+    tpg: TemporalPlanGraph
+    execution: ExecutionModel
+    seed: int
+    reasons: tuple[str, ...] = ()
+    made_from: str = ""
+    free: TemporalPlanGraph | None = None
+    operated: OperatingWorkload | None = None
+
+
+def pack_workload(workload: Workload) -> bytes:
+    """Pack a workload for travel; a worker unpacks the same one once."""
+    return zlib.compress(pickle.dumps(workload, protocol=5), 1)
+
+
+def compute_block(parcel: bytes, block: Block) -> BlockResult:
+    """Execute a block of replications of a packed workload; the function that workers call.
+
+    A replication that raises is a row with its error.
+    """
+    return _engines(parcel).compute(block)
+
+
+@lru_cache(maxsize=8)
+def _engines(parcel: bytes) -> Engines:
+    return Engines(pickle.loads(zlib.decompress(parcel)))
+
+
+class Engines:
+    """Both engines of one workload, made when they are needed."""
+
+    def __init__(self, workload: Workload) -> None:
+        self.workload = workload
+
+    def compute(self, block: Block) -> BlockResult:
+        """Execute a block, side by side where that is possible; with and without holding back."""
+        result, load = self._compute(block), self.workload
+        if load.free is None or result.windows is None:
+            return result
+        other = self._free.compute(block)
+        assert other.windows is not None
+        done = other.rows.outcome == COMPLETED
+        windows = replace(
+            result.windows,
+            free_gap_ns=other.windows.gap_ns,
+            free_makespan_ns=np.where(done, other.rows.makespan_ns, -1),
+        )
+        return replace(result, windows=windows)
+
+    @cached_property
+    def _free(self) -> Engines:
+        load = self.workload
+        model = replace(load.execution, hold=0.0)
+        free = load.free or load.tpg
+        return Engines(replace(load, tpg=free, free=None, execution=model))
+
+    def _compute(self, block: Block) -> BlockResult:
+        if self.workload.reasons:
+            return self._by_events(block)
+        try:
+            return self._in_bulk(block)
+        except Exception:
+            # One of many replications: find out which, and lose no other.
+            return self._by_events(block)
+
+    def _in_bulk(self, block: Block) -> BlockResult:
+        """Execute a block side by side; replications in which a task fails go by events."""
+        load, bulk = self.workload, self._bulk
+        rows = self._rows(block, "bulk")
+        times = bulk.sample(seed=load.seed, replications=rows.replication)
+        found = bulk.execute(times.completing())
+        for place in np.flatnonzero(times.fails).tolist():
+            self._by_event(rows, place)
+        return self._result(block, rows, ~times.fails, found, bulk.contraction.tpg)
+
+    def _by_events(self, block: Block) -> BlockResult:
+        """Execute a block with the event engine, one replication after the other."""
+        rows = self._rows(block, "events")
+        runs = [self._by_event(rows, place) for place in range(block.count)]
+        done = [run for run in runs if run is not None and run.outcome == COMPLETED]
+        well = np.isin(
+            [-1 if run is None else run.replication for run in runs],
+            [run.replication for run in done],
+        )
+        found = explain_completions(
+            self._node_graph,
+            _columns([run.start_ns for run in done], len(self._node_graph.order)),
+            _columns([run.end_ns for run in done], len(self._node_graph.order)),
+        )
+        return self._result(block, rows, well, found, self.workload.tpg)
+
+    def _rows(self, block: Block, engine: str) -> ReplicationRows:
+        load = self.workload
+        return empty_rows(block, load.tpg, engine=engine, operated=load.operated)
+
+    def _result(
+        self,
+        block: Block,
+        rows: ReplicationRows,
+        well: npt.NDArray[np.bool_],
+        found: Completions,
+        tpg: TemporalPlanGraph,
+    ) -> BlockResult:
+        """Return the result of a block; in what completed by the plan nothing was lost."""
+        result = block_result(block, rows, well, found, tpg)
+        if rows.operated is not None:
+            rows.operated.knew_ns[well] = rows.makespan_ns[well]
+        return result
+
+    @cached_property
+    def _operator(self) -> Operator:
+        load = self.workload
+        assert load.operated is not None
+        return Operator(load.operated, load.execution, load.seed)
+
+    @cached_property
+    def _bulk(self) -> BulkEngine:
+        return BulkEngine(self.workload.tpg, self.workload.execution)
+
+    @cached_property
+    def _simulator(self) -> Simulator:
+        return Simulator(self.workload.tpg, self.workload.execution)
+
+    @cached_property
+    def _node_graph(self) -> PrecedenceArrays:
+        return policy_graph(self.workload.tpg, self.workload.execution.policy)
+
+    def _by_event(self, rows: ReplicationRows, place: int) -> ExecutionRecord | None:
+        """Execute one replication with the event engine; enter its outcome and end.
+
+        Returns:
+            When everything happened; None where something raised, or what was executed is not the plan.
+        """
+        number, seed = int(rows.replication[place]), self.workload.seed
+        operated = self.workload.operated
+        if operated is not None and operated.leaves(number):
+            rows.outcome[place] = SAME
+            return None
+        try:
+            if operated is not None:
+                return self._operate(rows, place, number)
+            run = self._simulator.run(seed=seed, replication=number)
+        except DeadlockError as error:
+            run = error.run
+            rows.error[place] = str(error)
+        except Exception as error:
+            rows.outcome[place] = ERROR
+            rows.error[place] = f"{type(error).__name__}: {error}"
+            return None
+        rows.outcome[place] = run.outcome
+        rows.makespan_ns[place] = run.makespan_ns
+        return run
+
+    def _operate(
+        self, rows: ReplicationRows, place: int, number: int
+    ) -> ExecutionRecord | None:
+        """Operate one replication, and enter what came of it."""
+        done = self._operator.run(number)
+        run, tpg = done.record, done.tpg
+        assert rows.operated is not None
+        self._operator.enter(rows.operated, place, done)
+        rows.outcome[place] = run.outcome
+        rows.makespan_ns[place] = run.makespan_ns
+        if not done.versions and len(tpg.chains) == len(self.workload.tpg.chains):
+            return run
+        if run.outcome == COMPLETED:
+            graph = policy_graph(tpg, self.workload.execution.policy)
+            nodes = len(graph.order)
+            times = _columns([run.start_ns], nodes), _columns([run.end_ns], nodes)
+            which = np.arange(len(rows.outcome)) == place
+            rows.fill(which, explain_completions(graph, *times), tpg)
+        return None
+
+
+def _columns(values: Sequence[tuple[Nanoseconds, ...]], nodes: int) -> Nanoseconds:
+    """Return per-chain arrays of several runs as one, shape (nodes, runs)."""
+    if not values:
+        return np.empty((nodes, 0), dtype=np.int64)
+    return np.stack([np.concatenate(chains) for chains in values], axis=1)

@@ -1,0 +1,435 @@
+"""Tables and lists of the report: makespans, what is worth fixing, lines, layouts; some are printed, too."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin.drawing.markup import (
+    breakable,
+    bullets,
+    escape_text,
+    paragraph,
+    table,
+    text_table,
+)
+from twin.operations.replicated.operating import RUNGS
+from twin.runs.policies import OPEN_LOOP
+from twin.studies.folder import task_columns
+from twin.studies.gains.candidates import task_names
+from twin.studies.gains.gains import QUANTILE, SHORTER, CellGains, Gain
+from twin.studies.replications.block_results import TaskTally
+from twin.studies.replications.statistics import Interval
+from twin.studies.replications.workload import Workload
+from twin.studies.sensitivity import SHARE
+from twin.studies.study import StudyResult
+from twin.studies.summary import CellSummary, StudySummary
+
+KINDS = {"stall": "standstill", "message": "messages"}
+"""What kinds of levers are called where that is not their name."""
+
+_LEAST_S = 0.005
+"""Gains that are worth a line [s]."""
+
+LESS = f"{100 * SHORTER:.0f} % shorter"
+P90 = f"P{100 * QUANTILE:.0f}"
+
+HONEST = (
+    "Seconds by which the work would be done sooner, the last part in its place, if one thing took a"
+    " fifth less time, or none, and all else stayed as it was drawn: the same replications were"
+    " executed again with that one thing changed. What robots do after their last work, such as"
+    " going HOME, is part of the makespan and of nothing here. These are gains of the model, as good as its times are. Whether something can be"
+    " made shorter, and what that costs, it does not know; gains of several do not add up, and"
+    " robots are never assigned or planned anew. A wait that is gone is a robot that does not"
+    " wait, whatever stands in its way: more than any better plan can do."
+)
+
+OPERATED = (
+    "Where a skill failed for good, or a robot was out, what was left was planned anew. Makespans are of"
+    " replications in which all steps were done. Regret is by how much they are longer than those of a plan that"
+    " knew from the beginning what would be lost, in which attempts fail and never for good. What follows further"
+    " down, such as what is worth fixing, is of the first plan, and of replications in which nothing was planned anew."
+)
+_SHARE = "{:.1f} %"
+
+HEAD = (
+    *("products an hour", "takt [s]", "takt P99 [s]", "cycle time [s]"),
+    *("cycle time P99 [s]", "work in progress"),
+)
+LATE = "late products"
+
+
+def gains_tables(cell: CellGains, label: str, *, confidence: float, most: int) -> str:
+    """Return the greatest gains of a cell: one thing each, then many at once."""
+    if cell.replications == 0:
+        return paragraph(
+            f"{label}: nothing was tried. No replication was completed, or the event engine would"
+            " take longer for it than for the study; more replications give it more time."
+        )
+    share = f"{100 * confidence:g} %"
+    made = f"seconds gained with {share} intervals, {cell.replications} replications"
+    tables = []
+    for what, many in (("one thing", False), ("many at once", True)):
+        found = cell.best(most, many=many)
+        shown = [gain for gain in found if gain.gone.mean_s.estimate >= _LEAST_S]
+        tables.append(_table(f"{label}: {what}, {made}", shown))
+    if not any(tables):
+        return paragraph(f"{label}: nothing that was tried gains anything.")
+    rest = len(cell.gains) - sum(len(cell.best(most, many=m)) for m in (False, True))
+    return "".join(tables) + (
+        paragraph(f"{rest} more are in gains.csv.", "note") if rest else ""
+    )
+
+
+def _table(caption: str, gains: Sequence[Gain]) -> str:
+    """Return gains as a table, nothing where there are none."""
+    head = ["", "", "what", f"mean, {LESS}", f"{P90}, {LESS}", "mean, gone"]
+    longest = max([gain.shorter.mean_s.estimate for gain in gains], default=0.0)
+    rows = []
+    for rank, gain in enumerate(gains, start=1):
+        width = 100.0 * max(gain.shorter.mean_s.estimate, 0.0) / max(longest, 1e-12)
+        bar = f'<div class="bar" style="width:{width:.0f}%"></div>'
+        kind = (
+            f'<span class="kind">{KINDS.get(gain.lever.kind, gain.lever.kind)}</span>'
+        )
+        row = [str(rank), kind, escape_text(gain.lever.name) + bar]
+        for saving in (gain.shorter, gain.gone):
+            row += [format_estimate(one) for one in (saving.mean_s, saving.p90_s)]
+        rows.append(row)
+    return table(caption, [*head, f"{P90}, gone"], rows, "gains")
+
+
+def critical_tasks_table(
+    load: Workload, tally: TaskTally, label: str, most: int
+) -> str:
+    """Return the tasks that were critical most often, by name."""
+    columns, names = task_columns(load, tally), task_names(load.tpg.tasks)
+    share, slack_s = columns["criticality"], columns["slack_mean_s"]
+    time_s = columns["end_p50_s"] - columns["start_p50_s"]
+    order = np.lexsort((-time_s, -share))[: np.count_nonzero(share > 0)]
+    caption = f"{label}: tasks that were on the critical path most often"
+    if len(order) > most:
+        caption += f", {most} of {len(order)}; all are in tasks.parquet"
+    rows = [
+        [
+            str(rank),
+            escape_text(names[columns["task"][k]]),
+            f"{100 * share[k]:.0f} %",
+            f"{slack_s[k]:.1f}",
+            f"{time_s[k]:.1f}",
+        ]
+        for rank, k in enumerate(order[:most].tolist(), start=1)
+    ]
+    head = ["", "task", "on the critical path", "mean slack [s]", "median time [s]"]
+    return table(caption, head, rows, "named")
+
+
+def busy_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of all cells in which something was complete."""
+    cells = [cell for cell in summary.cells if cell.utilisation]
+    names = list(dict.fromkeys(name for cell in cells for name in cell.utilisation))
+    rows = [
+        [
+            cell.label,
+            *(
+                f"{100 * cell.utilisation[name]:.1f} %"
+                if name in cell.utilisation
+                else "-"
+                for name in names
+            ),
+        ]
+        for cell in cells
+    ]
+    return ["busy", *names], rows
+
+
+def line_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of all cells that make several products."""
+    lines = [(cell.label, cell.line) for cell in summary.cells if cell.line]
+    due = any(line.due for _, line in lines)
+    rows = []
+    for label, line in lines:
+        row = [
+            label,
+            _mean(line.throughput_per_h, 1),
+            _mean(line.takt_s),
+            _p99(line.takt_quantiles_s),
+            _mean(line.cycle_time_s),
+            _p99(line.cycle_time_quantiles_s),
+            _mean(line.work_in_progress),
+        ]
+        if due:
+            late = line.due and line.due.late
+            row.append(f"{100 * late.estimate:.1f} %" if late else "-")
+        rows.append(row)
+    return ["policy", *HEAD, *([LATE] if due else [])], rows
+
+
+def lines_table(summary: StudySummary) -> str:
+    """Return the table for the report, nothing where nothing is made several times."""
+    words = ""
+    for line in (cell.line for cell in summary.cells if cell.line):
+        words = f"{line.products} products"
+        if line.start_up:
+            words += f"; takt and work in progress without the first {line.start_up}"
+        break
+    return text_table(words, line_rows(summary))
+
+
+def window_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of all windows of time."""
+    head = ["policy", "window", "within [s]", "passes [s]", "P95 [s]", "broken"]
+    rows = []
+    for cell in summary.cells:
+        for own in cell.windows.windows if cell.windows else ():
+            within = "-" if own.within_s is None else f"{own.within_s:g}"
+            row = [cell.label, own.window, within]
+            row += [f"{own.passed_s.estimate:.2f}", f"{own.passed_p95_s:.2f}"]
+            row.append("-" if own.broken is None else _span(own.broken, _SHARE, 100.0))
+            free = own.broken_free
+            row.append("-" if free is None else _span(free, _SHARE, 100.0))
+            rows.append(row)
+    return [*head, "not held back"], rows
+
+
+def holding_texts(summary: StudySummary) -> list[str]:
+    """Return in words what holding back for windows of time costs."""
+    return [
+        f"{cell.label}: holding back with {cell.windows.hold:g} makes the makespan longer by"
+        f" {_span(cell.windows.holding_s, '{:.2f} s')}, replication by replication"
+        for cell in summary.cells
+        if cell.windows and cell.windows.holding_s
+    ]
+
+
+def operated_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of what failures cost, a column a cell."""
+    cells = [(cell.label, cell.operated) for cell in summary.cells if cell.operated]
+    shown = {
+        "completed": [_span(own.completed, _SHARE, 100.0) for _, own in cells],
+        "steps given up": [_span(own.gave_up, _SHARE, 100.0) for _, own in cells],
+        "new plans": [_mean(own.versions) for _, own in cells],
+        **{
+            rung.replace("_", " "): [_mean(own.recoveries[rung]) for _, own in cells]
+            for rung in RUNGS
+        },
+        "regret [s]": [_seconds(own.regret_s) for _, own in cells],
+        "regret, new plans only [s]": [
+            _seconds(own.regret_replanned_s) for _, own in cells
+        ],
+    }
+    rows = [[name, *values] for name, values in shown.items() if values]
+    return ["failures, a replication", *(label for label, _ in cells)], rows
+
+
+def prevented_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of failures that are worth preventing, the best first."""
+    head = ["worth preventing", "completed then", "more", "sooner by [s]"]
+    rows = []
+    for cell in summary.cells:
+        for own in cell.operated.prevented if cell.operated else ():
+            name = own.name if len(summary.cells) == 1 else f"{own.name}; {cell.label}"
+            share = _span(own.completed, _SHARE, 100.0)
+            more = f"{100 * own.completed_more:+.1f} %"
+            rows.append([name, share, more, _seconds(own.sooner_s)])
+    return head, rows
+
+
+def operated_tables(summary: StudySummary) -> str:
+    """Return both for the report with what was given up, nothing where failures are not planned anew."""
+    out = text_table("what came of failures for good, means", operated_rows(summary))
+    texts = [
+        f"{cell.label}: step {step} in {count} of {cell.replications} replications"
+        for cell in summary.cells
+        for step, count in (cell.operated.given_up if cell.operated else {}).items()
+    ]
+    words = "which failure is worth preventing first: the same draws without it"
+    out += text_table(words, prevented_rows(summary), "named")
+    return out + bullets("Steps that were given up", texts)
+
+
+def _seconds(found: Interval | None) -> str:
+    return "-" if found is None else _span(found, "{:.2f}")
+
+
+def lateness_list(summary: StudySummary) -> str:
+    """Return in words how late products are, nothing where none is due."""
+    texts = []
+    for cell in summary.cells:
+        due = cell.line and cell.line.due
+        if due and due.late and due.lateness_s:
+            worst = due.lateness_quantiles_s["p99"]
+            texts.append(
+                f"{cell.label}: a product is late with probability"
+                f" {due.late.estimate:.3f}, any of them in"
+                f" {100 * due.any_late.estimate:.1f} % of the replications; mean lateness"
+                f" {due.lateness_s.estimate:.1f} s, P99 {worst:.1f} s"
+            )
+    return bullets("Lateness", texts)
+
+
+def ranking_table(summary: StudySummary, policy: str) -> str:
+    """Return the layouts under a policy in their order, as a table."""
+    rows = summary.ranked(policy)
+    keys = list(rows[0].variant)
+    cells = [
+        [
+            str(row.rank),
+            *(breakable(row.variant[key]) for key in keys),
+            f"{row.mean_s:.1f}",
+            escape_text(row.behind),
+            "" if row.rank == 1 or row.told_apart else "not told apart",
+        ]
+        for row in rows
+    ]
+    share = f"{100 * summary.confidence:g} %"
+    caption = (
+        f"Layouts under {policy} by mean makespan in seconds; behind the quickest,"
+        f" replication by replication, with intervals that hold together with {share}"
+    )
+    return table(caption, ["rank", *keys, "mean", "behind", ""], cells)
+
+
+def refused_table(summary: StudySummary) -> str:
+    """Return the layouts that have no plan, with the reason; nothing where all have one."""
+    keys = list(summary.refused[0].layout) if summary.refused else []
+    rows = [
+        [*(breakable(item.layout[key]) for key in keys), escape_text(item.reason)]
+        for item in summary.refused
+    ]
+    return table("Layouts without a plan", [*keys, "reason"], rows, "named")
+
+
+def replication_sentence(result: StudyResult) -> str:
+    """Return in words how much was replicated."""
+    experiment, summary = result.request.experiment, result.summary
+    counts = sorted({cell.replications for cell in summary.cells})
+    many = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
+    words = (
+        f"{many} replications of {len(experiment.policies)} policies"
+        f" with the same draws, seed {result.request.scenario.seed}."
+    )
+    if experiment.replications is None:
+        words += (
+            f" Sampling went on until the {100 * summary.confidence:g} % interval of"
+            f" every mean was within {100 * experiment.precision.relative_half_width:g} %,"
+            f" or {experiment.precision.most} replications were done."
+        )
+    return words
+
+
+def makespans_table(
+    summary: StudySummary, cells: Sequence[CellSummary] | None = None
+) -> str:
+    """Return the makespans of some cells, by default all, as a table."""
+    keys, deadline = list(summary.cells[0].variant), summary.deadline_s
+    head = ["policy", *keys, "n", "mean", "P50", "P90", "P95", "P99"]
+    head += ["not completed"] + ([f"within {deadline:g} s"] if deadline else [])
+    rows = []
+    for cell in summary.cells if cells is None else cells:
+        row = [
+            escape_text(cell.policy),
+            *(breakable(cell.variant[key]) for key in keys),
+        ]
+        row.append(str(cell.replications))
+        row += map(
+            format_estimate,
+            (
+                cell.makespan_s,
+                cell.makespan_p50_s,
+                cell.makespan_p90_s,
+                cell.makespan_p95_s,
+                cell.makespan_p99_s,
+            ),
+        )
+        row.append(format_estimate(cell.not_completed, percent=True))
+        if deadline:
+            row.append(format_estimate(cell.in_time, percent=True))
+        rows.append(row)
+    share = f"{100 * summary.confidence:g} %"
+    return table(f"Makespan in seconds, with {share} intervals", head, rows)
+
+
+def tornado_table(cell: CellSummary) -> str:
+    """Return the effect of each input on the mean makespan, with intervals."""
+    share = f"{100 * SHARE:.0f} %"
+    return table(
+        f"{cell.label}: change of the mean makespan [s], the same draws",
+        ["input", f"{share} less", f"{share} more"],
+        [
+            [escape_text(o.name), format_estimate(o.less_s), format_estimate(o.more_s)]
+            for o in cell.tornado
+        ],
+        "named",
+    )
+
+
+def sobol_table(cell: CellSummary) -> str:
+    """Return the Sobol indices of the inputs, with intervals."""
+    return table(
+        f"{cell.label}: share in the variance of the mean makespan",
+        ["input", "alone", "alone and together with others"],
+        [
+            [escape_text(o.name), format_estimate(o.first), format_estimate(o.total)]
+            for o in cell.sobol
+        ],
+        "named",
+    )
+
+
+def difference_list(summary: StudySummary) -> str:
+    """Return a list of the policies against the first one."""
+    texts = []
+    for entry in summary.differences:
+        where = "".join(f", {key} = {value}" for key, value in entry.variant.items())
+        texts.append(
+            f"{entry.policy} against {entry.reference}{where}:"
+            f" {_span(entry.makespan_s, '{:+.1f} s')}, {100 * entry.relative:+.1f} %"
+        )
+    return bullets("Differences, replication by replication", texts)
+
+
+def collision_lists(summary: StudySummary) -> str:
+    """Return lists of what collides when nobody waits, and when bases are off, if that was studied."""
+    titles = {True: "When nobody waits for anybody", False: "When bases are off"}
+    out = ""
+    for is_open, title in titles.items():
+        texts = [
+            f"{cell.label}: {cell.collisions}, {_span(cell.collided, '{:.0f} %', 100.0)}"
+            for cell in summary.cells
+            if cell.collided is not None and (cell.policy == OPEN_LOOP) == is_open
+        ]
+        out += bullets(title, texts)
+    return out
+
+
+def format_estimate(found: Interval | None, *, percent: bool = False) -> str:
+    """Return an estimate with its interval in small letters under it."""
+    if found is None:
+        return "-"
+    factor, unit = (100.0, " %") if percent else (1.0, "")
+    value = f"<span>{_digits(factor * found.estimate)}{unit}</span>"
+    bounds = found.bounds(_digits, factor)
+    return f'{value}<br><span class="interval">{bounds}</span>' if bounds else value
+
+
+def _digits(value: float) -> str:
+    """Return a number with as many digits as say something."""
+    digits = 1 if abs(value) >= 9.995 else 2
+    return f"{value:.{digits}f}".replace("-0.00", "0.00")
+
+
+def _span(found: Interval, form: str, factor: float = 1.0) -> str:
+    """Return an estimate with its interval in one line."""
+    words = form.format(factor * found.estimate)
+    bounds = found.bounds(factor=factor)
+    return f"{words} ({bounds})" if bounds else words
+
+
+def _mean(found: Interval | None, digits: int = 2) -> str:
+    return "-" if found is None else f"{found.estimate:.{digits}f}"
+
+
+def _p99(quantiles: dict[str, float]) -> str:
+    return f"{quantiles['p99']:.2f}" if quantiles else "-"
