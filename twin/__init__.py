@@ -39,10 +39,10 @@ _MODULES = {
     "replay": "twin.recorders.rerun.api",
     "RunMoment": "twin.trial.run_moment",
     "ViewerError": "twin.recorders.rerun.viewer",
-    "DeadlockError": "twin.runs.events",
-    "Comparison": "twin.studies.api",
+    "DeadlockError": "twin.runs.execution_record",
+    "Comparison": "twin.studies.compare",
     "Study": "twin.studies.api",
-    "compare": "twin.studies.api",
+    "compare": "twin.studies.compare",
     "resume_study": "twin.studies.api",
     "study": "twin.studies.api",
     "Precision": "twin.studies.replications.statistics",
@@ -104,8 +104,8 @@ if TYPE_CHECKING:
     from twin.studies.api import Study as Study
     from twin.studies.api import resume_study as resume_study
     from twin.studies.api import study as study
-    from twin.studies.comparisons import Comparison as Comparison
-    from twin.studies.comparisons import compare as compare
+    from twin.studies.compare import Comparison as Comparison
+    from twin.studies.compare import compare as compare
     from twin.studies.replications.statistics import Precision as Precision
     from twin.trial.errors import IncompleteRunError as IncompleteRunError
     from twin.trial.errors import ResumeError as ResumeError

@@ -23,7 +23,7 @@ from twin.commands.view import View, count_columns
 from twin.host.guard import guarded
 
 if TYPE_CHECKING:
-    from twin.studies.comparisons import Comparison
+    from twin.studies.compare import Comparison
     from twin.trial.loaded_scenario import LoadedScenario
     from twin.trial.plan_result import PlanResult
 
@@ -253,11 +253,11 @@ def compare(
     paths, with the same skill durations. Leaves makespan and wait with what no coordination can
     beat, and planning time by stage: ``compare.json`` and ``compare.png``.
     """
-    from twin.studies import comparisons
+    from twin.studies import compare as comparison_api
 
     view = View(as_json, quiet)
     with view.progress() as progress:
-        found = comparisons.compare(
+        found = comparison_api.compare(
             scenario,
             seeds=seeds,
             shortcuts=shortcuts,
