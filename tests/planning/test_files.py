@@ -243,7 +243,9 @@ def test_pairs_of_a_robot_are_those_that_were_found(
         never_colliding_pairs(*given[:2], robot.lower / 2, robot.upper, robot.home)
 
 
-PLUMBING = {Path(m.__file__) for m in (errors, files, transforms, packed, shape)}
+PLUMBING = {
+    Path(m.__file__) for m in (caches, errors, files, transforms, packed, shape)
+}
 """Code that hands answers on, and decides none."""
 
 

@@ -10,8 +10,8 @@ from planning.lego.bricks.brick_grips import check_press, press_cell
 from planning.lego.sequencing.sequencing import sequence_structure
 from planning.lego.skills.targets import supported_span
 from twin.kinds.lego.kind import build_lego, build_structure
+from twin.kinds.lego.section import LegoSection
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.scenario import LegoSection
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "lego"
 

@@ -51,9 +51,9 @@ def test_without_room_for_a_report_the_line_remains(
 def test_compiled_code_is_silenced_and_python_speaks_again() -> None:
     code = (
         "import os, sys\n"
-        "from planning.silence import silenced\n"
+        "from planning.silence import silence_output\n"
         "print('before')\n"
-        "with silenced():\n"
+        "with silence_output():\n"
         "    os.write(1, b'noise'); os.write(2, b'noise')\n"
         "print('after'); print('error', file=sys.stderr)\n"
     )

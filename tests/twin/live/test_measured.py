@@ -8,8 +8,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from planning.motion.near_path import nearest_points_on_path
 from twin.drivers.driver import ClearedNode, Sample
-from twin.drivers.legs import near_path
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.measured import MeasuredLog, MeasuredRows, samples_between
 
@@ -57,7 +57,7 @@ def test_what_nobody_heard_of_is_where_the_path_leads(seed: int) -> None:
     found = rows.measured()
     # No corner is cut, and of no node is missing when it was passed.
     line = found.q[np.r_[True, np.any(np.diff(found.q, axis=0), axis=1)]]
-    off = near_path(line, np.array([s.q for _, s in seen])).off
+    off = nearest_points_on_path(line, np.array([s.q for _, s in seen])).off
     assert off.max() < 1e-6
     assert np.all(np.diff(found.t_ns) >= 0)
     assert len(rows.end_ns) == len(nodes)

@@ -159,7 +159,7 @@ def test_what_is_found_where_it_cannot_be_used_is_left_alone(
         asks.append(part)
         return allows(own, *rest)
 
-    monkeypatch.setattr(failure_triage, "beside", lambda *_: found)
+    monkeypatch.setattr(failure_triage, "offset_on_surface", lambda *_: found)
     monkeypatch.setattr(MeasuredWork, "allows", noted)
     done, events = operated(plan, 0, **found_beside(0.0, parts={part: 1.0}))
     assert bool(asks) == asked

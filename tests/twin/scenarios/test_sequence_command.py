@@ -12,8 +12,8 @@ from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.written import refusal, written
 from twin.document.validation import InvalidScenarioError
 from twin.kinds.lego.kind import build_lego, build_structure
+from twin.kinds.lego.section import LegoSection
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.scenario import LegoSection
 
 HEAD = cell(
     "small",

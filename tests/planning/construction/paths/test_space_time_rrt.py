@@ -267,7 +267,9 @@ def test_the_rrt_alone_finds_all_paths_of_a_construction(
 ) -> None:
     effort = PlannerSettings()
     assert effort.finding("auto") is effort
-    calls = dict.fromkeys(("direct_paths", "search_roadmap", "base_path", "grow"), 0)
+    calls = dict.fromkeys(
+        ("direct_paths", "search_roadmap", "base_path", "grow_forests"), 0
+    )
 
     def counted(name: str) -> None:
         own = getattr(rrt, name)
@@ -282,7 +284,7 @@ def test_the_rrt_alone_finds_all_paths_of_a_construction(
         counted(name)
     plan = plan_construction(toy_problem(tower(3), 2), effort.finding("rrt"))
     # To each part, to its place and away again.
-    assert calls.pop("grow") >= 3 * 3
+    assert calls.pop("grow_forests") >= 3 * 3
     assert not any(calls.values())
     assert not check_construction(plan).faults
 

@@ -23,7 +23,7 @@ _FILES = {"flange": "", "tool": "_tool"} | {
 
 DATA = Path(
     os.environ.get("ASSEMBLY_TWIN_APEX_DATA")
-    or Path(__file__).parents[3] / "../shared/data/apex-mr"
+    or Path(__file__).parents[4] / "../shared/data/apex-mr"
 )
 """What the authors published, where it is there."""
 

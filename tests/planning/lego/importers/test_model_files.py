@@ -16,7 +16,10 @@ from planning.lego.importers.brick_models.ldraw import read_ldraw
 from planning.lego.importers.brick_models.ldraw_files import PARTS
 from planning.lego.importers.brick_models.model import BrickModel
 
-DATA = Path(os.environ.get("ASSEMBLY_TWIN_BRICKGPT_DATA", "/work/shared/data/brickgpt"))
+DATA = Path(
+    os.environ.get("ASSEMBLY_TWIN_BRICKGPT_DATA")
+    or Path(__file__).parents[4] / "../shared/data/brickgpt"
+)
 
 GOOD = "2x4 (10,8,0)\n4x2 (10,8,1)\n1x1 (13,9,2)\n"
 

@@ -33,7 +33,7 @@ from twin.kinds.lego.section import LegoSection
 from twin.planning.build_workcell import build_workcell
 from twin.reading.scenario_file import load_scenario
 
-SCENARIOS = Path(__file__).parents[3] / "scenarios" / "lego"
+SCENARIOS = Path(__file__).parents[4] / "scenarios" / "lego"
 QUICK = ("cliff",)
 LARGE = ("faucet", "chair", "fish")
 """With stations that never run out; with scaffolding, supports and many places from below."""

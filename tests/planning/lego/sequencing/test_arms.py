@@ -27,9 +27,9 @@ from tests.planning.lego.structures import brick
 from twin.document.yaml_text import scenario_text
 from twin.host.progress import StageWatch
 from twin.kinds.lego.kind import build_lego, buildable_sequence
+from twin.kinds.lego.section import LegoSection
 from twin.planning.build_workcell import build_workcell
 from twin.reading.scenario_file import parse_scenario
-from twin.scenario.sections.scenario import LegoSection
 
 
 def hollow_house(
