@@ -43,7 +43,9 @@ class Shifted(DurationModel):
                 f"shifted: offset_s {self.offset_s} makes durations negative: the shortest "
                 f"of the model is {model.minimum:g} s"
             )
-        return self.changed(model=model)
+        found: Shifted = self.changed(model=model)
+        _ = found.mean
+        return found
 
     def _ppf(self, u: Array) -> Array:
         return np.maximum(self.model.ppf(u) + self.offset_s, 0.0)
@@ -95,7 +97,9 @@ class Retries(DurationModel):
     def located(self, folder: Path) -> Retries:
         """Return the model with its files read."""
         retry = None if self.retry is None else self.retry.located(folder)
-        return self.changed(attempt=self.attempt.located(folder), retry=retry)
+        found: Retries = self.changed(attempt=self.attempt.located(folder), retry=retry)
+        _ = found.mean
+        return found
 
     def _ppf(self, u: Array) -> Array:
         values, cumulative = _table(self)

@@ -92,8 +92,10 @@ class DurationModel(Section, ABC):
             folder: where relative paths start.
 
         Raises:
-            ScenarioError: a file cannot be read, or there is no such distribution.
+            ScenarioError: a file cannot be read, there is no such distribution, or its mean is longer
+                than any plan may last.
         """
+        _ = self.mean
         return self
 
     @abstractmethod

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from io import BytesIO
 
 import pyarrow as pa
+import pyarrow.csv
 import pyarrow.parquet as pq
 
 from twin.trial.run_result import RunResult
