@@ -1,4 +1,4 @@
-"""Bounds of quantities: what a scenario may state, and what the reader of a plan accepts.
+"""Bounds of quantities: valid ranges for scenario files and for readers of plans.
 
 Sections of the scenario, the planner and the readers of plans, logs and open plans share these
 values, so a plan of an accepted scenario is never refused as damaged. Quantities of a plan that are

@@ -1,4 +1,4 @@
-"""Expectations of a scenario on a run: places of objects, what holds them there, and processes.
+"""Expectations of a scenario on a run: final places of objects, their supports, and processes.
 
 The audit takes nothing of this from the plan that it judges.
 """
@@ -23,7 +23,7 @@ whatever it touches."""
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Place where an object is to stand at the end.
+    """Place where an object must be at the end.
 
     Attributes:
         words: what it is, for people.
@@ -50,7 +50,7 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class ExpectedProcess:
-    """A process that is to be done once.
+    """A process that must be done once.
 
     Attributes:
         words: what it is, for people.
@@ -83,7 +83,7 @@ class ExpectedProcess:
 
 @dataclass(frozen=True, eq=False)
 class ExpectedRest:
-    """A part lies somewhere on its way, or while something is done to it without a robot.
+    """Intermediate rest of a part: on its path, or during a process without a robot.
 
     Attributes:
         words: what it is, for people.
@@ -108,7 +108,7 @@ class ExpectedRest:
 
 @dataclass(frozen=True, eq=False)
 class ChangedTool:
-    """A tool that a robot takes from its rack and leaves there.
+    """A tool that a robot takes from its rack and returns to it.
 
     Attributes:
         name: of the tool, and of the object that it is.
@@ -129,7 +129,7 @@ class ChangedTool:
 
 @dataclass(frozen=True)
 class Expectations:
-    """Expectations of a scenario on the end of a run, and on the way there.
+    """Expectations of a scenario on the end of a run and on its intermediate states.
 
     Attributes:
         places: of all that is put somewhere; any order.
@@ -174,7 +174,7 @@ class Expectations:
     statics: StandingRules | None = None
 
     def renamed(self, names: Mapping[str, str]) -> Expectations:
-        """Return the same of objects that have come to the places of others, by the names of those."""
+        """Return the expectations with objects renamed where others came to their places."""
         if all(name == own for name, own in names.items()):
             return self
 
@@ -209,7 +209,7 @@ class Expectations:
         )
 
     def order(self) -> Iterator[tuple[str, str]]:
-        """Yield pairs of steps of which the first begins after the end of the second."""
+        """Yield pairs of steps of which the first must begin after the end of the second."""
         named = [(place.name, place.after) for place in self.places]
         named += [(process.name, process.after) for process in self.processes]
         for name, after in named:

@@ -1,4 +1,4 @@
-"""Files: read of bounded size, whatever names them (``package://`` too); written whole or not at all."""
+"""File access: bounded reads, ``package://`` names, and atomic writes."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def read_object(path: Path, what: str) -> dict[str, Any]:
 
 
 def require_own_files(folder: Path, names: Iterable[str]) -> None:
-    """Refuse files of a folder that lie elsewhere, or are neither files nor folders.
+    """Check that a folder contains only files and folders, none of them linked elsewhere.
 
     A folder may come from someone else: through a symbolic link that leads out of it other files
     would be read, written to or moved, and a named pipe would be waited for.
@@ -151,7 +151,7 @@ def require_own_files(folder: Path, names: Iterable[str]) -> None:
 
 
 def read_npz(content: bytes, *, kinds: str, most: int) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of an npz file; what they would take is looked at before it is taken.
+    """Return the arrays of an npz file; their size is checked before memory is allocated.
 
     Args:
         content: of the file.
@@ -189,7 +189,7 @@ def read_npz(content: bytes, *, kinds: str, most: int) -> dict[str, npt.NDArray[
 
 
 def is_file(path: Path) -> bool:
-    """Tell whether there is a file; False for paths that no file system takes."""
+    """Tell whether a file exists; False for paths that no file system accepts."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -198,7 +198,7 @@ def is_file(path: Path) -> bool:
 
 @contextmanager
 def replace_atomically(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside ``path`` to write to; it takes its place at the end.
+    """Provide a temporary path next to ``path`` to write to, and rename it at the end.
 
     When writing fails the temporary file goes and what was at ``path`` stays.
 
@@ -218,7 +218,7 @@ def replace_atomically(path: Path) -> Iterator[Path]:
 
 
 def digest_parts(arrays: Mapping[str, npt.NDArray[Any]]) -> Iterator[bytes]:
-    """Yield what a hash of named arrays is made of: names, types, shapes and contents."""
+    """Yield the bytes to hash for named arrays: names, types, shapes and contents."""
     for name in sorted(arrays):
         yield f"{name} {arrays[name].dtype} {arrays[name].shape}".encode()
         yield np.ascontiguousarray(arrays[name]).tobytes()
