@@ -1,4 +1,4 @@
-"""Capsules that bound a convex hull, several where one would be loose.
+"""Bounding capsules of a convex hull, several where one would be loose.
 
 The hull is cut by a grid of planes into convex cells. Each cell's corners, those on the
 cuts included, lie in one capsule; a capsule is convex, so it holds the whole cell, and the
@@ -61,7 +61,7 @@ def capsule_cover(
 def capsule_covers(
     hulls: Sequence[Array], *, thrift: float = 0.5
 ) -> tuple[Capsules, ...]:
-    """Bound convex hulls by capsules, each as capsule_cover does; remembered from run to run.
+    """Bound convex hulls by capsules, each as capsule_cover does; cached on disk.
 
     Args:
         hulls: corners of each, shape (v, 3) [m].
@@ -261,7 +261,7 @@ def _edges_across(points: Array, height: Array) -> tuple[Array, Array]:
 
 
 def _capsule(points: Array, normals: Array, support: Array) -> _Segment:
-    """Return the capsule along the longest axis that holds ``points`` and stands out least."""
+    """Return the capsule along the longest axis that contains ``points`` and exceeds them least."""
     long = int(np.argmax(np.ptp(points, axis=0)))
     others = [i for i in range(3) if i != long]
     centre = _circle_centre(points[:, others])

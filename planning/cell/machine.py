@@ -1,4 +1,4 @@
-"""Models of what never moves: carriers without travel, and machines.
+"""Models of immovable things: carriers without travel, and machines.
 
 A machine is something whose tasks take time and wait for others, as those of a robot do. It has
 no body: what it brings, works at or takes are objects at rest, and the user's fixtures stand for
@@ -52,5 +52,5 @@ MODEL = immovable_model("machine")
 
 
 def machine_robot(name: str) -> PlacedRobot:
-    """Return the machine of a name."""
+    """Return the machine with a given name."""
     return PlacedRobot(name, MODEL, read_only_copy(np.eye(4)), MODEL.home)

@@ -38,7 +38,7 @@ class MotionLimits:
 
 
 def limits_of(model: RobotModel) -> MotionLimits:
-    """Return the limits of a robot type, with what is usual where its description says nothing."""
+    """Return the motion limits of a robot type, with defaults where its description has none."""
     usual = np.where(
         model.chain.prismatic, SLIDING_ACCELERATION, TURNING_ACCELERATION
     ).astype(np.float64)

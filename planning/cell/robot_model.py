@@ -47,7 +47,7 @@ class LinkPart:
 
 @dataclass(frozen=True)
 class ToolGrip:
-    """Way in which a tool holds things: between fingers, or by suction.
+    """How a tool grips: between fingers, or by suction.
 
     Attributes:
         opening: least and largest distance of the fingers, along the y axis of the tool frame;
@@ -86,7 +86,7 @@ class DriveLimits:
 
     @property
     def spare(self) -> float:
-        """What the robot may carry beside its tool [kg]."""
+        """Remaining payload beside the tool [kg]."""
         return max(0.0, self.payload - self.tool_mass)
 
 

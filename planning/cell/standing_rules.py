@@ -1,4 +1,4 @@
-"""Rules by which bodies at rest must stand: friction, tilt, and what is joined."""
+"""Rules for the static stability of bodies at rest: friction, tilt, and joints between them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Joint:
 
     @property
     def endless(self) -> bool:
-        """True if it bears whatever comes."""
+        """True if it bears any load."""
         return math.isinf(self.force) and math.isinf(self.torque)
 
 

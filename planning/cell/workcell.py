@@ -16,7 +16,7 @@ CONTACT_DEPTH = 0.003
 
 @dataclass(frozen=True)
 class PoseError:
-    """How far a frame may be from where it is taken to be.
+    """Bound on the deviation of a frame from its nominal pose.
 
     Its origin is anywhere within ``m``, and it is turned about any axis by up to ``rad``. So a point
     at distance d from the origin is within m + d * rad: by less only as an arc is longer than its
@@ -31,11 +31,11 @@ class PoseError:
     rad: float = 0.0
 
     def __bool__(self) -> bool:
-        """Tell whether there is any."""
+        """Tell whether the error is not zero."""
         return self.m > 0.0 or self.rad > 0.0
 
     def displacement(self, distance: float) -> float:
-        """Return how far it takes a point at a distance from the origin, at most [m]."""
+        """Return the largest displacement of a point at a distance from the origin [m]."""
         return self.m + self.rad * distance
 
 
@@ -95,7 +95,7 @@ class Fixture:
 
 @dataclass(frozen=True, eq=False)
 class CellObject:
-    """Something that can be handled, or that is part of the scenery until the end.
+    """An object that can be handled, or that stays as scenery.
 
     Attributes:
         name: unique among fixtures and objects.
@@ -173,7 +173,7 @@ class Clearances:
 
 @dataclass(frozen=True)
 class Begun:
-    """What was done before plans of a cell begin that begin neither at HOME nor with all at its start.
+    """Progress made before a plan that begins neither at HOME nor with all objects at their start.
 
     Attributes:
         after: what was executed, for people.
@@ -190,7 +190,7 @@ class Begun:
 
 @dataclass(frozen=True)
 class Workcell:
-    """Static description of a cell: all that does not change while it works.
+    """Static description of a cell: everything that does not change during operation.
 
     Attributes:
         robots: who does the work.
@@ -221,7 +221,7 @@ class Workcell:
         raise KeyError(f"no robot {name!r}; robots: {[r.name for r in self.robots]}")
 
     def is_machine(self, name: str) -> bool:
-        """Tell whether it is a machine that has a name, and no robot."""
+        """Tell whether a name is that of a machine, not of a robot."""
         return any(item.name == name for item in self.machines)
 
     def object(self, name: str) -> CellObject:
