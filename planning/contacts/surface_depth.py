@@ -1,4 +1,4 @@
-"""How deep a surface of triangles reaches into a convex solid, and whether a point is inside of it.
+"""Depth of a triangle surface in a convex solid, and whether a point is inside the surface.
 
 The depth of a point in a convex solid is a concave function. Over a triangle it is bounded from
 above by its tangents; triangles are halved where that bound is above what was found.
