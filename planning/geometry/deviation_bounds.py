@@ -16,7 +16,7 @@ _FEW = 32
 
 @inner_kernel
 def deviation_bound_with_base(table: HullTable, solid: int, poses: Array) -> float:
-    """Return how far an error of its robot's base, and what it deviates, takes any point of a body, at most [m].
+    """Return the largest displacement of any point of a body by base error and deviation [m].
 
     Args:
         table: the bodies.
@@ -42,7 +42,7 @@ def deviation_bound_with_base(table: HullTable, solid: int, poses: Array) -> flo
 def deviation_bound(
     table: HullTable, solid: int, travel: Array, aside: Array, poses: Array
 ) -> tuple[float, float, float]:
-    """Return how far any point of a body strays on a motion, at most.
+    """Return a bound on how far any point of a body deviates from straight lines on a motion.
 
     Args:
         table: the bodies.

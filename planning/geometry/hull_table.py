@@ -50,12 +50,12 @@ class HullTable(NamedTuple):
     most_corners: int
 
     def on_a_motion(self) -> HullTable:
-        """Return the same bodies on one segment of its own."""
+        """Return the same bodies on one segment of their own."""
         n = self.q_a.shape[1]
         return packed(self._replace(q_a=np.zeros((1, n)), q_b=np.zeros((1, n))))
 
     def seen_from_base(self) -> HullTable:
-        """Return the same bodies as their own robot sees them: no error of its base parts them."""
+        """Return the same bodies relative to their own robot's base, without its error."""
         if not (self.robot.error.any() or self.deviates.any()):
             return packed(self)
         robot = packed(self.robot._replace(error=np.zeros(2)))

@@ -1,4 +1,4 @@
-"""Separating planes of whole stretches of motion, compiled: many segments dismissed at once.
+"""Separating planes of whole stretches of motion, compiled: many segments proved apart together.
 
 A stretch is a run of segments. Its joint values stay in a box, and near the straight line from
 its beginning to its end: two bounds of where its bodies can be. What neither proves apart is
@@ -27,7 +27,7 @@ MIXED = -2
 
 
 class PosedStretch(NamedTuple):
-    """A stretch of an occupancy, posed.
+    """Posed stretch of an occupancy: a run of its segments.
 
     Attributes:
         span: its segments, ``range(first, last)``, how many stretches were posed, and how many
@@ -68,7 +68,7 @@ class PosedStretch(NamedTuple):
 
 
 def make_stretch(table: HullTable) -> PosedStretch:
-    """Return room for a stretch of an occupancy."""
+    """Return work arrays for a stretch of an occupancy."""
     n, solids, bodies = table.q_a.shape[1], len(table.joint), table.solid.shape[1]
     stretch = PosedStretch(
         np.zeros(4, dtype=np.int64),
@@ -93,7 +93,7 @@ def make_stretch(table: HullTable) -> PosedStretch:
 
 @inner_kernel
 def _pose_box(table: HullTable, first: int, last: int, out: PosedStretch) -> None:
-    """Write the box of the joint values of some segments and the poses in its middle."""
+    """Write the joint-value box of some segments and the poses at its middle."""
     n = len(out.half)
     out.span[0], out.span[1] = first, last
     out.span[2] += 1
@@ -143,7 +143,7 @@ def pose_stretch(table: HullTable, first: int, last: int, out: PosedStretch) -> 
 
 @inner_kernel
 def measure_deviation(table: HullTable, solid: int, stretch: PosedStretch) -> None:
-    """Write how far a body strays on a stretch, unless that is known."""
+    """Write a bound on the deviation of a body on a stretch, unless it is known."""
     if stretch.known[solid] == stretch.span[2]:
         return
     stretch.known[solid] = stretch.span[2]
@@ -282,7 +282,7 @@ def _least(
 
 @inner_kernel
 def sweep_all_capsules(table: HullTable, stretch: PosedStretch) -> None:
-    """Write the capsules of all bodies that are the same on all of a stretch, posed."""
+    """Write the capsules of all bodies that are the same throughout a posed stretch."""
     for solid in stretch.solid:
         if solid >= 0:
             measure_deviation(table, solid, stretch)
@@ -291,7 +291,7 @@ def sweep_all_capsules(table: HullTable, stretch: PosedStretch) -> None:
 
 @inner_kernel
 def sweep_capsules(table: HullTable, solid: int, stretch: PosedStretch) -> None:
-    """Write the capsules that hold a body on a stretch, posed and measured.
+    """Write the capsules that contain a body on a stretch, posed and measured.
 
     The ends of a capsule stay as near to where they are in the middle as any point does, and
     as near as they are at both ends of the stretch, but for the bend in between.
