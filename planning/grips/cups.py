@@ -1,4 +1,4 @@
-"""Suction cups: their size by the shapes of a tool, and the widest flat spot that a part has for one."""
+"""Suction cups: their size from the shapes of a tool, and the widest flat spot on a part."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _TRUE = 5e-4
 
 
 def with_cup(rules: GripRules, robot: PlacedRobot) -> GripRules:
-    """Return rules with the cups that the shapes of a tool tell, unless they say how wide a cup is."""
+    """Return rules with the cup size found from the shapes of a tool, unless they state one."""
     told = rules.cup is not None or rules.frame not in {"flange", *robot.model.frames}
     if not rules.suction or robot.model.grip is None or told:
         return rules
@@ -39,7 +39,7 @@ def with_cup(rules: GripRules, robot: PlacedRobot) -> GripRules:
 
 
 def _cup_points(model: RobotModel, tip: Transform) -> CupPoints:
-    """Return the middle and the edge of the front of each body that reaches to a tool frame, in that [m]."""
+    """Return the centre and the front edge of each body that reaches to a tool frame, in that frame [m]."""
     found: list[tuple[float, float]] = []
     for body in own_bodies(model):
         corners = (body.vertices - tip[:3, 3]) @ tip[:3, :3]
@@ -58,7 +58,7 @@ def _cup_points(model: RobotModel, tip: Transform) -> CupPoints:
 
 
 def cup_width(rules: GripRules) -> float:
-    """Return how wide the cups of a tool are together, where they are widest [m]."""
+    """Return the total width of the cups of a tool, where it is greatest [m]."""
     if not rules.lips:
         return 2.0 * (rules.cup or USUAL_CUP)
     points: Array = np.array(rules.lips)
@@ -70,7 +70,7 @@ def cup_width(rules: GripRules) -> float:
 def describe_too_wide_cups(
     shape: Shape, start: Transform, goal: Transform, rules: GripRules
 ) -> str | None:
-    """Return in words which cup the faces of a part take at most, None where they take none.
+    """Return in words the largest cup for the faces of a part, None where there is none.
 
     Args:
         shape: of the part.

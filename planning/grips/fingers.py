@@ -1,4 +1,4 @@
-"""Fingers that close on a part: whether friction holds it between their pads, and the room that they sweep.
+"""Finger grips: friction between the pads and the part, and the volume that closing fingers sweep.
 
 Each pad presses with the force with which the tool closes, evenly on where it touches the part.
 Friction there bears what pulls the part along the pads, and what turns it about the axis between
@@ -57,7 +57,7 @@ _SWEPT: BoundedCache[tuple[RobotModel | None]] = BoundedCache(2_000)
 
 @dataclass(frozen=True)
 class PadLoad:
-    """What two pads have to bear, and what friction bears.
+    """Load on two pads, and the load that friction can carry.
 
     Attributes:
         lever: how far the centre of mass is beside the axis of the pads, where gravity turns
@@ -74,7 +74,7 @@ class PadLoad:
 
     @property
     def share(self) -> float:
-        """Share of what friction bears that the weight takes; above 1 the part slips or turns."""
+        """Fraction of the friction capacity used by the weight; above 1 the part slips or turns."""
         pull = self.force / self.most_force
         if self.torque <= 1e-9:
             return pull
@@ -90,7 +90,7 @@ def _pad_load(
     up: Array,
     friction: float,
 ) -> PadLoad | None:
-    """Return what two pads have to bear whose friction is so strong [N], None where they do not touch the part.
+    """Return the load on two pads at a given friction force [N], None where they do not touch the part.
 
     Given are its weight [N], and the direction against gravity in its frame; for the rest see ``pads_at``.
     """
@@ -131,7 +131,7 @@ def _pad_load(
 
 
 def _middle_and_radius(points: Array) -> tuple[Array, float]:
-    """Return the centre of the convex hull of points of a plane, and the mean distance of it from there.
+    """Return the centre of the convex hull of planar points, and the mean distance from it.
 
     Args:
         points: shape (p, 2) [m].
@@ -161,7 +161,7 @@ def load_on_pads(
     pose: Transform,
     friction: float,
 ) -> PadLoad | None:
-    """Return what pads that hold a part somewhere have to bear.
+    """Return the load on the pads that hold a part at a grip.
 
     Args:
         robot: the robot.
@@ -199,7 +199,7 @@ def firm_grips(
     poses: Sequence[Transform],
     friction: float,
 ) -> dict[int, Grip]:
-    """Return those grips of a robot's tool at which friction holds a part; all if there are none.
+    """Return the grips at which friction holds a part; all of them if there are none.
 
     Args:
         robot: the robot.
@@ -226,7 +226,7 @@ def swept_fingers(
     grip: Transform,
     short: float = 0.0,
 ) -> RobotModel | None:
-    """Return a robot whose fingers fill the room that they sweep as they close on a part.
+    """Return a robot whose fingers are replaced by the volume that they sweep while closing on a part.
 
     Args:
         model, tip, shape, grip: see ``pads_at``.
@@ -260,7 +260,7 @@ def _swept(
 
 
 def _along(body: ConvexBody, displacement: Array) -> ConvexBody:
-    """Return the hull of a body and of the same body a way further, shape (3,) [m]."""
+    """Return the hull of a body and of the same body after a displacement, shape (3,) [m]."""
     both = np.vstack([body.vertices, body.vertices + displacement])
     corners = hull_vertices(both)
     return ConvexBody(body.name, corners, capsule_cover(corners))
@@ -273,7 +273,7 @@ def finger_obstacles(
     q: Array,
     scene: tuple[Workcell, WorldState, Pairs],
 ) -> Obstruction | None:
-    """Return what a robot's fingers would meet as they close on a part or open from it.
+    """Return the obstacles of a robot's fingers while they close on a part or open from it.
 
     What is flush with the part where they touch it is not in their way, what stands out is.
 
