@@ -165,13 +165,13 @@ def follow_poses(
 
 @cache
 def _tip(model: RobotModel, frame: str) -> Transform:
-    """Return ``frame_in_last_joint`` for kernels: a writable copy, read-only arrays are compiled anew."""
+    """Return ``frame_in_last_joint`` as a writable copy: kernels are recompiled for read-only arrays."""
     return np.array(frame_in_last_joint(model, frame))
 
 
 @cache
 def _random_starts(model: RobotModel, count: int) -> Array:
-    """Return random configurations within the limits, always the same ones."""
+    """Return reproducible random configurations within the limits."""
     shape = count, model.dof
     return np.random.default_rng(0).uniform(model.lower, model.upper, shape)
 
