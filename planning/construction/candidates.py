@@ -78,7 +78,7 @@ def skeletons(
 def earliest_placement_time(
     problem: ConstructionProblem, part: str, placed: Mapping[str, float]
 ) -> float:
-    """Return the time before which a part must not be placed [s].
+    """Return the earliest time at which a part may be placed [s].
 
     Args:
         problem: with the part graph.
@@ -97,7 +97,7 @@ def rank_parts(
     free: float = np.inf,
     tool: Array | None = None,
 ) -> list[str]:
-    """Return the parts that may be placed next, the best first.
+    """Return the parts that may be placed next, best first.
 
     Those with most placed neighbours come first (eq. 6), of these the ones that can be in place
     soonest: what rests on a part that is placed late has to wait, and what lies far away takes
@@ -159,7 +159,7 @@ def rank_next(
     closed: Mapping[str, Collection[frozenset[str]]],
     rng: np.random.Generator,
 ) -> list[str]:
-    """Return the parts that may be placed next, see ``rank_parts``, by the robot that is free first."""
+    """Return the parts that the earliest free robot may place next, see ``rank_parts``."""
     world = building.world
     robot = min(problem.team, key=world.free_from)
     free = world.free_from(robot)

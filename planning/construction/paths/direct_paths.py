@@ -1,4 +1,4 @@
-"""Paths that need no search, compiled: straight ones, and ones that lean towards HOME.
+"""Paths that need no search, compiled: straight ones, and ones that bend towards HOME.
 
 While a robot drives, its arm has time to spare: on the way it may come as near to the posture
 of HOME as speeds allow and still arrive as soon. It may also stand until its arm is up, or
@@ -24,7 +24,7 @@ _PLACES = 8
 def direct_paths(
     scene: MoverScene, query: Query, latest: float, most: int, shares: int
 ) -> tuple[Array, Array, Indices, Indices, bool]:
-    """Look for ways that are clear of all that lies still, the earliest arrivals first.
+    """Find paths that are clear of static obstacles, earliest arrivals first.
 
     Args:
         scene: what must be kept clear of.
@@ -69,7 +69,7 @@ def direct_paths(
 def _stands(
     query: Query, goal: int, kind: int, shares: int
 ) -> tuple[float, float, float, float]:
-    """Return for how long joints lean and come back, and for how long the others stand [s]."""
+    """Return the durations of the detour towards HOME for some joints, and of the wait of the others [s]."""
     if kind == 0:
         return 0.0, 0.0, 0.0, 0.0
     lean, back = 0.0, 0.0
@@ -84,7 +84,7 @@ def _stands(
 
 @inner_kernel
 def _soonest(query: Query, goal: int, kind: int, shares: int) -> float:
-    """Return how soon a way can arrive [s]."""
+    """Return the earliest possible arrival of a path [s]."""
     _, _, before, after = _stands(query, goal, kind, shares)
     start = query.begin
     out = start
@@ -107,7 +107,7 @@ def _lay(
     times: Array,
     path: Array,
 ) -> int:
-    """Write a way that arrives at a time; return how many waypoints it has."""
+    """Write a path that arrives at a given time; return its number of waypoints."""
     lean, back, before, after = _stands(query, goal, kind, shares)
     start = query.begin
     span = arrival - start
@@ -144,7 +144,7 @@ def _at(
     come: float,
     arrival: float,
 ) -> float:
-    """Return where a joint is at a time: leaning as far as speeds allow, or going straight."""
+    """Return the value of a joint at a time: towards HOME as far as speeds allow, or straight."""
     a, b, v = float(query.start[j]), float(query.goals[goal, j]), query.velocity[j]
     start = query.begin
     if t >= arrival:
@@ -163,7 +163,7 @@ def _at(
 
 @inner_kernel
 def _still_clear(scene: MoverScene, times: Array, path: Array, count: int) -> bool:
-    """Tell whether a way is clear of all that lies still: places on it first, then all of it."""
+    """Tell whether a path is clear of static obstacles: samples first, then all of it."""
     middle = np.empty(path.shape[1])
     for k in range(count - 1, 0, -1):
         t = times[k]
@@ -184,7 +184,7 @@ def _still_clear(scene: MoverScene, times: Array, path: Array, count: int) -> bo
 
 @inner_kernel
 def _meets_nobody(scene: MoverScene, times: Array, path: Array, count: int) -> bool:
-    """Tell whether a way is clear of robots that move."""
+    """Tell whether a path is clear of moving robots."""
     for k in range(count - 1):
         a, s, b, t = path[k], times[k], path[k + 1], times[k + 1]
         if first_meeting_time(scene, a, s, b, t) < np.inf:

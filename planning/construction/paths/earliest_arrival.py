@@ -1,4 +1,4 @@
-"""Safe-interval path planning over a roadmap, compiled: which way, and when to wait where.
+"""Safe-interval path planning over a roadmap, compiled: which edges, and where and when to wait.
 
 Vertices are configurations, each with the spans of time in which the robot may stand there. The
 search goes from span to span in order of earliest arrival (safe-interval path planning), and
@@ -99,7 +99,7 @@ def _search(
     depart: float,
     bound: float,
 ) -> tuple[Array, Array, int]:
-    """Search a roadmap on which nothing is known yet, see ``search_roadmap``.
+    """Search an unexplored roadmap, see ``search_roadmap``.
 
     Args:
         scene: what must be kept clear of.
@@ -148,7 +148,7 @@ def _offer_neighbours(
     neighbours: int,
     bound: float,
 ) -> None:
-    """Queue the motions from a span of a vertex to the vertices given and to the nearest ones.
+    """Queue motions from a safe interval of a vertex to given vertices and to the nearest ones.
 
     Args:
         query: what is asked for.
@@ -193,7 +193,7 @@ def _next_state(
     most: int,
     bound: float,
 ) -> tuple[int, int]:
-    """Look at motions that wait, the most promising first, until one of them is clear.
+    """Check queued motions, most promising first, until one of them is clear.
 
     Returns:
         The span of a vertex to which that leads, -1 for none; and ``checked`` and how many have
@@ -252,7 +252,7 @@ def _offer(
     tries: int,
     bound: float,
 ) -> None:
-    """Queue a motion, if it may be of use."""
+    """Queue a motion if it may improve the result."""
     v, i = source // SPANS, source % SPANS
     u, j = target // SPANS, target % SPANS
     lo, hi = road.spans[u, j]
@@ -273,7 +273,7 @@ def _offer(
 
 @inner_kernel
 def _trace(road: Roadmap, last: int, best: float) -> tuple[Array, Array]:
-    """Return the path that leads to a span of a vertex."""
+    """Return the path to a safe interval of a vertex."""
     states = tree_branch(road.parent.reshape(-1), last)
     count = len(states)
     times, path = np.empty(2 * count), np.empty((2 * count, road.q.shape[1]))

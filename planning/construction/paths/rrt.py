@@ -109,7 +109,7 @@ def make_query(
 
 
 def _cut(windows: Array, earliest: float, latest: float) -> Array:
-    """Return the parts of spans between two times."""
+    """Return the parts of time spans between two times."""
     out = np.clip(windows, earliest, latest)
     out[:, 1] = np.where(np.isinf(windows[:, 1]), latest, out[:, 1])
     keep = (windows[:, 1] >= earliest) & (windows[:, 0] <= latest)
@@ -169,7 +169,7 @@ class _Search:
         return best
 
     def _without_search(self) -> SpaceTimePath | None:
-        """Return the earliest of the paths that need no search, None where all are blocked."""
+        """Return the earliest of the direct paths, None where all are blocked."""
         settings, checker, query = self.settings, self.checker, self.query
         if settings.direct == 0:
             return None
@@ -227,7 +227,7 @@ class _Search:
         return SpaceTimePath(time[keep], path[keep], int(goal), self.earliest)
 
     def _improve(self, found: SpaceTimePath, seed: int) -> SpaceTimePath:
-        """Return a path that goes less far, and arrives no later."""
+        """Return a path with less travel that arrives no later."""
         settings, checker, query = self.settings, self.checker, self.query
         with self.watch.time(POSTPROCESSING):
             for turn in range(3):

@@ -17,7 +17,7 @@ PathFinder = Literal["auto", "rrt"]
 
 
 class RrtSettings(NamedTuple):
-    """Effort of the search for one path. It never looks at a clock: a seed means one path.
+    """Effort of the search for one path, without time limits: a seed determines the path.
 
     A path that arrives a second late is good enough: better ones cost more than they gain.
 
@@ -62,11 +62,11 @@ class RrtSettings(NamedTuple):
 
     @property
     def samples_only(self) -> bool:
-        """True if all paths are of the bi-directional search."""
+        """True if all paths come from the bi-directional search."""
         return self.direct == 0 and self.checks == 0
 
     def rrt_alone(self) -> RrtSettings:
-        """Return the settings with which the bi-directional search finds all paths, as in IV-C."""
+        """Return settings that find all paths by the bi-directional search, as in IV-C."""
         return self._replace(direct=0, drives=0, checks=0)
 
 
@@ -108,7 +108,7 @@ class SubproblemSettings:
     holds: int = 2
 
     def low_effort(self) -> SubproblemSettings:
-        """Return the settings with which only paths that are easy to find are looked for."""
+        """Return settings that search only for paths that are easy to find."""
         rrt = self.rrt
         few = rrt.iterations // _EASY_SHARE if rrt.samples_only else 0
         rrt = rrt._replace(
@@ -117,7 +117,7 @@ class SubproblemSettings:
         return replace(self, rrt=rrt, holds=1)
 
     def harder(self, effort: int) -> SubproblemSettings:
-        """Return the settings with which failures are gone through again."""
+        """Return settings that retry failures."""
         if effort == 0:
             return self
         by = 3**effort
@@ -181,7 +181,7 @@ class PlannerSettings:
     subproblem: SubproblemSettings = field(default_factory=SubproblemSettings)
 
     def finding(self, paths: PathFinder) -> PlannerSettings:
-        """Return the settings with which paths are found in another way."""
+        """Return settings with another method of path search."""
         if paths == "auto":
             return self
         rrt = self.subproblem.rrt.rrt_alone()

@@ -42,7 +42,7 @@ def part_objects(
     *,
     near: bool = False,
 ) -> tuple[CellObject, ...]:
-    """Return the parts of a model as objects that lie in the supply.
+    """Return the parts of a model as objects in the supply.
 
     Args:
         parts: the model.

@@ -1,4 +1,4 @@
-"""The fixed world: the cell with all motion planned so far (Hartmann et al., eq. 2), as the search extends it."""
+"""The fixed world: the cell with all motion planned so far (Hartmann et al., eq. 2)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _WORDS = {"pick": "pick", "place-down": "place", "handover": "hand over"}
 
 
 class SweptTracks:
-    """Keeps the swept tracks of the timelines that were used last, and where objects rest.
+    """Cache of the swept tracks of recently used timelines, and of resting objects.
 
     While one robot is planned nobody else's timeline changes, and half a dozen checkers are made.
 
@@ -99,7 +99,7 @@ class SweptTracks:
         changes: Sequence[HandChange],
         item: Callable[[str], CellObject],
     ) -> SweptTrack:
-        """Return the swept track of a robot from the cell of time on that ``start`` is in.
+        """Return the swept track of a robot from the time cell of ``start`` on.
 
         Args:
             start: [s].
@@ -140,7 +140,7 @@ class TimedRest(NamedTuple):
 
 @dataclass(frozen=True)
 class FixedWorld:
-    """Timelines of all robots and objects. Never changed: planning on makes a new one.
+    """Timelines of all robots and objects; immutable, extended by copies.
 
     Attributes:
         cell: the static cell.
@@ -155,7 +155,7 @@ class FixedWorld:
     swept: SweptTracks = field(default_factory=SweptTracks, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Copy and freeze both mappings; fill in robots and objects that are missing."""
+        """Copy and freeze both mappings; fill in missing robots and objects."""
         robots = {
             r.name: self.robots.get(r.name) or RobotTimeline(r.name, [0.0], [r.home])  # type: ignore[arg-type]
             for r in self.cell.robots
@@ -168,12 +168,12 @@ class FixedWorld:
         object.__setattr__(self, "objects", MappingProxyType(objects))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how it is made anew in another process."""
+        """Return how to rebuild it in another process."""
         return type(self), (self.cell, dict(self.robots), dict(self.objects))
 
     @cached_property
     def hands(self) -> Mapping[str, list[HandChange]]:
-        """What each robot holds from when on."""
+        """The objects that each robot holds over time."""
         held = held_objects_over_time(self.objects)
         return {name: held.get(name, [(-np.inf, ())]) for name in self.robots}
 
@@ -183,7 +183,7 @@ class FixedWorld:
         return max((line.end for line in self.robots.values()), default=0.0)
 
     def free_from(self, robot: str) -> float:
-        """Return the time at which a robot has done its work: T_r of eq. (2) [s].
+        """Return the time at which a robot has finished its work: T_r of eq. (2) [s].
 
         A way out of others' way may follow, see ``without_retreat``.
         """
@@ -234,7 +234,7 @@ class FixedWorld:
         return replace(self, objects={**self.objects, timeline.object: timeline})
 
     def without_retreat(self, robot: str) -> FixedWorld:
-        """Return the world without a robot's way out of others' way: it gets new work.
+        """Return the world without a robot's last retreat, because it gets new work.
 
         Others may have been planned on the strength of it, so the robot must be planned anew from
         there at once, in the world that this returns.
@@ -285,17 +285,17 @@ class PlannedTask:
 
     @property
     def touch(self) -> float:
-        """When the object of a skill changes hands [s]."""
+        """Time at which the object of a skill changes hands [s]."""
         return float(self.time[self.handlings[0].waypoint])
 
     @property
     def holder(self) -> str | None:
-        """Who holds the object of a skill from then on, None when it is put down."""
+        """Robot that holds the object after the skill, None when it is put down."""
         return self.handlings[0].holder
 
 
 class HeldPlacement(NamedTuple):
-    """A part that who placed it keeps hold of until another one is in place.
+    """A part that is held by the robot that placed it until another part is in place.
 
     Attributes:
         robot: who does; it stands.
@@ -312,7 +312,7 @@ class HeldPlacement(NamedTuple):
 
 @dataclass(frozen=True)
 class BuildState:
-    """A state of the search. Never changed: planning on makes a new one.
+    """A state of the search; immutable, extended by copies.
 
     Attributes:
         world: everything that has been planned, fixed (eq. 2).
@@ -334,7 +334,7 @@ class BuildState:
     def moved(
         self, robot: str, time: Array, path: Array, *, work: bool = True
     ) -> BuildState:
-        """Return the state in which a robot has gone along a path.
+        """Return the state after a robot has followed a path.
 
         Args:
             robot: its name.
@@ -355,7 +355,7 @@ class BuildState:
         pose: Transform,
         touching: Pairs,
     ) -> BuildState:
-        """Return the state in which a robot has done a skill.
+        """Return the state after a robot has done a skill.
 
         Args:
             motion: of the skill.
@@ -394,11 +394,11 @@ class BuildState:
 
 
 def initial_build_state(problem: ConstructionProblem) -> BuildState:
-    """Return the state in which everything is where it starts."""
+    """Return the initial state, with everything at its start."""
     return BuildState(FixedWorld(problem.cell))
 
 
 def with_part_at_rest(world: FixedWorld, part: str, pose: Transform) -> FixedWorld:
-    """Return the world in which a part lies in some place at all times."""
+    """Return the world in which a part rests at a pose at all times."""
     line = ObjectTimeline(part).then(float("-inf"), None, pose)
     return world.with_object(line)
