@@ -1,4 +1,4 @@
-"""Removal of temporary bricks from a finished structure, and which of them cannot be removed.
+"""Removal of temporary bricks from a finished structure, and which of them are trapped.
 
 Temporary bricks stay until the structure is lifted off the plate; what stands from the start stays
 behind with it. Then a helper comes off its knobs straight up or down, and from there on moves in any
@@ -24,7 +24,7 @@ _NAMED = 4
 
 @dataclass(frozen=True)
 class UnremovableBrick:
-    """A helper that cannot be taken out any more.
+    """A temporary brick that can no longer be removed.
 
     Attributes:
         brick: the helper.
@@ -36,7 +36,7 @@ class UnremovableBrick:
 
     @property
     def words(self) -> str:
-        """The helper and what it is behind, in one phrase."""
+        """The temporary brick and what blocks it, in one phrase."""
         named = [_place(item) for item in self.behind[:_NAMED]]
         more = len(self.behind) - len(named)
         named += [f"{more} more"] if more else []
@@ -46,7 +46,7 @@ class UnremovableBrick:
 def find_unremovable_bricks(
     bricks: Iterable[PlacedBrick], helpers: frozenset[str]
 ) -> tuple[UnremovableBrick, ...]:
-    """Return the helpers that cannot be taken out of a finished structure, the lowest first.
+    """Return the temporary bricks trapped in a finished structure, lowest first.
 
     Args:
         bricks: of the structure with its helpers, without what stays behind with the plate.
@@ -76,7 +76,7 @@ def find_unremovable_bricks(
 
 @dataclass(frozen=True)
 class _WayOut:
-    """How far a brick gets among others.
+    """Search for an exit path of a brick among others.
 
     Attributes:
         outside: whether it gets out.
@@ -88,13 +88,13 @@ class _WayOut:
 
     @staticmethod
     def of(item: PlacedBrick, filled: Mapping[GridPlace, str]) -> _WayOut:
-        """Search all ways of a brick along the grid, straight ones first."""
+        """Search all paths of a brick along the grid, straight ones first."""
         own, span = item.places, item.span
         around = _bounds(place for place in filled if place not in own)
         hits: dict[str, None] = {}
 
         def clear(at: GridPlace, margin: int) -> bool:
-            """Tell whether it is clear of others with so many levels above and below it."""
+            """Tell whether it is clear of others within a number of levels above and below it."""
             rows = range(span.bottom - margin, span.top + margin)
             found = [
                 name
@@ -122,7 +122,7 @@ class _WayOut:
 
 
 def _bounds(places: Iterable[GridPlace]) -> GridSpan | None:
-    """Return the room of some places, None for none."""
+    """Return the block around some places, None for none."""
     axes = list(zip(*places, strict=True))
     if not axes:
         return None
