@@ -195,7 +195,7 @@ class MovingPair:
     def split(
         self, a_from: Array, a_to: Array, b_from: Array, b_to: Array, parts: int
     ) -> Array | None:
-        """Cut a composite motion into parts in which the robots may move at any relative pace.
+        """Cut a composite motion into parts, in each of which the robots are proved to keep clear.
 
         Args:
             a_from, a_to: ends of the first robot's motion, shape (n,).

@@ -90,7 +90,7 @@ def _pad_load(
     up: Array,
     friction: float,
 ) -> PadLoad | None:
-    """Return the load on two pads at a given friction force [N], None where they do not touch the part.
+    """Return the load on two pads for a given friction [N], None where they do not touch the part.
 
     Given are its weight [N], and the direction against gravity in its frame; for the rest see ``pads_at``.
     """
