@@ -1,4 +1,4 @@
-"""Robots that move at once, planned as one robot with all their joints (APEX-MR V-A).
+"""Robots that move simultaneously, planned as one robot with all their joints (APEX-MR V-A).
 
 A composite configuration is the robots' configurations one after another. On a straight line
 between two of them all robots move with the same parameter, in lock step.
@@ -43,7 +43,7 @@ class CompositeSpeed(SpeedModel):
 
 
 class CompositeChecker:
-    """Collision checks of robots that move at once, everything else standing.
+    """Collision checks of robots that move simultaneously, everything else static.
 
     Motions keep their clearance part by part, see ``planning.geometry.separation``.
 

@@ -1,4 +1,4 @@
-"""Motion plans as data: a timed path for every task, from either planning route."""
+"""Motion plans as data: a timed path for every task, from either planner."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class TaskMotion:
 
 @dataclass(frozen=True)
 class MotionPlan:
-    """Paths of all tasks, with the planned times that fix who goes first where.
+    """Paths of all tasks, with the planned times that fix the precedence between robots.
 
     Attributes:
         cell: the static cell.

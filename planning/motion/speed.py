@@ -29,7 +29,7 @@ class SpeedModel(Protocol):
         ...
 
     def duration(self, q_a: Array, q_b: Array) -> float:
-        """Return the time of the straight motion from ``q_a`` to ``q_b``, shape (n,) [s]."""
+        """Return the duration of the straight motion from ``q_a`` to ``q_b``, shape (n,) [s]."""
         return float(self.durations(q_b - q_a))
 
     def times_along(self, path: Array) -> Array:
