@@ -1,4 +1,4 @@
-"""The order of steps that nobody gave: by contacts, ways in and precedence, and by what is tried.
+"""Search for an order of steps: by contacts, insertion paths and precedence, and by trial.
 
 What rests on something comes after it, and so does what would bar another part's straight way
 down to its place; what lies on something in the stock is picked before it; a process is done once
@@ -47,7 +47,7 @@ _BORE = 0.002
 
 
 def order_steps_by_search(cell: Workcell, assembly: PartAssembly) -> PartAssembly:
-    """Return the assembly with its steps in an order that places and contacts allow.
+    """Return the assembly with its steps in an order that placement and contacts allow.
 
     Args:
         cell: its objects are the parts.
@@ -99,7 +99,7 @@ def find_ordered_candidates(
 
 
 class _AnyOrder:
-    """Steps in any order, and what is known of the order that they must be in.
+    """Unordered steps, and the precedence known between them.
 
     Args:
         cell: its objects are the parts.
@@ -125,7 +125,7 @@ class _AnyOrder:
         self._fixed = {k: v for k, v in placed.items() if k not in self._goals}
 
     def precedence(self) -> StepPrecedence:
-        """Return what comes before what, as far as places and contacts alone tell.
+        """Return the step precedence that follows from places and contacts alone.
 
         Raises:
             ConstructionError: two parts would overlap in their places.
@@ -158,7 +158,7 @@ class _AnyOrder:
         return out
 
     def _one_of(self, graph: PartGraph, part: str | None) -> frozenset[int]:
-        """Return the steps one of which comes before a part, as it touches or is joined to nothing else."""
+        """Return the steps at least one of which must precede a part that touches nothing else."""
         if part is None or part in graph.ground:
             return frozenset()
         near = {*graph.neighbours[part], *self._assembly.joined_to(part)}
@@ -167,7 +167,7 @@ class _AnyOrder:
         return frozenset(self._placing[other] for other in near)
 
     def _lacks(self, steps: Collection[int]) -> str:
-        """Return in words how far parts, none of which touches what stands, are from that."""
+        """Return in words how far parts that touch nothing in place are from it."""
         names = dict.fromkeys(s.part for k, s in self._places.items() if k in steps)
         near = {name: nearest_entity(self._goals[name], self._fixed) for name in names}
         found = [(at[1], name, at[0]) for name, at in near.items() if at is not None]
@@ -181,7 +181,7 @@ class _AnyOrder:
         )
 
     def ordered(self, known: StepPrecedence) -> PartAssembly:
-        """Return the assembly with its steps in the order nearest to the list.
+        """Return the assembly with its steps in the feasible order nearest to the list.
 
         Raises:
             InfeasibleStepError: there is none; the message names steps that wait for each other.
@@ -194,7 +194,7 @@ class _AnyOrder:
         return replace(self._assembly, steps=tuple(self._steps[k] for k in order))
 
     def propped(self, known: StepPrecedence) -> StepPrecedence:
-        """Return what comes before what once all props that are found come before what they keep up.
+        """Return the precedence with all props that are found before the parts that they support.
 
         What falls all the same is left for the candidates to refuse.
         """
@@ -231,7 +231,7 @@ class _AnyOrder:
         step: int,
         blockers: Counter[str],
     ) -> StepPrecedence | None:
-        """Return what comes before what once a part that blocks a step is moved past it.
+        """Return the precedence after a part that blocks a step is moved past it.
 
         Args:
             known: what comes before what.
@@ -260,11 +260,11 @@ class _AnyOrder:
         return None
 
     def _number(self, step: AnyStep) -> int:
-        """Return the place of a step in the list."""
+        """Return the list index of a step."""
         return next(k for k, own in enumerate(self._steps) if own is step)
 
     def _joining(self, part: str, but: int) -> frozenset[int]:
-        """Return the steps that join a part to others, one of them left out."""
+        """Return the steps that join a part to others, except one."""
         found = set()
         for joint in self._assembly.joints:
             if part in joint.ends:
@@ -274,7 +274,7 @@ class _AnyOrder:
         return frozenset(k for k in found if k is not None and k != but)
 
     def _said(self) -> Iterator[tuple[int, int, str]]:
-        """Yield what the scenario says, and that processes and holds are at parts in place."""
+        """Yield the precedence stated by the scenario; processes and holds need their parts in place."""
         placing = self._placing
         for k, step in enumerate(self._steps):
             for name in step.after:
@@ -291,7 +291,7 @@ class _AnyOrder:
                 yield placing[step.part], k, f"it is done at {step.part} in its place"
 
     def _contacts(self, graph: PartGraph) -> Iterator[tuple[int, int, str]]:
-        """Yield what rests on what in its place, and what lies on what at the start."""
+        """Yield the support relations of parts in their places and at the start."""
         at = self._placing
         for name, carriers in graph.carriers.items():
             for other in sorted(carriers):
@@ -301,7 +301,7 @@ class _AnyOrder:
                 yield at[other], at[name], f"{other} lies on {name} at the start"
 
     def _barred(self) -> Iterator[tuple[int, int, str]]:
-        """Yield what would bar another part's straight way down, or up from where it starts."""
+        """Yield parts that would block another part's straight insertion, or its removal from the start."""
         at, goals = self._placing, self._goals
         handled = {name: self._assembly.handling(name) for name in at}
         for name, goal in goals.items():
@@ -324,7 +324,7 @@ class _AnyOrder:
                     yield at[other], at[name], words
 
     def _barred_works(self) -> Iterator[tuple[int, int, str]]:
-        """Yield parts that would bar the straight way of a tool to where it works, as a rod on it."""
+        """Yield parts that would block the straight path of a tool to its workplace, such as a rod on it."""
         placed = {item.name: item.start for item in self._cell.objects}
         placed |= self._assembly.goals
         for k, step in enumerate(self._steps):

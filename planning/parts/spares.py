@@ -1,4 +1,4 @@
-"""Spare parts: what else of its kind may come to the place of a part, once that is lost."""
+"""Spare parts: interchangeable parts that can replace a lost one."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def with_spares(
 def with_chosen_spares(
     candidates: PartCandidates, objects: Iterable[tuple[int, str | None]]
 ) -> PartCandidates:
-    """Return candidates as if the spare parts that are chosen had been what their steps are about.
+    """Return candidates in which the chosen spare parts replace the parts of their steps.
 
     Args:
         candidates: of all steps.

@@ -1,4 +1,4 @@
-"""Paths of the steps of an assembly of parts, alone and beside robots that hold something meanwhile."""
+"""Paths of assembly steps, alone and next to robots that hold something meanwhile."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ Item = TypeVar("Item", PrimaryCandidate, SupportCandidate)
 
 @dataclass(frozen=True)
 class StepPaths:
-    """Paths of the candidates of an assembly, found alone, and beside robots that hold something.
+    """Paths of the candidates of an assembly, found alone, and next to robots that hold something.
 
     Attributes:
         skills: returns those of robots that have certain tools on them, all others at HOME.
@@ -69,7 +69,7 @@ class StepPaths:
     def among(
         self, item: Candidate, holding: Holders, supporting: Holders = NOBODY
     ) -> tuple[SkillPath, ...] | Obstruction:
-        """Return the paths of a candidate beside robots that hold something, or what is in its way.
+        """Return the paths of a candidate next to robots that hold something, or the obstruction.
 
         Paths that are free beside them are as they were. How a part gets to where its robot picks
         it last is not looked at.
@@ -105,7 +105,7 @@ class StepPaths:
         return step.grips[item.grasp] if relay is None else relay.take.grip
 
     def planned(self, plan: TaskPlan, step: int) -> tuple[SkillPath, ...]:
-        """Return pick and place of a step, or its process, beside all that is held meanwhile.
+        """Return pick and place of a step, or its process, next to all that is held meanwhile.
 
         Where nothing is free beside several that hold, the paths are those beside nobody, which
         motion planning finds to be blocked.
@@ -117,7 +117,7 @@ class StepPaths:
         return self.alone[choice.primary] if isinstance(found, Obstruction) else found
 
     def planned_hold(self, plan: TaskPlan, step: int) -> SkillPath | None:
-        """Return how a part is held in a step, None if none is."""
+        """Return the hold of a part in a step, None if there is none."""
         support = plan[step].support
         if support is None:
             return None
@@ -125,7 +125,7 @@ class StepPaths:
         return (self.alone[support] if isinstance(found, Obstruction) else found)[0]
 
     def _kept(self, plan: TaskPlan, step: int) -> Holders:
-        """Return who keeps hold of what was placed before a step."""
+        """Return the robots that still hold what was placed before a step."""
         return {
             plan[k].robot: (self.planned(plan, k)[-1].contact, plan[k].tools)
             for k, last in self.keeps.items()
@@ -133,13 +133,13 @@ class StepPaths:
         }
 
     def release(self, place: SkillPath) -> SkillPath:
-        """Return the way back of who kept hold of what it placed."""
+        """Return the retreat of the robot that held what it placed."""
         assert place.change_at is not None
         rest = place.waypoints[place.change_at :]
         return SkillPath(STRAIGHT, place.robot, rest[:1], rest[1:])
 
     def blocks_release(self, item: PrimaryCandidate) -> Obstruction | None:
-        """Return what is in the way of who lets go once the step is done that it waited for."""
+        """Return the obstruction of a release once the step that it waited for is done."""
         kept = self.steps[item.step - 1]
         assert isinstance(kept, PartStep)
         last = self.steps[self.keeps[item.step] - 1]
@@ -158,7 +158,7 @@ class StepPaths:
 
 @dataclass(frozen=True)
 class Pairing:
-    """Finds which candidates go together where robots hold something.
+    """Checks compatibility of candidates where robots hold something.
 
     Attributes:
         paths: of all candidates.
@@ -169,7 +169,7 @@ class Pairing:
     found: CandidateCollector
 
     def pair_held(self, step: int) -> None:
-        """Find ways to do a step beside ways to hold; what is not found cannot go together."""
+        """Check the candidates of a step against the holds during it; undecided pairs are incompatible."""
         good: dict[str, Counter[str]] = defaultdict(Counter)
         for s, support in _of_step(self.found.supports, step).items():
             at = self.paths.alone[support][0].path[-1]
@@ -182,7 +182,7 @@ class Pairing:
             self.found.incompatible |= {(p, s) for p in bad}
 
     def pair_kept(self, steps: range) -> None:
-        """Find which candidates go together where robots keep hold of what they placed in some steps, from 0.
+        """Check the candidates of steps, from 0, against robots that keep holding what they placed.
 
         Of every step of that sort the cheapest are taken, some for each robot, that leave others
         candidates to do each step until they may let go, and that lead away then. The rest is
@@ -199,7 +199,7 @@ class Pairing:
                     self.found.dropped.add(p)
 
     def _can_keep(self, p: int, item: PrimaryCandidate) -> bool:
-        """Tell whether others can do what is to be done while a robot keeps hold; note what clashes."""
+        """Tell whether others can do the steps while a robot keeps holding; note incompatible candidates."""
         paths, found = self.paths, self.found
         words = f"{item.robot} that keeps hold of {item.object}, {paths.grip_of(item).words}"
         if (wrong := paths.blocks_release(item)) is not None:
@@ -236,7 +236,7 @@ class Pairing:
         good: Counter[str],
         most: float = _ENOUGH,
     ) -> tuple[set[int], list[Obstruction]]:
-        """Return which candidates cannot be done beside robots that hold something, and why.
+        """Return the candidates that cannot be done next to robots that hold something, and why.
 
         Args:
             items: candidates by their numbers.
@@ -263,7 +263,7 @@ class Pairing:
     def _nobody(
         self, kept: PrimaryCandidate, later: int, wrong: Obstruction | None
     ) -> Obstruction:
-        """Return that a step cannot be done while a robot keeps hold, and why not.
+        """Return the rejection of a step that cannot be done while a robot keeps holding.
 
         Where nothing of who keeps hold is in the way, nobody else can do the step at all: then
         that is why.
@@ -285,14 +285,14 @@ class Pairing:
         return Obstruction(why)
 
     def _cheapest(self, step: int, but: str = "") -> dict[int, PrimaryCandidate]:
-        """Return the ways to do a step by number, the cheapest first, one robot's left out."""
+        """Return the candidates of a step by number, cheapest first, without those of one robot."""
         items = _of_step(self.found.primaries, step, but)
         numbers = sorted(items.keys() - self.found.dropped)
         return {p: items[p] for p in sorted(numbers, key=lambda p: items[p].cost)}
 
 
 def _of_step(items: Sequence[Item], step: int, but: str = "") -> dict[int, Item]:
-    """Return the candidates of a step by number, those of one robot left out."""
+    """Return the candidates of a step by number, without those of one robot."""
     return {
         k: item
         for k, item in enumerate(items)
