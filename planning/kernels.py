@@ -171,7 +171,7 @@ def kernel(function: Function) -> Function:
 
 
 def inner_kernel(function: Function) -> Function:
-    """Compile a function that only kernels call, inlined into those, which halves the compilation."""
+    """Compile a function that only kernels call, as part of those, which halves the compilation."""
     return _compiled(
         function,
         no_cpython_wrapper=True,
