@@ -111,7 +111,7 @@ def _inertias(model: Any) -> LinkInertias:
 
 
 def _mass(root: Element, links: set[str]) -> float:
-    """Return the mass of links, as far as a description tells it [kg]."""
+    """Return the mass of links, as far as a description states it [kg]."""
     return sum(
         parse_number(mass.get("value", "0"), "mass of a link")
         for link in root.findall("link")
@@ -156,7 +156,7 @@ def _build(description: UrdfFile, held: Mapping[str, float]) -> tuple[Any, Any]:
 
 
 def _chain(description: UrdfFile, model: Any) -> KinematicChain:
-    """Take placements from pinocchio (fixed joints merged) and axes from the file."""
+    """Return the chain, with placements from pinocchio (fixed joints merged) and axes from the file."""
     placement = [
         model.jointPlacements[model.getJointId(joint.name)].homogeneous
         for joint in description.joints
