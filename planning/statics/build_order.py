@@ -1,4 +1,4 @@
-"""Whether a structure stands in every state that a build can come through, and what must wait for it.
+"""Stability of a structure in every state that a build can reach, and the precedence that ensures it.
 
 Robots that wait only where they must put parts in place in many orders: every set of steps that
 contains, with a step, all that it waits for can be what is there at some time. There may be
@@ -55,7 +55,7 @@ class BuildStep:
 
 @dataclass(frozen=True)
 class StableBuild:
-    """A build in which everything always stands.
+    """A build that is stable in every state.
 
     Attributes:
         waits: what steps must wait for beyond what they wait for anyway.
@@ -90,7 +90,7 @@ def balance_dependencies(
     waits: Iterable[tuple[int, int]],
     keepable: Collection[str] | None = None,
 ) -> StableBuild | UnstableState:
-    """Return what steps must wait for beyond what they wait for anyway, or the first fall.
+    """Return additional step precedences for stability, or the first fall.
 
     Args:
         standing: knows the bodies in their places.
@@ -112,7 +112,7 @@ def balance_dependencies(
 
 
 class _Build:
-    """Goes through the steps of a build in their order."""
+    """Checks the steps of a build in their order."""
 
     def __init__(
         self,
@@ -132,11 +132,11 @@ class _Build:
         self._new: set[tuple[int, int]] = set(self._until.items())
 
     def stand(self) -> StableBuild:
-        """Return what must wait for what, and what is kept hold of, as far as is known."""
+        """Return the precedences and holds found so far."""
         return StableBuild(frozenset(self._new), dict(self._until))
 
     def fall(self, k: int) -> UnstableState | None:
-        """Return what falls after a step; let it wait for what it needs where nothing does."""
+        """Return what falls after a step; add precedences that prevent it where possible."""
         mates = [n for n in range(k) if self._together[n] == self._together[k]]
         before = {*nx.ancestors(self._order, k), k}
         stepwise = any(
@@ -168,7 +168,7 @@ class _Build:
         return None
 
     def _carried(self, k: int, before: Collection[int]) -> bool:
-        """Return whether what is to be carried from a step on is, by what is there before alone."""
+        """Return whether the bodies to be supported from a step on are, by its predecessors alone."""
         loads = () if k in self._until else self._steps[k].adds
         loads = (*loads, *self._let_go(k))
         if not loads:
@@ -187,7 +187,7 @@ class _Build:
     def _cases(
         self, before: Collection[int], in_hands: Sequence[int]
     ) -> Iterator[tuple[list[str], list[Joint], tuple[str, ...]]]:
-        """Yield what is there, what is joined and what is held, whoever has let go by then."""
+        """Yield sets of present, joined and held bodies, over all possible releases."""
         for count in range(len(in_hands) + 1):
             for gone in combinations(in_hands, count):
                 done = set(before)
@@ -206,7 +206,7 @@ class _Build:
                 yield there, joints, tuple(names)
 
     def _held(self, done: Collection[int]) -> tuple[str, ...]:
-        """Return what hands hold once some steps are done."""
+        """Return the bodies held once some steps are done."""
         return tuple(
             name
             for n, last in self._until.items()
@@ -215,12 +215,12 @@ class _Build:
         )
 
     def _let_go(self, k: int) -> list[str]:
-        """Return what hands let go of after a step."""
+        """Return the bodies released after a step."""
         own = (self._steps[n].adds for n, last in self._until.items() if last == k)
         return list(chain.from_iterable(own))
 
     def keep(self, fall: UnstableState) -> bool:
-        """Keep hold of what falls, or would if let go, until a later step joins it; tell whether."""
+        """Hold what falls, or would on release, until a later step joins it; tell whether that helps."""
         k = fall.step
         own = [k] if k not in self._until else []
         let_go = (n for n, last in self._until.items() if last == k)
@@ -246,7 +246,7 @@ class _Build:
 def _hanging_together(
     standing: StabilityChecker, steps: Sequence[BuildStep]
 ) -> list[int]:
-    """Return, for each step, a number that it shares with the steps whose bodies its own touch."""
+    """Return, for each step, the number of its group of steps with touching bodies."""
     graph = standing.touching()
     let_go: dict[int, list[str]] = defaultdict(list)
     for step in steps:
