@@ -45,13 +45,13 @@ class CandidateCollector:
         self.blockers: dict[int, Counter[str]] = defaultdict(Counter)
 
     def cost(self, *paths: SkillPath) -> float:
-        """Return the joint distance from HOME to where each of some skills touches what it is for."""
+        """Return the joint distance from HOME to the contact configurations of some skills."""
         return sum(joint_distance(self.home[p.robot], p.contact) for p in paths)
 
     def accept(
         self, step: int, what: str, found: Found | Obstruction, robot: str | None = None
     ) -> Found | None:
-        """Return what was found, None for what is in the way, which is noted as a reason.
+        """Return a found path, or None for an obstruction, which is noted as a reason.
 
         Args:
             step: counted from 1.
@@ -71,7 +71,7 @@ class CandidateCollector:
         reason: Obstruction | str,
         robot: str | None = None,
     ) -> None:
-        """Note why something is no candidate, and count what was in the way."""
+        """Note why something is no candidate, and count its obstacles."""
         if isinstance(reason, str):
             reason = Obstruction(reason)
         self.rejections.append(Rejection(step, what, reason.words, robot, reason.by))
@@ -81,7 +81,7 @@ class CandidateCollector:
     def problem(
         self, steps: Sequence[str], needs_support: Sequence[bool], **more: Any
     ) -> AssignmentProblem:
-        """Return the problem of what was gathered.
+        """Return the assignment problem of the gathered candidates.
 
         Args:
             steps: what they are, in words.

@@ -1,4 +1,4 @@
-"""Handovers between two robots in the air, whatever is handed over, where meetings are given."""
+"""Handovers of any object between two robots in the air, at given meeting places."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class MeetingPlace:
 
 @dataclass(frozen=True)
 class Handover:
-    """A handover that nothing is in the way of.
+    """A collision-free handover.
 
     Attributes:
         meeting: where the two robots meet.
@@ -74,7 +74,7 @@ class Handover:
 def find_handover(
     cell: Workcell, around: Objects, meeting: MeetingPlace
 ) -> Handover | Obstruction | None:
-    """Return the handover at a meeting, in the receiver's first posture that is free.
+    """Return the handover at a meeting, in the receiver's first free posture.
 
     Args:
         cell: all robots but the two stand at HOME.
@@ -118,7 +118,7 @@ def find_handover(
 def _receiver_clash(
     scene: SkillScene, meeting: MeetingPlace, pre: Array
 ) -> Obstruction | None:
-    """Return what the receiver touches on its way in, or out with the object.
+    """Return what the receiver touches on its approach, or its retreat with the object.
 
     Args:
         scene: with the receiver where it receives and the object in its hand.

@@ -1,4 +1,4 @@
-"""A step in which an object is placed: as a plan does it, and as tasks (APEX-MR IV-A).
+"""A step in which an object is placed: its planned skills, and their tasks (APEX-MR IV-A).
 
 A kind of assembly says which skills along which paths these are, and what may touch in them. What comes
 after what, who waits for whom, and who touches what it carries is the same for all.
@@ -61,7 +61,7 @@ class PlannedHandover:
 
 @dataclass(frozen=True)
 class PlannedSupport:
-    """What another robot supports, or holds, while the work of a step is done.
+    """Support, or hold, by another robot while the work of a step is done.
 
     Attributes:
         skill: at the end of which it stands there.
@@ -82,7 +82,7 @@ class PlannedSupport:
 
 @dataclass(frozen=True)
 class PlannedPlacement:
-    """A step in which an object is put somewhere, as a plan does it.
+    """A planned step in which an object is placed.
 
     Attributes:
         item: name of the object.
@@ -105,7 +105,7 @@ class PlannedPlacement:
 
 
 def write_placement(build: StepWriter, step: PlannedPlacement) -> int:
-    """Write the tasks of a step in which an object is put somewhere; return the place.
+    """Write the tasks of a placement step; return the place.
 
     Every transit ends at the configuration that the next skill starts from, or at HOME, where
     robots stop between pick and place and at the end of their part.
@@ -136,7 +136,7 @@ def write_placement(build: StepWriter, step: PlannedPlacement) -> int:
 
 
 def write_support(build: StepWriter, support: PlannedSupport) -> int:
-    """Write how a robot comes to support or hold something; return the skill."""
+    """Write the approach and the support, or hold, of a robot; return the skill."""
     skill = support.skill
     build.lead_in(skill.path, skill.coming)
     return _write_skill(build, support.item, skill)
@@ -145,7 +145,7 @@ def write_support(build: StepWriter, support: PlannedSupport) -> int:
 def write_release(
     build: StepWriter, support: PlannedSupport, held: int, begun: int, done: int
 ) -> None:
-    """Write the way back of who supports.
+    """Write the retreat of the supporting robot.
 
     Args:
         build: of the step.
@@ -181,7 +181,7 @@ def _write_skill(
 
 
 def _write_pick(build: StepWriter, item: str, pick: PlannedSkill) -> int:
-    """Write transit, pick and the way HOME; return the pick."""
+    """Write transit, pick and the return HOME; return the pick."""
     robot = pick.path.robot
     build.lead_in(pick.path, pick.coming)
     picked = _write_skill(build, item, pick, robot)
@@ -190,7 +190,7 @@ def _write_pick(build: StepWriter, item: str, pick: PlannedSkill) -> int:
 
 
 def _write_put(build: StepWriter, item: str, taken: int, put: PlannedSkill) -> int:
-    """Write how an object is put down that was taken in an earlier task; return the skill."""
+    """Write the placement of an object picked in an earlier task; return the skill."""
     done = _write_skill(build, item, put)
     build.allow_carried(put.path.robot, item, taken, done)
     return done
@@ -199,7 +199,7 @@ def _write_put(build: StepWriter, item: str, taken: int, put: PlannedSkill) -> i
 def _write_handover(
     build: StepWriter, item: str, picked: int, way: PlannedHandover
 ) -> int:
-    """Write how a picked object is handed over; return how the receiver takes it away."""
+    """Write the handover of a picked object; return how the receiver takes it away."""
     found, meeting = way.handover, way.handover.meeting
     giver, receiver = meeting.giver.name, meeting.receiver.name
     aside = not np.array_equal(meeting.rest, meeting.giver.home)

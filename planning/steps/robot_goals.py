@@ -39,7 +39,7 @@ class RobotGoal:
 
 
 def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
-    """Find the configurations in which each goal is reached; one step a goal, in this order.
+    """Find goal configurations; one step per goal, in this order.
 
     A configuration must be clear of the fixtures, the resting objects and the robot itself.
     Whether other robots are in the way depends on where they are by then.
