@@ -1,4 +1,4 @@
-"""Assignment of many steps window by window: what is behind is kept, what is far ahead waits.
+"""Assignment of many steps by a rolling horizon: past windows are fixed, later steps wait.
 
 The whole program grows with steps times objects, and branch and bound with more than that. A window
 is the same program over a few steps, after those that are settled: objects that were used are gone,
@@ -35,7 +35,7 @@ def needs_rolling_horizon(problem: AssignmentProblem) -> bool:
 
 
 def solve_in_windows(problem: AssignmentProblem, solve: Solve) -> TaskPlan | None:
-    """Return a plan that is cheapest in every window, None where windows do not lead to one.
+    """Return a plan that is cheapest in every window, None where no such plan is found.
 
     Where the choices kept leave a later step without an object, windows of twice as many steps are
     tried, up to half of the whole.
@@ -74,7 +74,7 @@ def _roll(
 def _window(
     problem: AssignmentProblem, settled: list[StepChoice], last: int
 ) -> tuple[AssignmentProblem, int]:
-    """Return the problem of the steps after the settled ones, up to a last one.
+    """Return the problem of the steps after the fixed ones, up to a last one.
 
     It begins with the settled steps that share a window of balance with the first open one.
 
