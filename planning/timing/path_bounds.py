@@ -1,4 +1,4 @@
-"""Bounds of a path besides limits of joints: the speed of a tool, and what joints can exert.
+"""Bounds of a path besides joint limits: tool speed, and joint efforts.
 
 The quickest motion along a curve is looked for piece by piece of it. What joints exert is gravity, a
 share that rises with the rate of the speed along the path and one that rises with its square; so it
@@ -23,7 +23,7 @@ HEAD_ROOM = 0.99
 
 
 class EffortRows(NamedTuple):
-    """How joints bear some pieces of a path, row by row: a joint at a sample of it, to one side.
+    """Joint efforts on some pieces of a path, by row: one joint at a sample, in one direction.
 
     With s the way along the path at full speed: ``first * abs(s'') + second * s'^2 <= spare``.
 
@@ -41,7 +41,7 @@ class EffortRows(NamedTuple):
     piece: Indices
 
     def full_speed_factor(self) -> float:
-        """Return by what factor full speed has to be lower for joints to speed up and slow down at it.
+        """Return the factor by which full speed must be lowered for joints to accelerate at it.
 
         It is at least 1. Joints that gravity leaves nothing ask for nothing: no speed mends it.
         """
@@ -50,7 +50,7 @@ class EffortRows(NamedTuple):
         return float(np.sqrt(np.max(share, initial=1.0)))
 
     def shares(self, ramp: float, speed: Array) -> Array:
-        """Return what joints exert over what gravity leaves them, shape (rows,).
+        """Return joint efforts relative to what gravity leaves, shape (rows,).
 
         Args:
             ramp: time from rest to full speed [s].
@@ -61,7 +61,7 @@ class EffortRows(NamedTuple):
 
 
 class PathEfforts(NamedTuple):
-    """How joints bear a polyline with rounded corners.
+    """Joint efforts on a polyline with rounded corners.
 
     Attributes:
         legs: along the straight legs; a piece is a leg.
@@ -72,7 +72,7 @@ class PathEfforts(NamedTuple):
     bends: EffortRows
 
     def nearest(self, ramp: float, bent_ramp: float, speed: Array) -> int:
-        """Return the joint that comes nearest to its limit of effort.
+        """Return the joint nearest to its effort limit.
 
         Args:
             ramp: time from rest to full speed on the legs [s].
@@ -88,7 +88,7 @@ class PathEfforts(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PathBounds:
-    """Bounds of a polyline with rounded corners besides limits of joints.
+    """Bounds of a polyline with rounded corners besides joint limits.
 
     Attributes:
         cap: greatest share of full speed on each bent piece, shape (p,).
@@ -100,7 +100,7 @@ class PathBounds:
 
 
 def unlimited_efforts(legs: int, bends: int) -> PathEfforts:
-    """Return bounds that nothing exceeds.
+    """Return effort bounds that nothing exceeds.
 
     Args:
         legs: straight legs of the path.
@@ -117,7 +117,7 @@ def unlimited_efforts(legs: int, bends: int) -> PathEfforts:
 
 @inner_kernel
 def least_ramp(legs: EffortRows) -> float:
-    """Return the shortest time from rest to full speed that joints bear, infinite where none is."""
+    """Return the shortest time from rest to full speed within effort limits, infinite where none is."""
     ramp = 0.0
     for row in range(len(legs.spare)):
         left = legs.spare[row] - legs.second[row]
@@ -129,7 +129,7 @@ def least_ramp(legs: EffortRows) -> float:
 
 @inner_kernel
 def torque_limited_speed(bends: EffortRows, piece: int, rate: float) -> float:
-    """Return the greatest share of full speed that joints bear on a bent piece, 0 where none is.
+    """Return the greatest share of full speed within effort limits on a bent piece, 0 where none is.
 
     Args:
         bends: of the path.
