@@ -219,7 +219,7 @@ def _builds(step: KnownStep) -> TypeGuard[PartStep]:
 
 
 def planned_holds(steps: Sequence[KnownStep]) -> dict[int, int]:
-    """Return, by step from 0, the step whose part is held until it, as the assembly states."""
+    """Return, for steps from 0, until which step their part is held, where the assembly states it."""
     named = {s.step.name: k for k, s in enumerate(steps) if s.step.name is not None}
     return {
         k: named[s.step.until]

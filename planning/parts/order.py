@@ -167,7 +167,7 @@ class _AnyOrder:
         return frozenset(self._placing[other] for other in near)
 
     def _lacks(self, steps: Collection[int]) -> str:
-        """Return in words how far parts that touch nothing in place are from it."""
+        """Return in words the least gap of parts that touch nothing in place."""
         names = dict.fromkeys(s.part for k, s in self._places.items() if k in steps)
         near = {name: nearest_entity(self._goals[name], self._fixed) for name in names}
         found = [(at[1], name, at[0]) for name, at in near.items() if at is not None]
