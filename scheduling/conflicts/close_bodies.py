@@ -1,4 +1,4 @@
-"""Bodies that may come too close on two stretches of motion, compiled, and the state of a descent.
+"""Close bodies on two stretches of motion, compiled, and the state of a dual-tree descent.
 
 Separating planes dismiss pairs of bodies, for ever shorter stretches of both motions; on two
 segments hulls decide.
@@ -60,7 +60,7 @@ _KINDS = 200
 
 
 class DescentRoom(NamedTuple):
-    """Room for a descent.
+    """Work arrays for a descent.
 
     Attributes:
         stack: what is still to be looked at: (block, -1, other block, -1, 0, 0), or two
@@ -83,7 +83,7 @@ class DescentRoom(NamedTuple):
 
 
 class Descent(NamedTuple):
-    """Two occupancies that are compared, how far that has come, and room to go on.
+    """State of a descent over two occupancies, with its work arrays.
 
     Attributes:
         a: occupancy of the nodes v that may have to wait.
@@ -114,7 +114,7 @@ def start_descent(
     limit: Indices,
     slack: float,
 ) -> Iterator[Descent]:
-    """Provide a descent that begins at both roots, the first row of the stack.
+    """Set up a descent from both roots, the first row of the stack.
 
     Its room is that of one that is over: making it would take as long as half of a descent.
     """
@@ -137,7 +137,7 @@ def start_descent(
 
 
 def _sizes(of: SweptSequence) -> _Sizes:
-    """Return what the room to compare an occupancy depends on."""
+    """Return the sizes that determine the work arrays of an occupancy."""
     hulls = of.hulls
     joints, bodies = hulls.q_a.shape[1], hulls.solid.shape[1]
     return joints, bodies, len(hulls.joint), len(hulls.radius), hulls.most_corners
@@ -162,7 +162,7 @@ def _make_room(a: SweptSequence, b: SweptSequence) -> DescentRoom:
 def keep_close_bodies(
     descent: Descent, s: int, s_last: int, t: int, t_last: int, first: int, count: int
 ) -> int:
-    """Copy a list of bodies behind itself but for those that stay apart on two stretches.
+    """Append the list of bodies without those proved apart on two stretches.
 
     Returns:
         How many are left; PROVED when two segments are proved to conflict.
@@ -234,7 +234,7 @@ def keep_close_bodies(
 
 @inner_kernel
 def _keep_unseparated(descent: Descent, first: int, end: int) -> int:
-    """Drop the pairs of bodies that planes separate on two stretches, posed.
+    """Drop the pairs of bodies that planes separate on two posed stretches.
 
     A plane found for one pair is tried on all others: few pairs need one of their own. More
     than the clearance is asked for, as much as the exact decision tolerates: so what it says

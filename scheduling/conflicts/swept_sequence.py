@@ -1,4 +1,4 @@
-"""What is occupied, segment after segment, with a binary tree of bounding blocks over it.
+"""Sequence of swept segments, with a binary tree of bounding blocks over it.
 
 A block bounds a run of consecutive segments twice: by one box, and capsule by capsule. The
 capsules of a leaf stand where the joints are in the middle of all they do in it, grown by a
@@ -185,7 +185,7 @@ def bound_leaf(seq: SweptSequence, block: int, room: PosedStretch) -> None:
 def _write_capsule(
     out: npt.NDArray[np.float32], c: int, start: Array, end: Array, radius: float
 ) -> None:
-    """Write a capsule in single precision, grown so that it holds the one given."""
+    """Write a capsule in single precision, enlarged so that it contains the given one."""
     far = radius
     for k in range(3):
         out[c, k], out[c, k + 3] = start[k], end[k]
@@ -197,7 +197,7 @@ def _write_capsule(
 def _bound_both(
     capsules: npt.NDArray[np.float32], block: int, left: int, right: int
 ) -> None:
-    """Write capsules that hold those of two blocks: those of one of them, grown."""
+    """Write capsules that contain those of two blocks: those of one of them, enlarged."""
     one, two, out = capsules[left], capsules[right], capsules[block]
     for c in range(len(out)):
         r, s = float(one[c, 6]), float(two[c, 6])
