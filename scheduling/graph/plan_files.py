@@ -1,4 +1,4 @@
-"""Temporal plan graphs as files: plan.json says what there is, plan.npz holds the numbers.
+"""Temporal plan graphs as files: plan.json for the structure, plan.npz for the numbers.
 
 plan.json is a ``PlanDocument`` with format, version and the sum of plan.npz. ``model`` of a robot is
 a name of the registry; null says that the robot is read from ``urdf``, which then lies with its
@@ -130,7 +130,7 @@ def _check_drive(prefix: str, chain: NodeChain, drive: Drive) -> None:
 
 
 def _check_corners(name: str, chain: NodeChain, corners: RoundedCorners) -> None:
-    """Check that rounded corners are pose nodes of a stretch, one bend after another."""
+    """Check that rounded corners are pose nodes of a stretch, bend by bend."""
     begin, stop, length = corners.begin, corners.stop, corners.length
     bend, at, window = corners.bend, corners.at, corners.window
     after = np.append(0, stop[:-1])
@@ -211,7 +211,7 @@ def _check_waypoints(
 
 
 def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
-    """Write ``plan.json`` and ``plan.npz`` into a folder, which is made if need be.
+    """Write ``plan.json`` and ``plan.npz`` into a folder, which is created if needed.
 
     Args:
         tpg: the graph.
@@ -253,7 +253,7 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
 
 
 def plan_sha256(tpg: TemporalPlanGraph) -> str:
-    """Return a hash of all that a plan says, wherever its robots' descriptions lie."""
+    """Return a hash of the content of a plan, wherever its robots' descriptions are."""
     document, arrays = write_graph(tpg)
     for robot in document.cell.robots:
         robot.urdf = ""
