@@ -1,4 +1,4 @@
-"""Edges of a graph whose task order is given, from the known relations between pairs of tasks.
+"""Edges of a graph with a given task order, from cached relations between pairs of tasks.
 
 Robots planned as one beside skills: clear of all that these sweep, whenever they are done.
 
@@ -33,7 +33,7 @@ def connect_in_order(
     relations: TaskRelations,
     order: Sequence[tuple[int, ...]],
 ) -> TemporalPlanGraph:
-    """Return the graph that ``connect_nodes`` makes of some chains, without checking it.
+    """Return the graph that ``connect_nodes`` makes of some chains, unchecked.
 
     Args:
         chains: with planned starts in that order, see ``put_in_order``.
@@ -57,7 +57,7 @@ def connect_in_order(
 def _motion_edges(
     relations: TaskRelations, tasks: Indices, order: Sequence[int]
 ) -> Indices:
-    """Return edges that imply all that conflicts of units ask for, given those of tasks."""
+    """Return edges that imply all conflicts of units, given those of tasks."""
     units, chains = relations.units, range(len(relations.of_chain))
     needs: dict[int, list[int]] = defaultdict(list)
     for i, u, k, v in tasks.tolist():

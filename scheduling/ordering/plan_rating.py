@@ -49,7 +49,7 @@ class RatedPlan:
 
 
 class PlanRater:
-    """Rates plans of one assembly; how two tasks get on is searched once for all plans.
+    """Rates plans of one assembly by makespan, sharing cached conflicts between tasks.
 
     Args:
         cell: where it is built.
@@ -71,7 +71,7 @@ class PlanRater:
         self._ways = SmoothedPathCache(settings.seed)
 
     def rate(self, work: AssemblyWork, plan: TaskPlan) -> RatedPlan | None:
-        """Plan the motions of a plan and rate them; None where there are none.
+        """Plan the motions of a task plan and rate it; None where no motions are found.
 
         Args:
             work: what it is a plan of.
@@ -94,7 +94,7 @@ class PlanRater:
     def rate_motions(
         self, work: AssemblyWork, plan: TaskPlan, motions: MotionPlan
     ) -> RatedPlan:
-        """Rate motions that are planned already, see ``rate``.
+        """Rate already planned motions, see ``rate``.
 
         Raises:
             PlanInvariantError: the order that was found breaks a guarantee.

@@ -52,7 +52,7 @@ def reorder_tasks(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 def find_blocks(
     chains: Sequence[NodeChain], relations: TaskRelations
 ) -> list[tuple[int, ...]]:
-    """Return the units that stay together, in the planned order.
+    """Return the inseparable blocks of units, in the planned order.
 
     Units whose planned times overlap, and that get into each other's way, take turns node by
     node: none of them could be complete before the other starts.
@@ -85,7 +85,7 @@ def find_blocks(
 def _in_turns(
     relations: TaskRelations, groups: Sequence[Sequence[int]]
 ) -> list[tuple[int, ...]]:
-    """Return groups one after another, those joined that are in each other's way for that."""
+    """Return groups in order, merged where they conflict as separate ones."""
     done: Counter[int] = Counter()
     out: list[tuple[int, ...]] = []
     joined: list[int] = []
@@ -104,7 +104,7 @@ def put_in_order(
     relations: TaskRelations,
     order: Sequence[tuple[int, ...]],
 ) -> tuple[NodeChain, ...]:
-    """Return chains whose planned starts put blocks one after another, in this order."""
+    """Return chains with planned starts that put blocks one after another, in this order."""
     planned: list[Array] = [chain.planned_start.copy() for chain in chains]
     clock = 0.0
     for block in order:

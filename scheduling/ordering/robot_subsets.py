@@ -1,4 +1,4 @@
-"""Plans in which some of the robots have nothing to do, rated against the one in which all may have.
+"""Plans that use only some of the robots, rated against the plan that may use all.
 
 The integer program shares steps out among all robots and does not see who waits for whom. Where every
 step stands on the one before it, a third robot does not end sooner what two can do, it only stands in
@@ -29,7 +29,7 @@ _MOST_CREWS = 32
 
 
 def robot_subsets(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
-    """Yield the robots that may do everything while others of those that could help do nothing.
+    """Yield subsets of robots: those that may do everything, while other capable ones idle.
 
     Args:
         problem: the work of all robots.
@@ -49,7 +49,7 @@ def rate_robot_subsets(
     start: RatedPlan,
     progress: Progress = no_progress,
 ) -> list[RatedPlan]:
-    """Return the plan of all robots and those of crews of fewer, each once, best rated first.
+    """Return the plan of all robots and those of subsets, without duplicates, best first.
 
     Args:
         rater: rates plans.
