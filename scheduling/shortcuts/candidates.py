@@ -1,4 +1,4 @@
-"""Runs of pose nodes that may be shortened, and candidate paths in their place (APEX-MR IV-C).
+"""Runs of pose nodes that may be shortened, and candidate paths to replace them (APEX-MR IV-C).
 
 Consecutive transits are one run, so HOME between them can be skipped. A run ends at a skill,
 where the robot's load changes, at a goal that is to be reached for its own sake, and where a
@@ -104,7 +104,7 @@ def candidate_path(old: Array, shape: str, rng: np.random.Generator) -> Array:
 
 
 def _with_corner(path: Array, rng: np.random.Generator) -> Array:
-    """Return a polyline of the same ends over a corner somewhere between both.
+    """Return a polyline with the same ends over a corner between them.
 
     No joint goes further than on the straight line, so under the L1 speed model it takes no
     longer; but it passes elsewhere.
@@ -117,7 +117,7 @@ def _with_corner(path: Array, rng: np.random.Generator) -> Array:
 
 
 def _straighten(path: Array, joint: int) -> Array:
-    """Return a polyline in which one joint goes straight from its first to its last value."""
+    """Return a polyline in which one joint moves straight from its first to its last value."""
     out = path.copy()
     travel = np.abs(np.diff(path, axis=0)).sum(axis=1)
     share = np.concatenate([[0.0], np.cumsum(travel)])
@@ -131,7 +131,7 @@ def _straighten(path: Array, joint: int) -> Array:
 def new_nodes(
     chain: NodeChain, first: int, last: int, path: Array, speed: SpeedModel, step: float
 ) -> NodeChain | None:
-    """Return as many nodes for another path, as a chain of their own, None if they do not suffice.
+    """Return as many nodes along another path, as a chain of their own, None if they do not suffice.
 
     Each has the task and the planned start of the node that it replaces.
 
@@ -153,7 +153,7 @@ def new_nodes(
 
 
 def remove_waypoints_on_lines(path: Array) -> Array:
-    """Return a polyline without the waypoints that lie on the straight way past them."""
+    """Return a polyline without the waypoints on the straight line between their neighbours."""
     distance = np.diff(path, axis=0)
     far = np.abs(distance).max(axis=1)
     kept = [0]
@@ -171,7 +171,7 @@ def remove_waypoints_on_lines(path: Array) -> Array:
 def join_nodes(
     graph: DerivedTpg, spans: Sequence[TransitSpan], step: float
 ) -> TemporalPlanGraph:
-    """Return a graph with fewer nodes that does the same.
+    """Return an equivalent graph with fewer nodes.
 
     Args:
         graph: the graph.
@@ -198,7 +198,7 @@ def join_nodes(
 def _borders(
     graph: DerivedTpg, spans: Sequence[TransitSpan], index: int
 ) -> npt.NDArray[np.bool_]:
-    """Return for each node whether it has to stay apart from the one after it."""
+    """Return for each node whether it must stay separate from the next one."""
     edges, chain = graph.tpg.edges, graph.tpg.chains[index]
     stays = np.ones(len(chain), dtype=np.bool_)
     for span in spans:
@@ -216,7 +216,7 @@ def _borders(
 
 
 def _last_nodes(chain: NodeChain, stays: npt.NDArray[np.bool_], step: float) -> Indices:
-    """Return the last of the nodes that become each new one."""
+    """Return the last of the merged nodes of each new one."""
     out: list[int] = []
     begin, taken = 0, 0.0
     for node in range(len(chain)):
@@ -245,7 +245,7 @@ def _straight(chain: NodeChain, begin: int, end: int) -> bool:
 
 
 def _joined(chain: NodeChain, last: Indices) -> NodeChain:
-    """Return a chain in which nodes up to each last one are one node."""
+    """Return a chain in which nodes are merged up to each given last one."""
     first = np.append(0, last[:-1] + 1)
     kept = np.ones(len(chain.waypoints), dtype=np.bool_)
     for a, b in zip(first.tolist(), last.tolist(), strict=True):

@@ -46,7 +46,7 @@ _QUICK = 8
 def apply_sidesteps(
     board: ShortcutSearch, candidates: int, seed: int, progress: Progress = no_progress
 ) -> None:
-    """Change a board's graph by sidesteps as long as they pay.
+    """Change the graph of a search by sidesteps as long as they pay.
 
     A shortcut has to save its robot time. Where the makespan hangs on a wait of one robot for another, a way of
     the same length may do as well: one that comes into the other's way later, or lets the other pass sooner. Runs
@@ -92,7 +92,7 @@ def apply_sidesteps(
 
 
 def runs_beside_waits(board: ShortcutSearch) -> list[tuple[int, int]]:
-    """Return the runs that waits for motions which the makespan hangs on begin or end in.
+    """Return the runs next to critical waits for motions, at either end.
 
     Returns:
         Each as the number of a span and the node of it that waits, or is waited for.
@@ -109,7 +109,7 @@ def runs_beside_waits(board: ShortcutSearch) -> list[tuple[int, int]]:
 
 
 def critical_conflict_nodes(graph: DerivedTpg) -> list[tuple[int, int]]:
-    """Return the nodes at both ends of the conflicts that a longest path of a graph goes over.
+    """Return the end nodes of the conflict edges on a critical path of a graph.
 
     It is followed from its end: from each node to the one before it on its robot where they
     follow each other at once, else to the node that it waits for.
@@ -144,7 +144,7 @@ def critical_conflict_nodes(graph: DerivedTpg) -> list[tuple[int, int]]:
 def _around_corner(
     board: ShortcutSearch, chain: int, path: Array, rng: np.random.Generator
 ) -> Array:
-    """Return a way of the same ends over one corner, on the straight way or around it."""
+    """Return a path with the same ends over one corner, on the straight line or around it."""
     if rng.random() < 0.5:
         return candidate_path(path, CORNER, rng)
     tpg = board.graph.tpg
@@ -221,7 +221,7 @@ def smooth_runs(
     known: SmoothedPathCache | None = None,
     conflicts: StretchConflicts | None = None,
 ) -> DerivedTpg:
-    """Return a graph with the runs that matter smoothed as a whole, once: a quick look ahead.
+    """Return a graph with each relevant run smoothed as a whole, once: a quick estimate.
 
     It has not been checked as ``shorten_tpg`` does, whose arguments these are. To ``known`` and
     ``conflicts``, what was found for other graphs of the same cell and speeds, what is found is added;
