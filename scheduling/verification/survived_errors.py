@@ -1,4 +1,4 @@
-"""What a plan survives of calibration and force control: bases, or tools in skills, that are not where it has them.
+"""Tolerance of a plan to errors of calibration and force control: displaced bases, or tools in skills.
 
 Every robot may stand off by an error of its own, whatever it does and carries with it.
 What lies in the world lies where the plan has it, and what a robot takes sits in its hand as planned: the contacts that
@@ -36,7 +36,7 @@ _LEFT = 1e-5
 
 @dataclass(frozen=True)
 class Limiting:
-    """Two parts that come nearest to each other for the errors that they have.
+    """Two parts with the least margin under their errors.
 
     Attributes:
         first, second: the parts, and when.
@@ -51,7 +51,7 @@ class Limiting:
 
     @property
     def margin_m(self) -> float:
-        """What is left of their distance, negative where they may overlap [m]."""
+        """Remaining distance, negative where they may overlap [m]."""
         return self.distance_m - self.taken_m
 
     def __str__(self) -> str:
@@ -65,7 +65,7 @@ class Limiting:
 
 @dataclass(frozen=True)
 class SurvivedShare:
-    """How much of an error is survived, and by what it is limited.
+    """Tolerated share of an error, and what limits it.
 
     Attributes:
         share: of the error asked for, proved: the largest there is, to 0.04 mm of distance.
@@ -78,7 +78,7 @@ class SurvivedShare:
 
 @dataclass(frozen=True)
 class SurvivedErrors:
-    """What a plan survives of errors of one kind.
+    """Tolerance of a plan to errors of one kind.
 
     Attributes:
         error: what was asked for, of every robot.
@@ -92,16 +92,16 @@ class SurvivedErrors:
 
     @property
     def ok(self) -> bool:
-        """True when the error asked for is survived."""
+        """True when the required error is tolerated."""
         return self.least.share >= 1.0
 
     @property
     def least(self) -> SurvivedShare:
-        """Of the two, the one that limits the plan."""
+        """The more restrictive of the two."""
         return min(self.robots, self.rest, key=lambda side: side.share)
 
     def largest(self, side: SurvivedShare) -> PoseError:
-        """Return the largest error that one of the two survives, for the ratio asked for."""
+        """Return the largest tolerated error of one of the two, for the required ratio."""
         return PoseError(side.share * self.error.m, side.share * self.error.rad)
 
 
@@ -114,7 +114,7 @@ def survived_errors(
     *,
     of_skills: bool = False,
 ) -> SurvivedErrors:
-    """Find the largest share of an error with which nothing touches that may not.
+    """Find the largest share of an error under which no forbidden contact occurs.
 
     Args:
         tpg: the plan.
@@ -149,7 +149,7 @@ def survived_errors(
 
 
 class _ShareSearch:
-    """Search for the largest share of an error that is survived.
+    """Search for the largest tolerated share of an error.
 
     Args:
         tpg: the plan.
@@ -166,7 +166,7 @@ class _ShareSearch:
         self.limiting: Limiting | None = None
 
     def go_on(self, encounters: Iterator[Encounter], share: float) -> None:
-        """Look at encounters of parts that have a share of the error.
+        """Check encounters of parts with a share of the error.
 
         Those with less come near each other in fewer pieces, so that one look at each is enough.
         """

@@ -73,7 +73,7 @@ class VerificationReport:
 
     @property
     def ok(self) -> bool:
-        """True when nothing is wrong, and all errors that were asked for are survived."""
+        """True when there is no problem, and all required errors are tolerated."""
         asked = (self.survived, self.deviated)
         return not self.problems and all(of is None or of.ok for of in asked)
 
@@ -130,7 +130,7 @@ def verify_plan(
 
 
 class _ClearanceCheck:
-    """Looks at all pairs of pieces that may happen at once.
+    """Checks all pairs of pieces that may be simultaneous.
 
     Args:
         tpg: the plan.
@@ -158,7 +158,7 @@ class _ClearanceCheck:
         geometry: Mapping[str, WitnessRobot],
         histories: tuple[list[Carried], list[Resting]],
     ) -> None:
-        """Check all pairs of robots, then every robot against what rests in the world.
+        """Check all pairs of robots, then every robot against resting things.
 
         Args:
             precedence: what precedes what.
@@ -193,7 +193,7 @@ class _ClearanceCheck:
         self.pairs = met.pairs
 
     def _settle(self, met: Encounter, limit: float, seen: dict[_Key, Problem]) -> None:
-        """Note what comes too close in some pairs of pieces, or too deep where it may touch."""
+        """Record pairs of pieces that come too close, or too deep where they may touch."""
         a, b = met.first, met.second
         if a.entity == b.entity:
             return
@@ -236,7 +236,7 @@ def _conflict(first: Moment, second: Moment, distance: float) -> Problem:
 
 
 def _without_repeats(seen: dict[_Key, Problem]) -> list[Problem]:
-    """Leave out stands next to a motion that is named already: it starts or ends with them."""
+    """Drop stands next to a reported motion, whose ends they share."""
     out = []
     for (u, v), problem in sorted(seen.items(), key=lambda p: p[0]):
         moving = [(n, v) for n in (u - 3, u - 1) if u % 2]
