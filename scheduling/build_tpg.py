@@ -47,7 +47,7 @@ def connect_nodes(
     *,
     progress: Progress = no_progress,
 ) -> TemporalPlanGraph:
-    """Return the graph of nodes that have planned times, reduced and checked.
+    """Return the graph of nodes with planned times, reduced and checked.
 
     Args:
         nodes: a graph whose edges are not looked at.
@@ -81,7 +81,7 @@ def find_motion_edges(
     task_edges: Indices,
     progress: Progress = no_progress,
 ) -> Indices:
-    """Return the type-2 edges that motion conflicts ask for, not reduced, shape (e, 4).
+    """Return the type-2 edges that motion conflicts require, not reduced, shape (e, 4).
 
     For each ordered pair of robots and each node v of the one, the last node u of the other that
     is earlier in the total order and conflicts with v must be complete before v starts.

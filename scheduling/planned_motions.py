@@ -1,4 +1,4 @@
-"""An assembly with its planned motions: what every coordination starts from."""
+"""An assembly with its planned motions: the input of every coordination method."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scheduling.copies import Pattern
 
 @dataclass(frozen=True)
 class PlannedMotions:
-    """An assembly with its motions: what every coordination starts from.
+    """An assembly with its planned motions: the input of every coordination method.
 
     Attributes:
         cell: the workcell.

@@ -1,4 +1,4 @@
-"""The graph of many products, from the graph of a pattern: edges and proof of few copies.
+"""The graph of many products, repeated from a pattern: edges and proof of a few copies.
 
 Whether two nodes conflict depends on their paths and on what is carried, and these are the same in
 every copy; who may touch whom is allowed within one copy alone. So a node that conflicts with
@@ -39,7 +39,7 @@ def repeat_graph(
     tpg: TemporalPlanGraph,
     pattern: Pattern,
 ) -> TemporalPlanGraph:
-    """Return the graph of all products of a pattern, reduced and proved.
+    """Return the graph of all products of a pattern, reduced and proved safe.
 
     Args:
         tpg: of the pattern.
@@ -66,7 +66,7 @@ def repeat_graph(
 
 
 class _Edges:
-    """Type-2 edges of some copies, by the copy that they lead into.
+    """Type-2 edges of some copies, by the copy of their target.
 
     Args:
         edges: shape (e, 4).
@@ -89,7 +89,7 @@ class _Edges:
         return edges, self.cause[own]
 
     def repeat(self, copy: int) -> bool:
-        """Tell whether edges into a copy are those into the one before it, shifted by one."""
+        """Tell whether the edges into a copy equal those into the one before it, shifted by one."""
         before, why = self.into(copy - 1, 1)
         edges, cause = self.into(copy)
         return np.array_equal(before, edges) and np.array_equal(why, cause)
@@ -98,7 +98,7 @@ class _Edges:
 def _whole(
     tpg: TemporalPlanGraph, pattern: Pattern, few: _Edges, copies: int
 ) -> TemporalPlanGraph:
-    """Return the graph of all copies, whose edges are those of few, shifted."""
+    """Return the graph of all copies, with shifted edges of a few."""
     parts = [few.into(copy) for copy in range(copies - 1)]
     steady = copies - 2
     parts += [few.into(steady, by) for by in range(1, pattern.copies - copies + 1)]
@@ -112,7 +112,7 @@ def _whole(
 
 
 def _require_waits(tpg: TemporalPlanGraph) -> None:
-    """Require that edges follow the planned order and keep all dependencies of tasks."""
+    """Check that edges follow the planned order and keep all task dependencies."""
     order, _ = transitive_reduction(planned_ranks(tpg.chains), tpg.edges)
     nodes = {own.task: own for chain in task_nodes(tpg.chains) for own in chain}
     for a, b in tpg.dependencies.tolist():
