@@ -20,7 +20,7 @@ from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replace_ato
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 LEAST_SECONDS_TO_CACHE = 0.1
-"""What is found in less time is found anew every time [s]."""
+"""What is found in less time is computed again every time [s]."""
 
 Answer = TypeVar("Answer")
 
@@ -41,7 +41,7 @@ def load_or_compute(
     """Return the cached answer to a question, or compute and store it.
 
     A file that cannot be read, or that has other arrays, is one that is not there; where no file
-    can be written, answers are found anew every time.
+    can be written, answers are computed again every time.
 
     Args:
         kind: of question: the name of a folder.

@@ -26,7 +26,7 @@ class Place:
     """Place where an object must be at the end.
 
     Attributes:
-        words: what it is, for people.
+        words: description for messages.
         pose: of the object's centre in the world.
         kind: of the object.
         object: its name; None if any of its kind will do, turned by half a turn or not, or any of some.
@@ -53,13 +53,13 @@ class ExpectedProcess:
     """A process that must be done once.
 
     Attributes:
-        words: what it is, for people.
+        words: description for messages.
         process: its name, the kind of its task.
         owner: object in whose frame ``pose`` is, None for the world.
         pose: of the place.
         path: poses in the frame of the place that the tool comes to, in order.
         frame: tool frame that does.
-        robots: who may do it, None for anyone.
+        robots: the robots that may do it, None for any.
         tool: that a robot which changes its tools must have on it, None for any.
         hold: object that another robot holds meanwhile, None for nothing.
         name: of the step, where others refer to it.
@@ -86,7 +86,7 @@ class ExpectedRest:
     """Intermediate rest of a part: on its path, or during a process without a robot.
 
     Attributes:
-        words: what it is, for people.
+        words: description for messages.
         part: its name.
         pose: where it lies, in the world.
         process: what is done to it there meanwhile, the kind of the task; None for nothing.
@@ -115,7 +115,7 @@ class ChangedTool:
         robot: whose tool it is.
         mount: pose of it in the flange frame where the robot has it on it.
         rack: pose of it in the world where it lies in its rack.
-        grip: how it holds; None where nobody says.
+        grip: kind of grip; None where not stated.
         first: whether the robot has it on it at the start.
     """
 

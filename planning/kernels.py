@@ -46,7 +46,7 @@ _UNREADABLE = (
 _numbers = count()
 
 ZERO = cast(int, np.int64(0))
-"""A nought to hand to kernels, or to add to what is no int64: they are compiled anew for every
+"""A nought to hand to kernels, or to add to what is no int64: they are recompiled for every
 literal and for every type that they are given."""
 
 
@@ -88,7 +88,8 @@ class _Cache(FunctionCache):
     """Disk cache of compiled code; stale or unreadable entries are recompiled.
 
     The folder belongs to the installation, or to the user: numba unpickles the files in it. Where it
-    cannot be written to, code is compiled anew by every process. Cached files name types and functions by their modules: some may be gone in another version.
+    cannot be written to, code is recompiled by every process. Cached files name types and functions by
+    their modules: some may be gone in another version.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:

@@ -31,7 +31,7 @@ def build_tpg(
     """Return the temporal plan graph of a motion plan, reduced and checked.
 
     Args:
-        plan: sequential or not; its planned times decide who goes first where.
+        plan: sequential or not; its planned times decide the precedence of conflicting nodes.
         progress: called as the conflict search goes on, see ``find_motion_edges``.
 
     Raises:
@@ -51,7 +51,7 @@ def connect_nodes(
 
     Args:
         nodes: a graph whose edges are not looked at.
-        known: edges that hold beside those of dependencies, shape (e, 4), and their causes: what they
+        known: edges in addition to those of dependencies, shape (e, 4), and their causes: what they
             imply is not searched again.
         progress: called as the conflict search goes on, see ``find_motion_edges``.
 
@@ -70,7 +70,7 @@ def connect_nodes(
     graph = nodes.with_edges(
         np.concatenate([settled, motion_edges]), np.concatenate(causes)
     )
-    # What precedes what is worked out anew, from the edges that are left.
+    # What precedes what is computed again, from the edges that are left.
     same = ("ranks", "history", "spans", "occupancies")
     check_invariant(graph.derive(graph.tpg, *same), searched=True)
     return graph.tpg

@@ -21,7 +21,7 @@ class HandLoad:
     Attributes:
         tool: the tool on its flange, of a robot that changes its tools; None for none, and for a
             robot that keeps its own.
-        parts: what it holds besides, each with its pose in the flange frame.
+        parts: held parts, each with its pose in the flange frame.
     """
 
     tool: RackTool | None = None

@@ -33,7 +33,7 @@ def check_invariant(graph: DerivedTpg, *, searched: bool = False) -> None:
 
     The exact decision calls close what is within its tolerance of the clearance. That only
     adds an edge where edges are drawn; here it would refuse a good plan, so the tolerance is
-    taken off the clearance.
+    subtracted from the clearance.
 
     Args:
         graph: the graph.

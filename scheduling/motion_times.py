@@ -1,7 +1,7 @@
 """Times of nodes within the robots' limits of speed, acceleration and jerk.
 
 The nodes of a temporal plan graph are pieces of paths; here they get the times that robots need
-for them when nobody makes them wait. What robots do when somebody does is up to the engines, by
+for them without waits. Waits are up to the engines, by
 the same functions of ``planning.timing.stretch``.
 """
 

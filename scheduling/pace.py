@@ -66,7 +66,7 @@ class Pace:
     Args:
         robot: of the cell.
         limits: that it keeps to.
-        loads: what it has in its hand.
+        loads: its payloads.
     """
 
     def __init__(

@@ -20,11 +20,11 @@ class PlannedMotions:
     Attributes:
         cell: the workcell.
         assembly: what is built, such as a ``LegoAssembly``; the plan of a construction.
-        task_plan: who does what; empty where that is decided along with the motions.
+        task_plan: the assignment; empty where that is decided along with the motions.
         motion_plan: how everyone moves.
         settings: how tasks were turned into motions.
         work: what task and motion plan were made from, where others can be made from it.
-        pattern: how the plan goes on for further products, None where it is that of all.
+        pattern: continuation of the plan for further products, None where it covers all.
         ahead: the work of more steps, None where all are planned.
     """
 

@@ -1,7 +1,7 @@
 """The graph of many products, repeated from a pattern: edges and proof of a few copies.
 
 Whether two nodes conflict depends on their paths and on what is carried, and these are the same in
-every copy; who may touch whom is allowed within one copy alone. So a node that conflicts with
+every copy; contacts are allowed within one copy alone. So a node that conflicts with
 one of an earlier copy conflicts with the same one of every earlier copy, and the last of them is
 in the copy just before: an edge reaches back no further than one copy, and a wait that the plan
 asks for no further than it says. Edges into a copy are therefore those into the one before it,

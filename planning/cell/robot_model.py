@@ -53,7 +53,7 @@ class ToolGrip:
         opening: least and largest distance of the fingers, along the y axis of the tool frame;
             None for suction [m].
         tool: name of the tool, for messages.
-        force: with which either finger presses on what it holds; None where nobody says [N].
+        force: with which either finger presses on what it holds; None where not stated [N].
     """
 
     opening: tuple[float, float] | None = None

@@ -1,6 +1,6 @@
 """Shapes of parts and fixtures: placed forms, and the convex pieces that approximate them.
 
-Polyhedra stand for round forms. Every face touches the form, so they stand out of it at their
+Polyhedra approximate round forms. Every face touches the form, so they stand out of it at their
 edges only. They have as many sides as it takes to stand out by no more than a tenth of a
 millimetre, between 16 and 48: the round side of a bar of 5 mm radius is exceeded by 0.10 mm, of
 one of 15 mm by 0.09 mm, and of any beyond 47 mm by 0.21 percent of the radius. The half spheres

@@ -75,7 +75,7 @@ class Fixture:
 
     Attributes:
         name: unique among fixtures and objects.
-        shape: what it is.
+        shape: its shape.
         pose: of the frame of its shape in the world; of a box, that is its centre.
         frames: places on it where processes are done, by name, each in the frame of its shape.
         colour: (r, g, b), 0 to 255, for pictures; None for a grey.
@@ -100,7 +100,7 @@ class CellObject:
     Attributes:
         name: unique among fixtures and objects.
         kind: its type, such as ``"2x4"``; objects of one kind are interchangeable.
-        shape: what it is.
+        shape: its shape.
         start: pose of the frame of its shape in the world where it first is; of a box, that is
             its centre.
         mass: [kg].
@@ -133,7 +133,7 @@ class RackTool:
         item: the tool as an object of the cell, in the frame of its root link.
         mount: pose of it in the flange frame of the robot that carries it.
         rack: pose of it in the world where it lies in its rack.
-        approach: straight way of the robot into the rack and out of it [m].
+        approach: straight path of the robot into the rack and out of it [m].
         seconds: that it takes to lock it on a flange, or to let go of it [s].
         model: the robot with this tool on it as a part of its body.
     """
@@ -179,7 +179,7 @@ class Begun:
         after: what was executed, for people.
         done: tasks that were done of each kind of process or skill, as often as they were.
         out: robots that are out: their HOME is where they stand.
-        steps: numbers of the steps of which all is done but ways to go.
+        steps: numbers of the steps of which all is done but transits.
     """
 
     after: str

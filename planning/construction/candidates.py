@@ -60,7 +60,7 @@ def skeletons(
     More than two robots have a part in hand only where its place cannot be reached with fewer.
 
     Args:
-        bounds: who reaches what.
+        bounds: reachability of the parts.
         building: the state before.
         part: what is placed.
         most: robots that work on it together, one after another; as many as it takes, and at least

@@ -44,7 +44,7 @@ def plan_held_part(
         effort: how much harder than usual is tried.
 
     Returns:
-        The state with both in place, None where nobody can do it.
+        The state with both in place, None where no robot can do it.
     """
     problem, own = solver.problem, holds or {}
     teams = teams or (lambda now, part: skeletons(solver.bounds, now, part))

@@ -28,7 +28,7 @@ TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 """Turns of the tool about its z axis in which a grip is tried [rad]."""
 
 _LIFT = 0.05
-"""Longest straight way of two pads to a part that changes hands, and from it [m].
+"""Longest straight path of two pads to a part that changes hands, and from it [m].
 
 It is shorter than pads are: what is above the giver's pad must be clear of the part also where
 that already is in the other hand, since robots may do any of a skill at any time of it.
@@ -83,8 +83,8 @@ class Keyframes:
 
     Attributes:
         holds: how each robot that has the part holds it, in order.
-        picks: ways to pick it, the most promising first.
-        places: ways to place it, likewise.
+        picks: candidates to pick it, the most promising first.
+        places: candidates to place it, likewise.
         handovers: for each handover ways to do it, likewise; empty where one robot does all.
     """
 
@@ -112,7 +112,7 @@ class KeyframeSolver:
 
     Attributes:
         scenes: checks of the sub-problem.
-        bounds: who reaches what.
+        bounds: reachability of the parts.
         earliest_times: when the part may be picked and placed.
         settings: effort.
         rng: what is drawn from.
@@ -128,7 +128,7 @@ class KeyframeSolver:
         """Yield keyframes for a part already in a robot's hand: place it or hand it over.
 
         Args:
-            robots: who has it in hand, in order; at most two.
+            robots: the robots that hold it, in order; at most two.
             hold: how the first of them has it.
         """
         if len(robots) == 1:

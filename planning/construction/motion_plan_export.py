@@ -49,7 +49,7 @@ def motion_plan(problem: ConstructionProblem, building: BuildState) -> MotionPla
     far as new work did not cut it short.
 
     Args:
-        problem: what was built by whom.
+        problem: the construction problem.
         building: everything planned.
 
     Raises:
@@ -88,7 +88,7 @@ def _tasks(building: BuildState, line: RobotTimeline) -> Iterator[PlannedTask]:
         carried = work.object if work.holder == robot else None
         keeping = building.kept.get(str(work.object))
         if keeping is not None and (work.kind, work.robot) == ("place-down", robot):
-            # It stands until then; on its way back it leaves the part that it kept hold of.
+            # It stands until then; on its retreat it leaves the part that it kept hold of.
             at, carried = keeping.end, work.object
     done = own[-1] if own else _nothing(building, robot)
     yield from _transit(line, (at, line.end), "HOME", done, carried)

@@ -26,7 +26,7 @@ class ConstructionPlan:
     """A planned construction.
 
     Attributes:
-        problem: what is built by whom.
+        problem: the construction problem.
         building: all timelines, and the work that they are made of.
         seconds: wall-clock seconds by component: keyframes, path and its postprocessing.
         cpu: processor seconds, likewise.
@@ -55,9 +55,9 @@ def plan_construction(
     """Plan a construction in space and time.
 
     Args:
-        problem: what is built by whom.
+        problem: the construction problem.
         settings: effort.
-        progress: told how many parts are planned, of how many.
+        progress: called with how many parts are planned, of how many.
 
     Raises:
         ConstructionError: no plan was found.
@@ -88,14 +88,14 @@ def plan_with_solver(
 class ConstructionSearch:
     """Depth-first search over placements, with backtracking where a part cannot be placed.
 
-    A part that nobody can place is kept from its place by others: those placed last are taken
+    A part that no robot can place is kept from its place by others: those placed last are taken
     back until it can be placed. The parts that were in its way are remembered, and do not come
     together again before it as long as others can. For no part is that done without end.
 
     Args:
         solver: of sub-problems.
         settings: effort of the search.
-        progress: told how many parts are planned, of how many.
+        progress: called with how many parts are planned, of how many.
 
     Attributes:
         rewound: how many placements have been taken back.

@@ -92,13 +92,13 @@ class LegPlanner:
 
         Args:
             building: the state before.
-            robot: who goes.
+            robot: the robot.
             goals: ways to do the skill; none to go HOME.
             allowed: unordered pairs of entities that may touch.
             hints, linger: see ``space_time_rrt``.
             latest: no later arrival is of use [s].
             most_loss: nor one with which so much time is lost [s].
-            work: False for a way out of others' way.
+            work: False for a retreat out of others' way.
         """
         with self.watch.time("path"):
             checker = SpaceTimeChecker(building.world, robot, allowed=allowed)
@@ -169,7 +169,7 @@ class Attempt:
 
     Attributes:
         part: what is placed; it is placeable.
-        robots: who does it, in order.
+        robots: the robots that do it, in order.
         seed: of all random numbers.
         effort: how much harder than usual is tried, from 0.
         low_effort: only paths that take little search are looked for.
@@ -212,7 +212,7 @@ class SubproblemSolver:
     """Plans one part for one group of robots after another.
 
     Attributes:
-        bounds: who reaches what.
+        bounds: reachability of the parts.
         settings: effort for one sub-problem.
         watch: what takes how long.
     """
@@ -293,7 +293,7 @@ class SubproblemSolver:
 
         Args:
             building: the state before.
-            attempt: what is placed by whom.
+            attempt: the part and its robots.
             keyframes: of the skills.
             legs: plans the paths.
             hints: places on a way out for the first robot, shape (h, n).

@@ -41,7 +41,7 @@ _NODE = 0.001
 """Nothing is pressed deeper into anything: bars that meet in a node are [m]."""
 
 _STEP = 0.005
-"""A straight way is looked at so often [m]."""
+"""A straight path is looked at so often [m]."""
 
 _THROUGH = 0.9
 """A surface that comes so near to the middle of a form, as a share, goes through it."""

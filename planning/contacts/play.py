@@ -25,7 +25,7 @@ _LIFT = 1e-4
 """Play is measured so far out of the place: what the part rests on does not hold it there [m]."""
 
 _DIRECTIONS = 32
-"""Directions around the way in, in which the play is measured."""
+"""Directions around the insertion path, in which the play is measured."""
 
 _EXACT = 1e-6
 """Play that no formula gives is found to within this [m]."""
@@ -100,7 +100,7 @@ def play_in_place(
     Args:
         part: in its place.
         others: what is there, by name.
-        insertion: direction of its way in, of length one.
+        insertion: direction of its insertion path, of length one.
     """
     item, pose = part
     lifted = translation(*(-_LIFT * insertion)) @ pose
@@ -194,7 +194,7 @@ def _free_by_steps(one: Element, other: Element, insertion: Array) -> Array:
             found = deep(probe * direction)
             if found <= _FREE:
                 low = probe
-            else:  # on the way back it is free no sooner
+            else:  # on the retreat it is free no sooner
                 high = max(probe - found, low)
             straight = low == 0.0 and probe == SNUG
             probe = high - _EXACT if straight else 0.5 * (low + high)

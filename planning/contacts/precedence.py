@@ -43,7 +43,7 @@ class PartGraph:
         neighbours: part to the parts that it touches.
         ground: part to the fixtures that it touches; parts that stand on nothing fixed are
             left out.
-        carriers: part to the neighbours that it rests on, and to those whose way in would lead
+        carriers: part to the neighbours that it rests on, and to those whose insertion path would lead
             through it: they come before it.
         covers: part to the parts that lie on it in the supply: they must be taken first. Parts
             that nothing lies on may be left out.
@@ -158,7 +158,7 @@ def with_insertions(
     Args:
         graph: the part graph.
         parts: every part in its place, by name.
-        insertions: direction of the straight way in of each part, shape (3,).
+        insertions: direction of the straight path in of each part, shape (3,).
         approach: length of that way [m].
     """
     carriers = dict(graph.carriers)

@@ -49,7 +49,7 @@ def deviation_bound(
         solid: the body.
         travel: how far each joint goes, none of them further than half of it from ``poses``,
             shape (n,).
-        aside: how far each joint is from a straight line at most, shape (n,).
+        aside: by how much each joint is from a straight line at most, shape (n,).
         poses: joint poses in the middle.
 
     Returns:

@@ -15,7 +15,7 @@ from planning.packed import packed
 from planning.transforms import Array, Indices
 
 AT_REST = -2
-"""Stands for the joint of a body that rests in the world."""
+"""Placeholder for the joint of a body that rests in the world."""
 
 
 class HullTable(NamedTuple):

@@ -231,7 +231,7 @@ class SceneChecker:
 
     def _clear(self, q_a: Array, q_b: Array, *, probing: bool, whole: bool) -> bool:
         """Tell whether a motion is clear, as far as ``find_undecided`` decides it."""
-        # Writable copies: numba compiles read-only arrays anew.
+        # Writable copies: numba recompiles for read-only arrays.
         q_a, q_b = np.array(q_a, dtype=np.float64), np.array(q_b, dtype=np.float64)
         looks = 0
         while True:

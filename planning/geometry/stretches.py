@@ -23,7 +23,7 @@ from planning.packed import packed
 from planning.transforms import Array, Indices
 
 MIXED = -2
-"""Stands for the solid of a body that is not the same on all of a stretch."""
+"""Placeholder for the solid of a body that is not the same on all of a stretch."""
 
 
 class PosedStretch(NamedTuple):
@@ -34,7 +34,7 @@ class PosedStretch(NamedTuple):
             directions measured, shape (4,).
         half: joint values in the middle of the box, shape (n,).
         travel: difference of greatest and least joint values, shape (n,).
-        aside: how far each joint is from the straight line at most, shape (n,).
+        aside: by how much each joint is from the straight line at most, shape (n,).
         middle, start, end: joint poses in the middle of the box and at both ends, shape
             (n + 1, 4, 4).
         strays: see ``stray``; the first two with what an error of the base adds, shape

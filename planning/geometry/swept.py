@@ -268,8 +268,8 @@ class SweptBodies(NamedTuple):
 
     Attributes:
         hulls: the bodies, on that stretch.
-        sweeps: what they sweep there, as one piece.
-        room: how far their capsules stray there.
+        sweeps: their swept volumes there, as one piece.
+        room: how far their capsules deviate there.
     """
 
     hulls: HullTable

@@ -60,7 +60,7 @@ class PadLoad:
     """Load on two pads, and the load that friction can carry.
 
     Attributes:
-        lever: how far the centre of mass is beside the axis of the pads, where gravity turns
+        lever: distance of the centre of mass from the axis of the pads, where gravity turns
             the part about it [m].
         force, torque: of the weight on them: along the pads [N], about their axis [N m].
         most_force, most_torque: that friction bears, each alone.
@@ -172,7 +172,7 @@ def load_on_pads(
         friction: coefficient of that of pads and part.
 
     Returns:
-        None where nobody says how heavy it is or with which force the tool closes, or where its
+        None where its weight or the closing force of the tool is not stated, or where its
         pads do not touch it.
     """
     model, shape = robot.model, part.shape
@@ -275,14 +275,14 @@ def finger_obstacles(
 ) -> Obstruction | None:
     """Return the obstacles of a robot's fingers while they close on a part or open from it.
 
-    What is flush with the part where they touch it is not in their way, what stands out is.
+    Bodies flush with the part at its contacts are no obstacles, protruding ones are.
 
     Args:
         robot: whose fingers they are.
         frame: between them.
         held: the part, and the pose of that frame in the part's.
         q: where the robot stands meanwhile, shape (n,).
-        scene: the cell, where all else in it is then, and who may touch whom.
+        scene: the cell, the poses of all else in it, and the allowed contacts.
     """
     item, grip = held
     tip = frame_in_last_joint(robot.model, frame)

@@ -86,7 +86,7 @@ class Grip:
 
     Attributes:
         pose: of the tool frame in the frame of the part.
-        words: what it is, for messages.
+        words: description for messages.
         tool: how the tool that it is for holds; None for tools of which nothing is known.
     """
 

@@ -29,7 +29,7 @@ DEEPEST = 0.002
 """Most that a tool may be in what it grips, such as fingers that are drawn too far closed [m]."""
 
 _STEPS = 6
-"""Places on the straight way in at which a tool is measured."""
+"""Places on the straight path in at which a tool is measured."""
 
 _NOWHERE: Array = np.zeros(0)
 
@@ -208,7 +208,7 @@ def explain_tool_misfit(
 ) -> Obstruction | None:
     """Return why a robot's tool cannot hold a part by a grip, None where it can.
 
-    Its own body would be in the part on the straight way to the grip, open as it is described. Boxes
+    Its own body would be in the part on the straight path to the grip, open as it is described. Boxes
     between the fingers of robots that come with their tools are not looked at: those follow them.
 
     Args:
@@ -216,7 +216,7 @@ def explain_tool_misfit(
         frame: name of the tool frame.
         part: the part.
         grip: the grip.
-        approach: length of the straight way to it [m].
+        approach: length of the straight path to it [m].
     """
     if part.shape.is_box and robot.model.grip is None:
         return None

@@ -43,7 +43,7 @@ def frame_pose(robot: PlacedRobot, q: Array, frame: str = "flange") -> Transform
 def joint_poses_of(robot: PlacedRobot, q: Array) -> Array:
     """Return the world poses of a robot's base and joints at ``q``, shape (n + 1, 4, 4)."""
     poses = np.empty((len(q) + 1, 4, 4))
-    # A writable copy: numba compiles read-only arrays anew.
+    # A writable copy: numba recompiles for read-only arrays.
     pose_joints(placed_joints(robot), np.array(q, dtype=np.float64), poses)
     return poses
 

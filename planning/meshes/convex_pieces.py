@@ -29,7 +29,7 @@ MOST_BODIES = 2000
 """Bodies of a mesh that do not hang together."""
 
 MOST_CORNERS = 96
-"""Corners of a hull: finer ones are bounded by one with so many."""
+"""Greatest number of corners of a hull; finer ones are enclosed by a coarser one."""
 
 MOST_CUT = 100_000
 """Triangles of a body that is not convex: so many take a minute."""

@@ -46,7 +46,7 @@ def read_triangles(path: Path, content: bytes, scale: float | None) -> MeshTrian
     Args:
         path: of the file, for its kind and for messages.
         content: its bytes.
-        scale: factor to metres; None where nobody said: 1, if the size is then believable.
+        scale: factor to metres; None where not stated: 1, if the size is then believable.
 
     Raises:
         ShapeError: it is no mesh, or none that could stand for a body.

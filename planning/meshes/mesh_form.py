@@ -29,10 +29,10 @@ _SOURCES = (
 )
 
 _FEW = 64
-"""More pieces of a body are too many, where nobody says how it is to be cut."""
+"""Greatest number of pieces of a body where the scenario does not state how to cut it."""
 
 _SHARES = (1.0 / 60.0, 1.0 / 20.0)
-"""Hollows no deeper than such a share of the longest edge are filled, where nobody says: the
+"""Hollows up to this share of the longest edge are filled by default: the
 second one where the first makes too many pieces."""
 
 

@@ -1,7 +1,7 @@
 """Cache of paths through static scenes, shared between plans.
 
 A way depends on what moves, from where to where, and on what stands around, by shape and place;
-which objects these are, and at which step of which plan, does not matter. A straight way, and a
+which objects these are, and at which step of which plan, does not matter. A straight path, and a
 skill, stays as it is wherever all that stands has been found to be clear of it; what was found by a
 search holds where just the same stands around.
 """
@@ -66,7 +66,7 @@ class SceneIndex:
         Args:
             cell: with all objects.
             state: where everything is at first.
-            allowed: who may touch whom, at first and each time that something changes hands.
+            allowed: allowed contacts, initially and after each change of hands.
             handlings: what changes hands.
         """
         objects, at_rest = self._objects_of(cell), self._at_rest(cell, state)

@@ -32,7 +32,7 @@ class MotionPlan:
         tasks: in order of their index.
         motions: one per task, same order. A skill's ``path[k]`` is waypoint k of its handlings.
         dependencies: pairs (a, b), shape (e, 2): task a must be complete before b starts.
-        allowed: who may touch whom, and when.
+        allowed: allowed contacts, with their times.
         windows: of time between tasks.
     """
 

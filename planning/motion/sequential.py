@@ -60,7 +60,7 @@ class MotionSettings:
             of a skill with a nominal duration are within it.
         attempts: seeds tried for a transit before another grasp is.
         seed: of the whole plan.
-        paths: what finds paths in space and time, of all robots at once: ``auto`` or ``rrt``.
+        paths: what finds paths in space and time, of all robots simultaneously: ``auto`` or ``rrt``.
     """
 
     planners: Mapping[str, TransitPlanner]
@@ -234,7 +234,7 @@ class _Phase:
     Attributes:
         first: waypoint that it starts at, 0 for that before the task's path.
         state: where everything is then.
-        pairs: who may touch whom.
+        pairs: allowed contacts.
     """
 
     first: int

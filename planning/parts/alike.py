@@ -42,7 +42,7 @@ from planning.tasks.highs_solver import assign_steps
 from planning.transforms import Array, read_only_copy, translation
 
 _MOST_TRIES = 4
-"""So often parts are shared out anew where nobody can do a step of what came of it."""
+"""So often parts are shared out again where no robot can do a step of what came of it."""
 
 _NOBODY, _NEVER = 100.0, 1e6
 """What a goal costs a robot that cannot fill it alone: more than any way, and more than any load [rad]."""
@@ -155,7 +155,7 @@ class PartAllocation:
     def planned(self, find: Find) -> PartCandidates:
         """Return the candidates of the assembly for an assignment of parts, after some tries.
 
-        Where nobody can do a step, its part and that goal are kept apart the next time.
+        Where no robot can do a step, its part and that goal are kept apart the next time.
 
         Args:
             find: of an assembly that is shared out.
@@ -170,7 +170,7 @@ class PartAllocation:
             except InfeasibleStepError:
                 if not refused:
                     raise
-                break  # why nobody can do a step is known of what was tried last
+                break  # why no robot can do a step is known of what was tried last
             found = find(self._cell, with_renamed_parts(self._assembly, parts))
             goals = {part: goal for goal, part in parts.items()}
             steps = (found.assembly.steps[k - 1] for k in found.problem.impossible)

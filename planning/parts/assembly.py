@@ -39,7 +39,7 @@ class Step(ABC):
         name: what other steps call it, None if they cannot.
         after: names of the steps that must be complete before it.
         lags: least and greatest times after some of them.
-        robots: who may do it, None for anyone.
+        robots: the robots that may do it, None for any.
         hold: part that another robot grips where it lies meanwhile, None for nothing.
     """
 
@@ -90,7 +90,7 @@ class Process:
         tool: name of the tool that a robot must have, None for any.
         frame: name of the tool frame that comes to the place, its z axis opposite to the
             place's.
-        approach: straight way along that axis to the place and back [m].
+        approach: straight path along that axis to the place and back [m].
         path: poses in the frame of the place that the tool goes through, in straight lines; the
             place itself where there are none.
         turns: angles by which the tool may be turned about the place's z axis; one of them is

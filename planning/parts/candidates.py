@@ -68,7 +68,7 @@ class PartCandidates:
         problem: what the solver needs.
         paths: of all candidates; the numbers of those in which the part changes hands in between
             follow those of the grips.
-        blockers: by step, how often things were in the way.
+        blockers: by step, how often each obstacle blocked it.
         count: number of first steps of which there are candidates.
         spares: steps with other parts of the kind in place of their own, by number and part.
     """
@@ -108,7 +108,7 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
 class LazyCandidates:
     """Candidates of the steps of an assembly of parts, found on request, in order.
 
-    What is impossible of any of them, whoever does it, is said at once; see ``find_candidates``.
+    What is impossible of any of them, by any robot, is said at once; see ``find_candidates``.
     """
 
     def __init__(self, cell: Workcell, assembly: PartAssembly) -> None:

@@ -50,7 +50,7 @@ from planning.tasks.work import Supply, TaskHistory
 from planning.transforms import Transform
 
 _STRAYS = 2e-4
-"""A carried part strays from its straight way by this: joints move evenly between its poses [m]."""
+"""A carried part strays from its straight path by this: joints move evenly between its poses [m]."""
 
 _PICK, _PLACE = "pick", "place-down"
 

@@ -1,9 +1,9 @@
 """Search for an order of steps: by contacts, insertion paths and precedence, and by trial.
 
-What rests on something comes after it, and so does what would bar another part's straight way
+What rests on something comes after it, and so does what would bar another part's straight path
 down to its place; what lies on something in the stock is picked before it; a process is done once
 its part is in place and before a part bars the way of its tool. Among orders that keep all that, the
-one nearest to the list is tried; where nobody can do a step because of a part that is there by
+one nearest to the list is tried; where no robot can do a step because of a part that is there by
 then, or still there, that part must come later, or sooner.
 
 Where something would fall (``balance``), what would keep it standing comes before it. Where nothing
@@ -43,7 +43,7 @@ from planning.steps.tool_changes import with_tools_in_racks
 from planning.transforms import translation
 
 _BORE = 0.002
-"""Width of the straight way of a tool to a place of work that no part may bar [m]."""
+"""Width of the straight path of a tool to a place of work that no part may bar [m]."""
 
 
 def order_steps_by_search(cell: Workcell, assembly: PartAssembly) -> PartAssembly:
@@ -68,16 +68,16 @@ def find_ordered_candidates(
 ) -> PartCandidates:
     """Return the candidates of an assembly in an order in which robots can do every step.
 
-    Where nobody can do a step, a part that was in the way of most tries is moved to the other side
+    Where no robot can do a step, the part that blocked most tries is moved to the other side
     of it, and the next order is tried.
 
     Args:
         cell: its objects are the parts.
         assembly: its steps are in any order.
-        progress: told how many orders were tried, of how many at most.
+        progress: called with how many orders were tried, of how many at most.
 
     Raises:
-        InfeasibleStepError: no order was found; says what was in the way in the last one.
+        InfeasibleStepError: no order was found; names the obstacles of the last one.
         ConstructionError: two parts would overlap in their places.
     """
     steps = _AnyOrder(with_tools_in_racks(cell), assembly)
@@ -236,7 +236,7 @@ class _AnyOrder:
         Args:
             known: what comes before what.
             ordered: the order that was tried.
-            step: number of the step that nobody can do in it, from 1.
+            step: number of the step that no robot can do in it, from 1.
             blockers: how often things were in its way.
         """
         place = {

@@ -56,7 +56,7 @@ from planning.transforms import (
 )
 
 SMALL_STRIDE = 0.01
-"""Longest straight way between two subgoals of a process, where the tool is at work [m]."""
+"""Longest straight path between two subgoals of a process, where the tool is at work [m]."""
 
 SMALL_TURN = math.radians(5.0)
 """Most that the tool turns between two subgoals of such a path [rad]."""
@@ -103,7 +103,7 @@ class ProcessTargets:
     """Poses of one execution of a process, and which of them are the process proper.
 
     Attributes:
-        targets: approach, process and the way back.
+        targets: approach, process and the retreat.
         first, last: indices of the subgoals at which the process begins and ends.
     """
 
@@ -160,8 +160,8 @@ def handover_targets(
     Args:
         frame: name of the giver's tool frame.
         grip: pose of that frame in the world where the part changes hands.
-        coming: straight way on which it brings the part there, shape (3,) [m].
-        leave: length of the straight way back along its tool after it [m].
+        coming: straight path on which it brings the part there, shape (3,) [m].
+        leave: length of the straight path back along its tool after it [m].
     """
     before = grip.copy()
     before[:3, 3] -= coming
@@ -203,10 +203,10 @@ class SkillTry:
     """A skill that a robot tries in a scene.
 
     Attributes:
-        robot: who tries it.
+        robot: the robot.
         targets: poses to reach in order.
         scene: of the skill.
-        approach, leave: lengths of the straight ways before and after; None for none [m].
+        approach, leave: lengths of the straight paths before and after; None for none [m].
         held: the part that its fingers close on or open from, and the pose of the tool frame in
             the part's; None for no part.
     """
@@ -279,7 +279,7 @@ class PartSkills:
 
     Attributes:
         cell: robots and fixtures.
-        assembly: grips, approaches and ways back.
+        assembly: grips, approaches and retreats.
     """
 
     cell: Workcell
@@ -400,7 +400,7 @@ class ToolSkills:
 
     Attributes:
         cell: robots and fixtures.
-        assembly: grips, approaches and ways back.
+        assembly: grips, approaches and retreats.
     """
 
     cell: Workcell

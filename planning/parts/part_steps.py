@@ -44,7 +44,7 @@ class Held:
     Attributes:
         part: what is gripped.
         pose: of its centre in the world, where it lies.
-        grips: ways to grip it; the number of a grip is its place here.
+        grips: candidate grips; the number of a grip is its place here.
     """
 
     part: CellObject
@@ -83,7 +83,7 @@ class PartStep(KnownStep):
 
     Attributes:
         part: what is placed; it is picked at its ``start``, which is where it is by then.
-        grips: ways to hold it; the number of a grip is its place here.
+        grips: candidate grips; the number of a grip is its place here.
         at_start: what it touches before it is picked, with the distances [m].
     """
 
@@ -372,7 +372,7 @@ class PartFit:
     Attributes:
         step: counted from 1.
         part: its name.
-        play: across its way in.
+        play: across its insertion path.
         robots: that may do the step; all of the cell where it does not say.
     """
 

@@ -76,7 +76,7 @@ class StepPaths:
 
         Args:
             item: the candidate.
-            holding: who holds something all the time.
+            holding: robots that hold something all the time.
             supporting: who holds something while the last of its skills is done.
         """
         tries, found = self.tries.get(item, ()), list(self.alone.get(item, ()))

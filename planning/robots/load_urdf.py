@@ -35,7 +35,7 @@ from planning.robots.self_collision import never_colliding_pairs
 from planning.transforms import Array, inverse, read_only_copy
 
 _SIDES = 24
-"""Side faces of what stands for something round: cylinders stand out by 0.9 % of the radius."""
+"""Side faces of what approximates something round: cylinders stand out by 0.9 % of the radius."""
 
 
 def load_urdf(

@@ -31,7 +31,7 @@ class CandidateCollector:
         clashing: pairs of numbers of primaries of different steps that cannot go together.
         dropped: numbers of primaries that are not to be taken after all.
         rejections: what is not a candidate, and why.
-        blockers: by step, how often things were in the way.
+        blockers: by step, how often each obstacle blocked it.
     """
 
     def __init__(self, robots: Iterable[PlacedRobot]) -> None:

@@ -30,11 +30,11 @@ class MeetingPlace:
     """A place in the air where one robot may hand an object over to another.
 
     Attributes:
-        giver: who brings the object.
-        receiver: who takes it.
+        giver: the robot that brings the object.
+        receiver: the robot that takes it.
         item: what is handed over.
         given: how the giver holds it.
-        taken: how the receiver holds it then.
+        taken: the receiver's hold after the handover.
         at: pose of the object in the world as it changes hands.
         pre: where the tool of the receiver comes from, and goes to with the object.
         receive: where that tool is meanwhile.
@@ -82,7 +82,7 @@ def find_handover(
         meeting: of the two.
 
     Returns:
-        What is in the way in the first posture where none is free; None where the receiver has no
+        The obstruction of the first posture where none is free; None where the receiver has no
         posture at all.
     """
     giver, receiver, item = meeting.giver, meeting.receiver, meeting.item

@@ -29,8 +29,8 @@ class PlannedSkill:
         words: what the skill is, for people.
         pose: of the object once it has changed hands, in the flange frame of who holds it then, or
             in the world; None where nothing changes hands.
-        allowed: who may touch whom in it, besides the tool and what it handles.
-        grazed: who may touch whom no deeper than the contact tolerance.
+        allowed: allowed contacts in it, besides the tool and what it handles.
+        grazed: allowed contacts no deeper than the contact tolerance.
         refill: what comes up where the other one was picked: an object at once, or what machines
             bring; None for nothing.
     """
@@ -66,10 +66,10 @@ class PlannedSupport:
     Attributes:
         skill: at the end of which it stands there.
         item: what it holds, None where it only presses against something.
-        leaving: what its way back is, for people.
-        touched: who may touch whom from the skill to the end of the way back.
-        brought: who may touch whom as the work is done.
-        straight: whether the way back is one straight motion, and not a transit a waypoint.
+        leaving: what its retreat is, for people.
+        touched: allowed contacts from the skill to the end of the retreat.
+        brought: allowed contacts as the work is done.
+        straight: whether the retreat is one straight motion, and not a transit a waypoint.
     """
 
     skill: PlannedSkill

@@ -26,7 +26,7 @@ class RobotGoal:
     """Goal of a robot: a configuration, or a pose of one of its frames.
 
     Attributes:
-        robot: who goes.
+        robot: the robot.
         joints: configuration, shape (n,), or None.
         pose: of the frame in the world, or None.
         frame: tool frame that goes to the pose.

@@ -28,7 +28,7 @@ from planning.motion.sequential import MARGIN
 from planning.transforms import Array, Transform
 
 STRIDE = 0.0075
-"""Longest straight way between two subgoals [m]: between them a robot moves on a straight line in
+"""Longest straight path between two subgoals [m]: between them a robot moves on a straight line in
 joint space, which then strays from the straight line in the world by a fraction of a
 millimetre."""
 
@@ -160,7 +160,7 @@ class SkillPath:
 
     Attributes:
         skill: its name.
-        robot: who does it.
+        robot: the robot.
         lead: goals of the transits before it, shape (l, n); the skill starts from the last.
         path: its reference path after the start, shape (w, n).
         change_at: waypoint of ``[lead[-1], *path]`` at which an object changes hands, None if
@@ -271,7 +271,7 @@ class SkillScene:
         objects: the objects there, by name, each with where it is; of those at rest only what
             changes hands, where ``standing`` is given.
         configurations: of all robots.
-        contacts: who may touch whom.
+        contacts: allowed contacts.
         handed: the object that changes hands in the skill and where it is then, or None.
         refill: what stands there once the skill is complete, such as the next brick of a
             feeding station, or None.
@@ -326,7 +326,7 @@ class SkillScene:
             path: of the skill; the robot may deviate from it as the cell says, but before and after.
             boxes: what stands around but for what changes hands, see ``near``.
             phase: of the skill.
-            allowed: who may touch whom in it.
+            allowed: allowed contacts in it.
         """
         robot, error = path.robot, self.cell.deviations.get(path.skill)
         after = phase in (Phase.SINCE_CHANGE, Phase.AFTER)

@@ -292,7 +292,7 @@ def resolve_skill(
     """Return the skill in joint space, by the first alternative and the free posture nearest to HOME.
 
     Args:
-        robot: who does it.
+        robot: the robot.
         ways: poses to reach in order, in each way to do it.
         scene: of the skill.
         loose: names of objects that may be gone by then, taken away where no posture is free.

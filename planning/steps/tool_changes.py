@@ -46,7 +46,7 @@ _RACK_TOUCH = 0.002
 """A tool in its rack may touch what is nearer to it than this [m]."""
 
 _RACK_DEPTH = 0.002
-"""Deepest in it: hulls stand for the meshes of a tool, and fill the grooves that a rack reaches into [m]."""
+"""Deepest in it: hulls approximate the meshes of a tool, and fill the grooves that a rack reaches into [m]."""
 
 
 def with_each_tool(robots: Iterable[PlacedRobot]) -> Iterator[PlacedRobot]:
@@ -121,7 +121,7 @@ class RackPath:
     Attributes:
         tool: that has its place there.
         path: straight to where the tool is left and taken.
-        contacts: who may touch whom there.
+        contacts: allowed contacts there.
     """
 
     tool: RackTool

@@ -71,7 +71,7 @@ DOOR = "door"
 """Kind of the object that is the door of a machine while that works."""
 
 GONE = "(gone)"
-"""Stands for the holder of an object that has left the cell; no robot can have this name."""
+"""Placeholder for the holder of an object that has left the cell; no robot can have this name."""
 
 T = TypeVar("T")
 
@@ -130,7 +130,7 @@ class Task:
 
     Attributes:
         index: position in the sequential plan; the task's identity everywhere.
-        robot: who does it.
+        robot: the robot.
         kind: ``"transit"``, ``"straight"``, or the name of a skill: one of SKILLS, ``"hold"``,
             ``"leave-tool"``, ``"take-tool"``, or a process that the scenario names.
         step: assembly step it serves, counted from 1.
@@ -276,7 +276,7 @@ def allowed_pairs(
     Args:
         cell: the cell.
         state: where everything is; an object held by another robot counts as that robot.
-        robot: who moves.
+        robot: the moving robot.
         task: index of its task.
         last_task: task that each other robot did last; absent for one that did none yet.
         allowed: the table of allowed contacts.

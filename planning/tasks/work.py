@@ -48,7 +48,7 @@ class AssemblyWork:
         waits: yields pairs of tasks, given those of all steps: the second waits for the first.
         windows: yields the windows of time between them, given the same.
         assembly: what is built, such as a ``LegoAssembly``, with its steps in their order; None
-            where nobody asks.
+            where not requested.
         needs: pairs of steps (from 1): without the first, something would fall after the second, as a
             part does that is joined across a gap; what touches need not be among them.
         passing: the steps about each object that lies where others come after it, in a source or where it is

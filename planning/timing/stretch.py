@@ -27,7 +27,7 @@ LEAST_BUILD_UP = 1e-6
 """Shortest time in which an acceleration builds up, where no jerk is too much [s]."""
 
 _ROUNDING = 1e-9
-"""Share of a way by which rounding may have made a way of braking longer."""
+"""Share of a way by which rounding may have made a braking distance longer."""
 
 _HALVINGS = 48
 

@@ -39,7 +39,7 @@ def greatest_tool_speed(
         v: joint speeds, likewise.
         a: accelerations, linear in time between rows, likewise.
     """
-    # Writable copies: numba compiles read-only arrays anew.
+    # Writable copies: numba recompiles for read-only arrays.
     rows = [np.array(x, dtype=np.float64) for x in (tip, t, q, v, a)]
     return math.sqrt(_greatest_square(joints, *rows))
 

@@ -356,7 +356,7 @@ def _busy_until(
     for task in _carriers(left):
         if cell.is_machine(task.robot):
             continue
-        # A step that is done anew comes after what is left of it.
+        # A step that is repeated comes after what is left of it.
         last = task.step - (task.step in reopened)
         until[task.robot] = max(last, until.get(task.robot, 0))
     return until
@@ -393,7 +393,7 @@ def _away(
 def _burdens(world: World, left: list[UnfinishedStep]) -> dict[str, str]:
     """Return the objects in hands that have no placement any more, by robot."""
     going = {task.robot for item in left if not item.ends for task in item.tasks}
-    # Also in a step that was then begun anew, if another plan came before the hand was emptied.
+    # Also in a step that was then restarted, if another plan came before the hand was emptied.
     steps = (*world.past, *world.steps)
     picked = {t.object for s in steps for t in s.tasks if t.kind == "pick"}
     return {

@@ -1,7 +1,7 @@
 """Supply and removal by machines while an assembly continues from a world.
 
 A source is filled and a tray is exchanged once each: what has been brought is not brought again with a step that
-is begun anew, and what comes after a step comes also where that is not done. What nobody does anything with
+is restarted, and what comes after a step comes also where that is not done. What nobody does anything with
 any more is taken by a person from where others pass, or from the hand of a robot.
 """
 
@@ -158,7 +158,7 @@ class RemovalPlan:
                 )
                 if about and task.index < index:
                     yield task.index, index
-        # Also what comes up anew waits for what an earlier plan had taken from there.
+        # Also what comes up again waits for what an earlier plan had taken from there.
         removed = {t.index: t for t in tasks if t.robot == REMOVAL}
         for index, own in removed.items():
             pose = own.handlings[0].pose
@@ -176,7 +176,7 @@ def find_removal(
     Args:
         cell: with the robot.
         world: in which it holds that.
-        robot: who does.
+        robot: the robot.
         name: what it holds.
         first: index of the task.
     """

@@ -37,7 +37,7 @@ class World:
         state: where everything is; what has left the cell, or lies nobody knows where, has no place.
         steps: the tasks of each step that has been planned, those that are complete included, one
             entry a step.
-        past: what was done of steps that were then begun anew, and ways HOME that belong to none.
+        past: what was done of steps that were then restarted, and ways HOME that belong to none.
         complete: indices of the tasks that are complete.
         out: robots that do nothing any more, and objects that are of no use.
         tasks: index of the next new task.
@@ -130,7 +130,7 @@ class UnfinishedStep:
         tasks: those that are left, in order.
         complete: indices of those that are complete. All others, of what was planned and is not done, may be
             those of other tasks by now.
-        ends: whether nothing is left but ways to go.
+        ends: whether nothing is left but transits.
     """
 
     step: StepTasks
@@ -231,10 +231,10 @@ def unfinished_steps(
 
     Args:
         world: what is complete.
-        reopened: steps that are to be done anew, by number, with the robots that have nothing to bring
+        reopened: steps that are to be repeated, by number, with the robots that have nothing to bring
             to an end in them. Of the others only those go on that have done a skill in it, as far as
-            their way back: they stand where they are in the way. Whoever has something in the hand that
-            goes nowhere any more does not go back as if it had been put down. Who is where a straight way
+            their retreat: they stand where they are in the way. Whoever has something in the hand that
+            goes nowhere any more does not go back as if it had been put down. Who is where a straight path
             leads out of, as of a rack of tools, goes that way.
     """
     found, holders = [], {at.holder for _, at in world.held()}
@@ -272,7 +272,7 @@ def _way_out(step: StepTasks, robot: str, world: World) -> Iterator[Task]:
     if left[0].kind == STRAIGHT and last.kind != TRANSIT:
         yield left[0]
     elif left[0].kind != TRANSIT and last.kind == STRAIGHT and before:
-        # It has its number: what touches on the way there touches on the way back.
+        # It has its number: what touches on the way there touches on the retreat.
         back = np.concatenate([last.path[-2::-1], before[-1].path[-1:]])
         yield replace(last, label=f"back: {last.label}", path=read_only_copy(back))
 

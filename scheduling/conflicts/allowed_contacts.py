@@ -17,7 +17,7 @@ from planning.tasks.task import AllowedContact
 from planning.transforms import Array, Indices
 
 ALWAYS = -1
-"""Stands for a task that is part of every allowed contact: the thing is no robot's node."""
+"""Placeholder for a task that is part of every allowed contact: the thing is no robot's node."""
 
 
 class ContactTable(NamedTuple):

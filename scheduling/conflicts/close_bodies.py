@@ -53,7 +53,7 @@ _LEVELS = 2 * LEAF.bit_length() + 2
 
 _Sizes = tuple[int, ...]
 _LEFT: defaultdict[tuple[_Sizes, _Sizes], list[DescentRoom]] = defaultdict(list)
-"""Room that nobody uses, by the sizes of what is compared."""
+"""Free work arrays, by the sizes of the compared occupancies."""
 
 _KINDS = 200
 """Room of more sizes is not kept."""
@@ -92,7 +92,7 @@ class Descent(NamedTuple):
         floor: last u that each v waits for already, never falling, by node of ``a``; raised
             as conflicts are noted.
         limit: first u that is not at stake for each v, never falling, by node of ``a``.
-        slack: taken off the clearances [m].
+        slack: subtracted from the clearances [m].
         room: to work in.
     """
 

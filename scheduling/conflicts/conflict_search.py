@@ -83,9 +83,9 @@ def search_conflicts(
         a: occupancy of the nodes v.
         b: occupancy of the nodes u.
         floor: last u implied for each v already, never falling; raised here.
-        limit: first u that is not asked for, for each v, never falling.
+        limit: first u outside the query, for each v, non-decreasing.
         table: allowed contacts and clearances.
-        slack: taken off the clearances [m].
+        slack: subtracted from the clearances [m].
     """
     if are_apart_everywhere(a.sequence, b.sequence, table.gap):
         return

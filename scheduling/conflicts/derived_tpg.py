@@ -1,10 +1,10 @@
 """A temporal plan graph with cached derived data, and the occupancies and conflicts of its stretches.
 
 The order of the nodes, the entities and their allowed contacts, where objects are, and what
-everything occupies are asked of one ``DerivedTpg`` while edges are drawn, proved and changed.
+everything occupies are obtained from one ``DerivedTpg`` while edges are drawn, proved and changed.
 
 A stretch is some nodes of a chain, some holds of it, or an object at rest. Whether two of them
-conflict depends on what they consist of and who may touch whom in both, not on the graph.
+conflict depends on their content and their allowed contacts, not on the graph.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ class DerivedTpg:
         Args:
             tpg: the graph.
             same: attributes that are the same for both.
-            known: attributes of the other graph that are known already.
+            known: attributes of the other graph to reuse.
         """
         other = DerivedTpg(tpg)
         kept = {"entities", "table", *same} & vars(self).keys()
@@ -194,8 +194,8 @@ class GraphStretch:
     Attributes:
         nodes: how many nodes of its own it has.
         tasks: that it is part of, in order; None for what is part of all, an object at rest.
-        parts: returns what it consists of but for its tasks.
-        make: returns what it occupies.
+        parts: returns its content except its tasks.
+        make: returns its occupancy.
     """
 
     nodes: int

@@ -44,7 +44,7 @@ class Column:
         Args:
             name: of the array.
             arrays: all there are.
-            sizes: by name; those that are not known yet are taken from the array.
+            sizes: by name; unknown ones are read from the array.
 
         Raises:
             OutputError: it has another type or shape than it should, or a value that is not finite

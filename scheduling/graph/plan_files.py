@@ -304,7 +304,7 @@ def load_plan(
         described.check_names()
         arrays = read_npz(content, kinds="fiub", most=LARGEST_BYTES)
         for name, values in arrays.items():
-            # Robots stay as cells build them: numba compiles read-only arrays anew.
+            # Robots stay as cells build them: numba recompiles for read-only arrays.
             if not name.startswith("robot_"):
                 values.setflags(write=False)
         tpg = read_graph(described, arrays, models or {}, folder)

@@ -103,7 +103,7 @@ def to_entry(kind: type[E], item: object, **others: object) -> E:
 
 
 def from_entry(kind: type[T], entry: Entry, **others: object) -> T:
-    """Return the constructor values of an entry."""
+    """Return the object of an entry."""
     names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
     return kind(**{n: value for n, value in entry if n in names} | others)
 

@@ -94,7 +94,7 @@ def joined_drives(parts: Sequence[Drive]) -> Drive:
 class RoundedCorners:
     """Rounded corners of a chain, in order, in *bends*: the corners of a bend share its curve.
 
-    The pose nodes of a bend are a curve from one straight way to another, see
+    The pose nodes of a bend are a curve from one straight path to another, see
     ``planning.timing.rounded_path``; their waypoints are on it, so close that chords are as good, and equal
     times apart. It begins where the first node does and ends where the last one does.
 
@@ -103,9 +103,9 @@ class RoundedCorners:
         stop: the node after the last one of each bend, shape (b,).
         length: time of each bend at full speed, in a unit of its own, shape (b,).
         bend: the bend that each corner is part of, shape (k,).
-        at: way of each corner since its bend began, in that unit, shape (k,).
+        at: path parameter of each corner from the start of its bend, in that unit, shape (k,).
         window: over which it is rounded, in that unit, shape (k,).
-        corner: where straight ways would meet, shape (k, n).
+        corner: intersection of the straight legs, shape (k, n).
     """
 
     begin: Annotated[Indices, Column(("bends",), np.int64)]
@@ -314,7 +314,7 @@ class TemporalPlanGraph:
             that may then start; robots are indices of ``chains``. Sorted.
         cause: TASK_DEPENDENCY or MOTION_CONFLICT per edge, shape (e,).
         handlings: in planned order.
-        allowed: who may touch whom, and when.
+        allowed: allowed contacts, with their times.
         dependencies: pairs (a, b) of tasks, shape (d, 2): a must be complete before b starts.
             The edges say so too, but some of them only through others.
         slots: slot of each task where the plan was made in slots, from 0, shape (tasks,);

@@ -3,7 +3,7 @@
 A window opens when a node is complete, and another one is due in it. What opens it is held back by edges
 of time that lead to its first node, from nodes of other robots that the due node needs as well: from the
 last of each robot from the begin of which the way to the due node may take too long. Such an edge holds
-until so much of that way has passed that the rest will fit, or its source is complete. It never comes from a
+until the rest of that path fits, or its source is complete. It never comes from a
 node that waits for what it would hold back, so there is no cycle: every run ends, whatever the delays.
 """
 
@@ -28,7 +28,7 @@ Times = npt.NDArray[np.int64]
 _NANOSECONDS = 1_000_000_000
 
 _NO_WAY = -1
-"""Length of the way from a node that does not lead to the one that is asked for."""
+"""Length of the path from a node that does not lead to the target."""
 
 
 def window_nodes(tpg: TemporalPlanGraph) -> Indices:
@@ -258,7 +258,7 @@ def _ways_to(
 ) -> Times:
     """Return the longest path from the start of each node to the start of one, shape (nodes, r).
 
-    Ways through the node ``but`` are left out.
+    Paths through the node ``but`` are excluded.
     """
     longest = np.full(busy.shape, _NO_WAY, np.int64)
     longest[due] = 0

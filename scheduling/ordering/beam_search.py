@@ -1,8 +1,8 @@
 """Beam search for a better precedence of the tasks of different robots.
 
 Every robot keeps its own order of tasks. What is left to choose is how the robots' tasks follow
-each other: a way through the grid of how many tasks each robot has completed, the task-completion
-diagram of O'Donnell and Lozano-Perez (1989). A step of the way is allowed where the plan stays
+each other: a path through the grid of how many tasks each robot has completed, the task-completion
+diagram of O'Donnell and Lozano-Perez (1989). A step of the path is allowed where the plan stays
 safe one task after another: what the task depends on is done, and it keeps clear of robots that
 stand and objects that lie there now. It is rated by when everyone would be ready if all moved as
 early as the temporal plan graph of this order lets them.
@@ -62,7 +62,7 @@ class TaskOrderPath:
         late: by how much windows of time are broken, all together [s].
         rating: what is compared.
         move: block of units that was completed last.
-        parent: the way before it.
+        parent: the path before it.
     """
 
     counts: tuple[int, ...]
@@ -128,7 +128,7 @@ class TaskOrderSearch:
         """Return the best complete path found through the grid.
 
         Args:
-            width: ways that are followed at once.
+            width: beam width in paths.
         """
         none, zero = tuple(None for _ in self._chains), tuple(0 for _ in self._chains)
         start = TaskOrderPath(

@@ -41,7 +41,7 @@ def connect_in_order(
         order: blocks of units, one after another.
 
     Raises:
-        PlanInvariantError: units that move at once get into each other's way.
+        PlanInvariantError: units that move simultaneously get into each other's way.
     """
     tpg = replace(relations.graph.tpg, chains=tuple(chains))
     if any(len(block) > 1 for block in order):

@@ -1,6 +1,6 @@
 """Rating of task plans by the makespan of their temporal plan graphs.
 
-The integer program adds up distances; it does not see who waits for whom. A plan is rated by its own
+The integer program adds up distances; it does not model waits between robots. A plan is rated by its own
 motions, the best order of its tasks that a beam search finds, and transits smoothed past HOME.
 """
 
@@ -25,7 +25,7 @@ from scheduling.shortcuts.shortcutting import smooth_runs
 from scheduling.shortcuts.static_scene import SmoothedPathCache
 
 _WIDTH = 8
-"""Orders followed at once; the plan that is found is ordered again with care."""
+"""Beam width of the rating; the final plan is ordered again with a wider beam."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class RatedPlan:
 
     Attributes:
         work: what it is a plan of, with its steps in their order.
-        task_plan: who does what.
+        task_plan: the assignment.
         motion_plan: how everyone moves.
         by_home_s: makespan of the graph of the best order of its tasks that was found, by way of
             HOME [s].

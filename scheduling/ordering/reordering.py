@@ -1,8 +1,8 @@
 """Reordering of the tasks of a temporal plan graph for a shorter makespan.
 
-Who goes first where two nodes conflict is what the input plan says (APEX-MR IV-C). A sequential
-plan was not made with robots in mind that work at once: it lets one place a brick before the
-other picks, though they might pick together. So its order is searched anew, and the edges are
+The input plan decides the precedence of conflicting nodes (APEX-MR IV-C). A sequential
+plan was not made with robots in mind that work simultaneously: it lets one place a brick before the
+other picks, though they might pick together. So its order is searched again, and the edges are
 made again from the same nodes.
 """
 
@@ -23,7 +23,7 @@ from scheduling.ordering.beam_search import BLOCK_GAP_S, TaskOrderSearch
 from scheduling.ordering.relations import TaskRelations
 
 _WIDTH = 24
-"""Ways followed at once; three times as many find nothing better in the shipped scenarios."""
+"""Beam width; three times as many paths find nothing better in the shipped scenarios."""
 
 
 def reorder_tasks(tpg: TemporalPlanGraph) -> TemporalPlanGraph:

@@ -1,6 +1,6 @@
 """Plans that use only some of the robots, rated against the plan that may use all.
 
-The integer program shares steps out among all robots and does not see who waits for whom. Where every
+The integer program shares steps out among all robots and does not model waits between robots. Where every
 step stands on the one before it, a third robot does not end sooner what two can do, it only stands in
 their way. So with more than two robots, each crew of at least two of them is given the work as if the
 others were not able to do any of it, and its plan is rated by the makespan of its graph. A robot that is
@@ -25,7 +25,7 @@ _SMALLEST = 2
 """Robots of the smallest crew that is tried."""
 
 _MOST_CREWS = 32
-"""So many crews are tried, larger ones first: all there are of up to five robots."""
+"""Greatest number of crews to try, larger ones first: all there are of up to five robots."""
 
 
 def robot_subsets(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
@@ -55,7 +55,7 @@ def rate_robot_subsets(
         rater: rates plans.
         work: of all robots.
         start: the plan of all robots.
-        progress: told how many crews were looked at, and of how many.
+        progress: called with how many crews were looked at, and of how many.
     """
     rated = {start.task_plan: start}
     tried = list(robot_subsets(work.problem))

@@ -2,7 +2,7 @@
 
 In a slot every robot does its next task or waits; the next slot starts when everyone has
 finished. Tasks keep the order of the sequential plan wherever two of them cannot be done at
-once. Whoever does not come into another's way moves as in the sequential plan, at its own pace;
+once. A robot without conflicts moves as in the sequential plan, at its own pace;
 transits that would collide are planned as one robot, in lock step. As in the paper, all transits
 of a slot can be planned so, whether they would collide or not.
 """
@@ -32,7 +32,7 @@ from scheduling.ordering.beside_skills import BesideSkills
 from scheduling.ordering.relations import TaskRelations
 
 _SHORTEST = 1e-3
-"""A slot in which nobody moves takes this long, so that slots do not start at once [s]."""
+"""Duration of a slot without motion, so that slots do not start simultaneously [s]."""
 
 
 class TaskConflicts:

@@ -225,7 +225,7 @@ class KeptHold(NamedTuple):
 
     Attributes:
         part: its name.
-        robot: who keeps hold of it.
+        robot: the robot that holds it.
         last: what has come by which it stands; nothing as long as nothing has.
         left: whether its robot has left it.
     """
@@ -241,7 +241,7 @@ def active_holds(
 ) -> Iterator[KeptHold]:
     """Yield the placed parts that are, or were, held when some tasks are complete.
 
-    The way back of who keeps hold of a part is a task of its own that is about the part and in which nothing
+    The retreat of who keeps hold of a part is a task of its own that is about the part and in which nothing
     changes hands; it waits for what is put down until then. Of all others it belongs to the skill that places.
     """
     until: dict[int, Task] = {}

@@ -149,7 +149,7 @@ def extend_graph(
         replace(h, robot=place[committed.chains[h.robot].robot])
         for h in committed.handlings
     ]
-    # What a robot has had in its hand all along is not taken up anew.
+    # What a robot has had in its hand all along is not taken up again.
     hands = {h.object: h.holder for h in committed.handlings}
 
     def in_hand(h: NodeHandling) -> bool:
@@ -286,7 +286,7 @@ def with_attempt(
     Args:
         committed: of a graph, up to the node; see ``committed_subgraph``.
         tpg: the graph.
-        robot: who tried.
+        robot: the robot.
         node: the first node of the skill.
         changes: what has become of the object, at waypoint 1.
         missing: whether what it is about was not there, so that it waited for no machine to bring it.

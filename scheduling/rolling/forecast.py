@@ -51,7 +51,7 @@ def forecast_s(
 
     Args:
         tpg: the graph.
-        counts: how many nodes of each chain were there before it was planned anew.
+        counts: how many nodes of each chain were there before it was replanned.
         clock: what has been executed of them; None if nothing has.
         planning_s: how long it takes from now on until new nodes may begin [s].
     """

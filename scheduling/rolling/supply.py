@@ -26,7 +26,7 @@ from scheduling.graph.temporal_plan_graph import (
 from scheduling.rolling.extension import committed_subgraph, contacts_allowed_during
 
 _LATER = 1.0
-"""How much later all others are planned to start than what is brought, or machines go on with, so that it comes first [s]."""
+"""Offset by which all others start after deliveries and resumed machine work in planned time [s]."""
 
 
 def with_supply(

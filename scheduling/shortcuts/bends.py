@@ -23,16 +23,16 @@ _APART = 1e-3
 """Zones of corners that are nearer to each other are of one bend [s]."""
 
 _LEAST = 1e-6
-"""Ways that take less at full speed have no direction: robots rest at both ends [s]."""
+"""Legs that take less at full speed have no direction: robots rest at both ends [s]."""
 
 _BESIDE = 1e-6
 """Bends begin and end that far beyond the zones of their corners [s]."""
 
 _SAME = 1e-9
-"""Ways that differ by less are the same [s]."""
+"""Legs that differ by less are equal [s]."""
 
 _SHORTEST = 1e-5
-"""What is left of a node beside a bend is no shorter [s]."""
+"""Least remainder of a node next to a bend [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +43,9 @@ class TransitRun:
         pace: of the robot.
         chain: index of its chain.
         room: nodes that may be replaced.
-        begins: first node of each way, and the node after the last one.
-        at: where ways begin and end at full speed, shape (ways + 1,) [s].
-        points: the ends of all ways, shape (ways + 1, n).
+        begins: first node of each leg, and the node after the last one.
+        at: ends of the legs at full speed, shape (legs + 1,) [s].
+        points: ends of the legs, shape (legs + 1, n).
         way: where nodes begin and end, shape (begins[-1] - begins[0] + 1,) [s].
     """
 
@@ -71,8 +71,8 @@ class TransitRun:
         """Return the windows at the corners of some legs, if the robot rests at both ends of them.
 
         Args:
-            first, last: ends of ways.
-            most: longest windows at the ends of all ways, shape (ways + 1,) [s].
+            first, last: ends of legs.
+            most: longest windows at the ends of all legs, shape (legs + 1,) [s].
         """
         begin = self.begins[0]
         low = max(self.at[first], self.way[self.room.start - begin])
@@ -109,7 +109,7 @@ class TransitRun:
         """Yield the begin and end of bends, each with all nodes that its corner limits apply to.
 
         Args:
-            path: from an end of a way to another one.
+            path: between two ends of legs.
             pace: at which it is passed.
         """
         begin = self.begins[0]
@@ -157,7 +157,7 @@ def _runs_of(
         span: nodes of it that may be replaced.
         number: of the stretch of each node, see ``stretch_numbers``.
         pace: of the robot.
-        done: the node after the last run: a way is part of one run at most.
+        done: the node after the last run: a leg is part of at most one run.
     """
     low = int(np.searchsorted(number, number[span.first]))
     high = int(np.searchsorted(number, number[span.last], side="right"))
@@ -245,9 +245,9 @@ def bent_nodes(
     Args:
         chain: whose nodes are to be replaced.
         index: of it.
-        room: nodes that may be: on the straight ways of ``path``.
+        room: nodes that may be: on the straight paths of ``path``.
         way: where they begin and end, shape (len(room) + 1,) [s].
-        path: the whole way.
+        path: the whole path.
         low, high: where the bend begins and ends: within no window of a corner [s].
     """
     at = path.at[1:-1]

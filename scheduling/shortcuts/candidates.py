@@ -5,8 +5,8 @@ where the robot's load changes, at a goal that is to be reached for its own sake
 robot waits for, or is waited for by, another one's task: a shortcut must neither skip such a
 place nor let anyone pass it too early.
 
-While shortcuts are searched, a shorter way has as many nodes as the way that it replaces; in the end those on
-one straight way are joined, where nobody can tell the difference. A node that nobody waits for and the
+While shortcuts are searched, a shorter path has as many nodes as the path that it replaces; in the end those on
+one straight path are joined, where that makes no difference. A node that nobody waits for and the
 next one, which waits for nobody, are one piece of motion: whoever waits for the one waits for the other,
 at any delays, and together they sweep the same space.
 """
@@ -37,7 +37,7 @@ _STRAIGHT = 1e-9
 """Directions whose components differ by less, the largest being 1, are the same."""
 
 _ON_THE_WAY = 1e-9
-"""Farthest that a waypoint left out may be from the straight way past it [rad or m]."""
+"""Greatest distance of a removed waypoint from the straight line [rad or m]."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def candidate_path(old: Array, shape: str, rng: np.random.Generator) -> Array:
     """Return a random polyline with the same ends.
 
     Args:
-        old: waypoints of the way so far, shape (w, n).
+        old: waypoints of the current path, shape (w, n).
         shape: one of SHAPES.
         rng: of corners and joints.
     """

@@ -32,7 +32,7 @@ from scheduling.shortcuts.static_scene import StaticSceneCache
 from scheduling.stretch_times import stretch_drive
 
 _SHORTER = 0.6
-"""A window that is in somebody's way is next tried that much shorter."""
+"""Factor by which a blocked window is shortened for the next try."""
 
 _SHORTEST = 0.03
 """Corners whose windows would be a smaller share of the longest ones are not rounded."""
@@ -44,10 +44,10 @@ _LATER = 1e-9
 """Makespans that differ by less are the same [s]."""
 
 _GAIN = 1e-4
-"""Least time that a way without some rest has to save [s]."""
+"""Least time that the omission of a rest must save [s]."""
 
 _MOST_WAYS = 16
-"""Most ways in a row without a rest."""
+"""Greatest number of consecutive legs without a rest."""
 
 
 def round_corners(
@@ -60,7 +60,7 @@ def round_corners(
 
     Args:
         tpg: a graph that keeps its invariant, without rounded corners.
-        progress: told the runs done and in all.
+        progress: called with the runs done and in all.
 
     Raises:
         PlanInvariantError: the result breaks the invariant, a fault of this program.
@@ -128,11 +128,11 @@ class _Rounder:
 
         Args:
             run: the run.
-            rests: ends of ways at which the robot rests, from first to last.
-            most: longest windows at the ends of ways; where one is in the way it is made shorter.
+            rests: ends of legs at which the robot rests, from first to last.
+            most: longest windows at the ends of legs; blocked ones are shortened.
 
         Returns:
-            None where something is in the way of a bend: then nothing is replaced.
+            None where a bend is blocked: then nothing is replaced.
         """
         before, swaps, left = self.graph, list[Swap](), NodesLeft(run)
         for first, last in pairwise(rests):
@@ -208,7 +208,7 @@ class _Choice:
         """Return the ends of legs at which the robot rests, the first and the last included.
 
         Args:
-            most: longest windows at the ends of ways, 0 where nothing can be rounded [s].
+            most: longest windows at the ends of legs, 0 where nothing can be rounded [s].
         """
         ways = len(self._run.at) - 1
         least, came = np.zeros(ways + 1), np.zeros(ways + 1, dtype=np.int64)
@@ -244,7 +244,7 @@ def _shorten(
 
     Args:
         run: the run.
-        most: longest windows at the ends of its ways; changed.
+        most: longest windows at the ends of its legs; changed in place.
         windows: at the corners after end ``first``, as they were tried.
         first: that end.
         part: the part, from and to [s].

@@ -66,12 +66,12 @@ class ShortcutSearch:
         speeds: speed model of each robot.
         step: longest time between pose nodes [s].
         passes: how often each run is smoothed as a whole.
-        known, conflicts: what was found for other graphs, None to find all anew.
+        known, conflicts: what was found for other graphs, None to find all again.
 
     Attributes:
         graph: as it is now.
         spans: the runs.
-        window: how many candidates have to be worth it together, see ``shorten_tpg``.
+        window: how many candidates must pay together, see ``shorten_tpg``.
     """
 
     def __init__(

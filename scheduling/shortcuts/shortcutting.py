@@ -1,6 +1,6 @@
 """Shortcutting of a temporal plan graph (APEX-MR IV-C): anytime, seeded, HOME skipped.
 
-A candidate joins two places of a run of transits: by what smoothing makes of the way between them
+A candidate joins two places of a run of transits: by what smoothing makes of the path between them
 where nothing but standing things counts, by a straight line, over a corner, or with a single joint
 straightened. It is taken when it is free, when it can be ordered with everyone else's nodes, and
 when the plan does not end later. Only runs that the makespan hangs on are drawn: elsewhere a robot
@@ -34,7 +34,7 @@ _LEAST = 1e-6
 """Least time by which a sidestep has to make the plan end sooner [s]."""
 
 _ASIDE = 0.3
-"""Spread of corners around the straight way [rad or m]."""
+"""Spread of corners around the straight path [rad or m]."""
 
 _SPREAD = 0x51DE
 """Sets the draws of sidesteps apart from those of shortcuts with the same seed."""
@@ -48,8 +48,9 @@ def apply_sidesteps(
 ) -> None:
     """Change the graph of a search by sidesteps as long as they pay.
 
-    A shortcut has to save its robot time. Where the makespan hangs on a wait of one robot for another, a way of
-    the same length may do as well: one that comes into the other's way later, or lets the other pass sooner. Runs
+    A shortcut has to save its robot time. Where the makespan hangs on a wait of one robot for another, a
+    path of the same length may do as well: one that comes into the other's way later, or lets the other
+    pass sooner. Runs
     of transits on both sides of such waits get a corner at random, and keep it where the whole plan ends sooner.
 
     Args:
@@ -57,7 +58,7 @@ def apply_sidesteps(
         candidates: most candidates drawn. The search ends before when a window of them, as long
             as those of shortcuts, makes the plan hardly shorter.
         seed: of the draws.
-        progress: told candidates done and in all.
+        progress: called with candidates done and in all.
     """
     rng = np.random.default_rng([seed, _SPREAD])
     beside = runs_beside_waits(board)
@@ -176,7 +177,7 @@ def shorten_tpg(
         step: longest time between pose nodes [s].
         candidates: most candidates drawn.
         seed: of the draws.
-        progress: told candidates done and in all.
+        progress: called with candidates done and in all.
         sidesteps: most sidesteps drawn after that, see ``apply_sidesteps``.
         seconds: how long candidates are drawn, whether they pay or not; the one that is looked at
             then is the last. 0 for as long as they pay [s].

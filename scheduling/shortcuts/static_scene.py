@@ -27,7 +27,7 @@ _SMOOTHING = 40
 """Tries to smooth a run, or a part of one, as a whole."""
 
 _KEPT_WAYS = 20_000
-"""Ways that are kept."""
+"""Capacity in paths."""
 
 _KEPT_SCENES = 64
 """Scenes that are kept. There are more of them the more objects there are, and each knows all of
@@ -38,11 +38,11 @@ class SmoothedPathCache:
     """Cache of smoothed paths and of free ones, for plans of one cell with the same speeds.
 
     Args:
-        seed: of the smoothing. A path is smoothed the same way in the same scene.
+        seed: of the smoothing. A path is smoothed identically in the same scene.
 
     Attributes:
         scenes: that robots moved in.
-        smoothed: paths by scene and by what they were before.
+        smoothed: paths by scene and by their original.
         free: whether paths are free, by scene and waypoints.
     """
 
@@ -60,8 +60,8 @@ class StaticScene:
         cell: without the robots that have nodes of their own.
         robot: its name.
         state: what is where.
-        allowed: who may touch whom.
-        known: what was found in the same scenes before; None to find all anew.
+        allowed: allowed contacts.
+        known: what was found in the same scenes before; None to find all again.
     """
 
     cell: Workcell
@@ -117,7 +117,7 @@ class StaticSceneCache:
     """Cache of the static obstacles around nodes to be replaced.
 
     Args:
-        known: what was found in the same scenes before, None to find it anew.
+        known: what was found in the same scenes before, None to find it again.
     """
 
     def __init__(self, known: SmoothedPathCache | None = None) -> None:

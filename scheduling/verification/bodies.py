@@ -60,7 +60,7 @@ class Pieces:
 
     @property
     def begin(self) -> Indices:
-        """Last node that is over before the piece starts; -1 for none."""
+        """Last node that has started when the piece begins; -1 for none."""
         return self.node - self.standing
 
     @property
@@ -95,7 +95,7 @@ class VerifiedRobot:
         tpg: the plan.
         placed: the robot.
         robot: its geometry.
-        carried: who carries what when.
+        carried: the objects carried by each robot over time.
         error: of its base, None for the one that the cell gives it.
         deviations: of its flange by skill, None for those that the cell gives.
 
@@ -106,7 +106,7 @@ class VerifiedRobot:
         home: its HOME, shape (n,).
         chain: index of its chain, None if it has no node.
         pieces: its pieces.
-        bodies: its parts, then what it carries.
+        bodies: its parts, then its loads.
     """
 
     def __init__(

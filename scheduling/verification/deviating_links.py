@@ -1,6 +1,7 @@
 """Deviation bounds of robot links where the flange is off its reference path in a skill.
 
-To the first order, from pinocchio's joints: the flange goes by a way and a turn, joints follow by the least change of
+To the first order, from pinocchio's joints: the flange is displaced and rotated, joints follow by the least
+change of
 their values, and links by what these do to them. No code is shared with planning.
 """
 
@@ -43,7 +44,7 @@ class DeviatingLinks:
     Args:
         robot: the robot.
         frames: of its base and joints at the knots of the pieces, shape (s + 1, n + 1, 4, 4).
-        off: way and angle of each piece, shape (s, 2) [m, rad].
+        off: displacement and rotation of each piece, shape (s, 2) [m, rad].
     """
 
     def __init__(self, robot: WitnessRobot, frames: Array, off: Array) -> None:

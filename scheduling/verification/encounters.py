@@ -1,6 +1,6 @@
 """Encounters in a plan: parts of two robots, or of a robot and a resting thing, close at the same time.
 
-Whoever proves something of all that may happen at once asks for them here.
+Whoever proves something of all that may be simultaneous asks for them here.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class Encounters:
         precedence: what precedes what.
 
     Attributes:
-        pairs: pairs of pieces that may happen at once, as far as they were looked at.
+        pairs: pairs of pieces that may be simultaneous, as far as they were looked at.
     """
 
     def __init__(

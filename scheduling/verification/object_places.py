@@ -66,7 +66,7 @@ class Resting:
     Attributes:
         object: its name.
         pose: of its frame in the world.
-        shape: what it is.
+        shape: its shape.
         put: chain, node and waypoint that put it there, None from the start on.
         taken: chain, node and waypoint that take it away, None if it stays.
         tasks: of the robot in whose hand it rests, None when it lies in the world.

@@ -28,7 +28,7 @@ from scheduling.witness.parts import TOLERANCE
 from scheduling.witness.robot import WitnessRobot
 
 _SHARES = (2.0, 8.0)
-"""Shares of the error asked for that are looked at, one after the other."""
+"""Shares of the required error that are checked, one after the other."""
 
 _LEFT = 1e-5
 """What must be left between two parts: motions that get no further are not looked into [m]."""
@@ -41,7 +41,7 @@ class Limiting:
     Attributes:
         first, second: the parts, and when.
         distance_m: as planned [m].
-        taken_m: what the errors asked for may take of it [m].
+        taken_m: reduction of it by the required errors, at most [m].
     """
 
     first: Moment
@@ -81,9 +81,9 @@ class SurvivedErrors:
     """Tolerance of a plan to errors of one kind.
 
     Attributes:
-        error: what was asked for, of every robot.
-        robots: between robots, and what they carry.
-        rest: between robots, or what they carry, and what lies in the world.
+        error: the required error of every robot.
+        robots: between robots and their loads.
+        rest: between robots or their loads, and resting things.
     """
 
     error: PoseError

@@ -1,6 +1,6 @@
 """Allowed contacts with their depths, and contacts of held objects.
 
-Robots that touch themselves, or touch with an arm what they carry.
+Self-collisions of robots, and of arms with their loads.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def too_deep_in_hand(
     Args:
         tpg: the plan.
         geometry: of all robots.
-        carried: who carries what when.
-        allowed: who may touch whom.
+        carried: the objects carried by each robot over time.
+        allowed: allowed contacts.
     """
     for k, held in enumerate(carried):
         chain = tpg.chains[held.chain]

@@ -54,14 +54,14 @@ class VerificationReport:
     """Outcome of a verification.
 
     Attributes:
-        pairs_checked: pairs of pieces that may happen at once (motions, stands, rests).
+        pairs_checked: pairs of pieces that may be simultaneous (motions, stands, rests).
         min_distance_robots_m: least distance measured between two robots in such pairs;
             infinite if none came near enough to be measured [m].
         min_distance_objects_m: likewise between a robot or its load and anything else, where
             no contact is allowed [m].
         problems: empty for a plan that keeps its guarantee; cut off at ``limit``.
-        survived: what it survives of base errors, where that was asked and its structure is sound.
-        deviated: what it survives of deviations of skills, likewise.
+        survived: its tolerance to base errors, if requested and its structure is sound.
+        deviated: its tolerance to deviations in skills, likewise.
     """
 
     pairs_checked: int
@@ -93,8 +93,8 @@ def verify_plan(
         base_error: also tell whether it survives that every robot's base is off by up to this.
         deviation: also tell whether it survives that the flange is off its reference path by up to
             this in every skill.
-        limit: stop after so many problems.
-        progress: told how far it has come.
+        limit: stop after this number of problems.
+        progress: called with the progress.
     """
     precedence, problems = check_structure(tpg)
     geometry = {robot.name: WitnessRobot(robot) for robot in tpg.cell.robots}
@@ -134,8 +134,8 @@ class _ClearanceCheck:
 
     Args:
         tpg: the plan.
-        limit: stop after so many problems.
-        progress: told how far it has come.
+        limit: stop after this number of problems.
+        progress: called with the progress.
 
     Attributes:
         problems: found so far.

@@ -66,7 +66,7 @@ class Measuring:
         Args:
             x, y: the two parts.
             pairs: pieces of both, each of shape (k,).
-            limit: what they have to keep [m].
+            limit: clearance that they must keep [m].
             alike: of pairs with the same number only the first found is yielded, shape (k,).
             lockstep: whether both pieces of a pair begin and end at the same times, so that they
                 are cut into parts of which only those of the same time meet; else any moment of

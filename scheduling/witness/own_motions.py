@@ -41,7 +41,7 @@ class OwnMotions:
             measuring: measures them.
             parts: the two; the first one is not further out than the second one.
             pieces: to look at, shape (k,).
-            limit: what they have to keep [m].
+            limit: clearance that they must keep [m].
             alike: of pieces with the same number only the first found is yielded, shape (s,).
         """
         inner, outer = parts

@@ -39,14 +39,14 @@ class SpaceTimeChecker:
 
     Args:
         world: everything planned so far.
-        robot: who moves, from the end of its timeline on.
+        robot: the moving robot, from the end of its timeline on.
         held: objects that somebody holds from then on, name to attachment; what ``world`` says
             of the robot where not given.
         allowed: unordered pairs of entities that may touch.
         without: names of robots that are not looked at.
 
     Attributes:
-        robot: who moves.
+        robot: the moving robot.
         start: the time from which on it moves [s].
         model: of the robot.
         home: configuration of HOME, shape (n,).

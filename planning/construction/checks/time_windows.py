@@ -32,7 +32,7 @@ def arrival_windows(
     All parts of the skill must be clear of everything during all of its duration.
 
     Args:
-        parts: of the skill, such as the way to a part with an empty hand and the way back
+        parts: of the skill, such as the way to a part with an empty hand and the retreat
             with it; one path of one waypoint for a stand.
         duration: of the skill; infinity to stay for good [s].
         earliest, latest: times of arrival to look at [s].

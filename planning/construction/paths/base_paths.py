@@ -51,7 +51,7 @@ def base_path(scene: MoverScene, query: Query, goal: int, most: int) -> Array:
     Args:
         scene: what must be kept clear of. The robot drives with its first three joints: x, y
             and a turn.
-        query: what is asked for.
+        query: the query.
         goal: which goal is driven to.
         most: steps on the lattice that are looked at, at most.
 
@@ -117,7 +117,7 @@ def lattice_path(
 
     Args:
         scene: what must be kept clear of.
-        query: what is asked for.
+        query: the query.
         goal: which goal is driven to.
         lattice: the places. The first and the last need not be clear, nor the steps from and to
             them.

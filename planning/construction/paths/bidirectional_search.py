@@ -67,7 +67,7 @@ def grow_forests(
 
     Args:
         scene: what must be kept clear of.
-        query: what is asked for.
+        query: the query.
         settings: effort.
         iterations: samples in all.
         latest: no later arrival is asked for [s].

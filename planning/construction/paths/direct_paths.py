@@ -17,7 +17,7 @@ from planning.kernels import argsort_few, inner_kernel, kernel
 from planning.transforms import Array, Indices
 
 _PLACES = 8
-"""Waypoints of a way, at most."""
+"""Waypoints of a path, at most."""
 
 
 @kernel
@@ -28,11 +28,11 @@ def direct_paths(
 
     Args:
         scene: what must be kept clear of.
-        query: what is asked for.
+        query: the query.
         latest: no later arrival is looked at [s].
         most: ways wanted; the first that is clear of everything is the last one.
         shares: of the arm's time for which a robot may stand, from none to all of it; 0 for
-            straight ways only.
+            straight paths only.
 
     Returns:
         Times and waypoints, shapes (k, w) and (k, w, n); how many waypoints each has; its

@@ -63,7 +63,7 @@ def search_roadmap(
 
     Args:
         scene: what must be kept clear of.
-        query: what is asked for.
+        query: the query.
         settings: effort.
         extra: configurations that become vertices, such as those of a path, shape (e, n).
         depart: the robot stands until then, or as long as it may [s].
@@ -103,11 +103,11 @@ def _search(
 
     Args:
         scene: what must be kept clear of.
-        query: what is asked for.
+        query: the query.
         settings: effort.
         road: the roadmap: the start, goals, vertices given, and random ones.
         heap: an empty one.
-        known: how many goals and vertices given there are.
+        known: number of given goals and vertices.
         first: step of the scene in which the robot starts.
         depart: the robot stands until then, or as long as it may [s].
         bound: only an arrival before this is of use [s].
@@ -151,11 +151,11 @@ def _offer_neighbours(
     """Queue motions from a safe interval of a vertex to given vertices and to the nearest ones.
 
     Args:
-        query: what is asked for.
+        query: the query.
         road: the roadmap: the start, goals, vertices given, and random ones.
         heap: motions that wait.
         state: the span, ``vertex * SPANS`` and more.
-        known: how many goals and vertices given there are.
+        known: number of given goals and vertices.
         neighbours: how many of the nearest vertices.
         bound: only an arrival before this is of use [s].
     """

@@ -204,7 +204,7 @@ def shortcut_path(
     Stretches are replaced by straight lines in space-time, for all joints or for one.
 
     Args:
-        checker: who moves, and among what.
+        checker: collision checker of the moving robot.
         found: a free path.
         query: speeds, and when joints are free to move.
         tries: number of random stretches.
@@ -284,7 +284,7 @@ def retime_with_waits(
     """Return the path with the earliest arrival when waits on it are allowed, None where there is none.
 
     Args:
-        checker: who moves, and among what.
+        checker: collision checker of the moving robot.
         path: a path whose times do not matter.
         query: speeds, when joints are free to move, and windows of arrival.
         latest: only an arrival before this is of use [s].
@@ -304,7 +304,7 @@ def with_early_waits(
     """Return the path with its waits as early as possible and the same arrival, or unchanged.
 
     Args:
-        checker: who moves, one robot, and among what.
+        checker: collision checker of one moving robot.
         found: a free path.
         query: speeds, and when the robot is free to move.
     """

@@ -32,7 +32,7 @@ SPANS = 12
 
 _NEAR_ENDS, _BETWEEN = 0.35, 0.85
 """Shares of random vertices up to which they are near the start or a goal, and up to which they
-are anywhere between; the others are beside the straight way."""
+are anywhere between; the others are beside the straight path."""
 
 MOST = 40_000
 """Motions that may wait."""

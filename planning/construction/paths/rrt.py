@@ -50,7 +50,7 @@ def space_time_rrt(
     meet, and on to arrive earlier.
 
     Args:
-        checker: who moves, and among what.
+        checker: collision checker of the moving robot.
         goals: configurations, shape (g, n).
         windows: for each goal the time windows of arrival, shape (w, 2), see
             ``arrival_windows`` [s].

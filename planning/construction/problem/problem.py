@@ -109,7 +109,7 @@ class Part:
         name: of the object in the cell, which has its size, mass and start pose.
         goal: pose of its centre in the world once it is in place.
         grips: where it can be touched.
-        insertion: direction of the straight way on which it reaches its place, a unit vector
+        insertion: direction of the straight path on which it reaches its place, a unit vector
             in the world, shape (3,).
     """
 
@@ -164,7 +164,7 @@ class ConstructionProblem:
         graph: which parts touch each other and the ground in their places.
         frame: name of the tool frame that touches the parts.
         seconds: nominal durations of the skills.
-        approach: straight way before and after a touch, and of a part before it reaches and
+        approach: straight path before and after a touch, and of a part before it reaches and
             after it leaves a place [m].
         carried: whether a part waits for everything that it rests on, see PartGraph.placeable.
         statics: friction and joints by which everything must always stand; None if that is not

@@ -30,7 +30,7 @@ _TURNS = 12
 """Random turns of the tool for which a grip is tried."""
 
 _STARTS = 12
-"""Configurations asked for at each turn."""
+"""Configurations asked for in each round."""
 
 _HANDOVERS = 150
 """Poses of a part that are tried for a handover."""
@@ -117,7 +117,7 @@ class ReachBounds:
 
         Args:
             part: what is brought.
-            robots: who has it in hand, in order.
+            robots: the robots that hold it, in order.
         """
         if len(robots) == 1:
             return robots[0] in self.alone(part)

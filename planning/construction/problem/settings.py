@@ -75,7 +75,7 @@ class KeyframeSettings:
     """Effort of the search for keyframes.
 
     Attributes:
-        picks, places: how many ways are wanted.
+        picks, places: number of candidates wanted.
         starts: configurations drawn at once.
         draws: how often, for each way to hold the part.
         spread_s: times are drawn up to so long after the earliest.

@@ -103,9 +103,9 @@ class SweptTracks:
 
         Args:
             start: [s].
-            robot: who moves.
+            robot: the moving robot.
             line: how.
-            changes: what it holds from when on.
+            changes: the objects it holds from each time on.
             item: returns an object by its name.
         """
         key = (line, tuple(changes))
@@ -185,7 +185,7 @@ class FixedWorld:
     def free_from(self, robot: str) -> float:
         """Return the time at which a robot has finished its work: T_r of eq. (2) [s].
 
-        A way out of others' way may follow, see ``without_retreat``.
+        A retreat out of others' way may follow, see ``without_retreat``.
         """
         return self.robots[robot].busy_until
 
@@ -236,7 +236,7 @@ class FixedWorld:
     def without_retreat(self, robot: str) -> FixedWorld:
         """Return the world without a robot's last retreat, because it gets new work.
 
-        Others may have been planned on the strength of it, so the robot must be planned anew from
+        Others may have been planned on the strength of it, so the robot must be replanned from
         there at once, in the world that this returns.
         """
         return self.with_robot(self.robots[robot].work())
@@ -247,7 +247,7 @@ class PlannedTask:
     """A task of one robot at its place in space-time.
 
     Attributes:
-        robot: who does it.
+        robot: the robot.
         kind: ``"transit"`` or the name of a skill.
         time: of the waypoints, rising, shape (w,) [s].
         path: waypoints, the first where the robot is when the task starts, shape (w, n).
@@ -340,7 +340,7 @@ class BuildState:
             robot: its name.
             time: of the waypoints, shape (w,) [s].
             path: waypoints, shape (w, n).
-            work: False for a way out of others' way.
+            work: False for a retreat out of others' way.
         """
         line = self.world.robots[robot].then(time, path, work=work)
         return replace(self, world=self.world.with_robot(line))

@@ -30,7 +30,7 @@ STEP = 0.1
 """Length of the cells of time, and of pose nodes [s]."""
 
 SPACING = 0.025
-"""Distance of the tool poses on a straight way [m]."""
+"""Distance of the tool poses on a straight path [m]."""
 
 _BEND = 0.35
 """Most that a joint moves between two of them; more is another posture [rad or m]."""
@@ -49,7 +49,7 @@ class RobotTimeline:
         skills: spans of time (start, end) that are one piece of work each: one node of a
             temporal plan graph, so whatever the robot sweeps in one it may sweep at any time
             of it. In order, not overlapping.
-        busy_until: end of the robot's work; what comes later is a way out of others' way, which
+        busy_until: end of the robot's work; what comes later is a retreat out of others' way, which
             may be dropped when there is new work. The last time where not given.
     """
 
@@ -108,7 +108,7 @@ class RobotTimeline:
             time: of the waypoints, the first no earlier than the end, shape (w,) [s].
             path: waypoints, the first where the robot stands at the end, shape (w, n).
             skill: the motion is one piece of work.
-            work: False for a way out of others' way, see ``busy_until``.
+            work: False for a retreat out of others' way, see ``busy_until``.
 
         Raises:
             PlanInvariantError: it does not begin where and when the robot stands.
@@ -340,7 +340,7 @@ class SkillMotion:
     """Motion of a robot in a skill.
 
     Attributes:
-        robot: who does it.
+        robot: the robot.
         path: waypoints, shape (w, n): in, touch, out.
         touch: waypoint at which the part changes hands.
         time: of the waypoints from the start of the skill on, shape (w,) [s].
@@ -383,7 +383,7 @@ def skill_motion(
     """Return the motion of a skill around a touch, None where the arm cannot follow the straight lines.
 
     Args:
-        robot: who does it.
+        robot: the robot.
         frame: its tool frame.
         touch: configuration at the touch, shape (n,).
         ways: vectors in the world from where the tool comes to the touch, and from the touch

@@ -35,7 +35,7 @@ class SweptTrack(NamedTuple):
         pieces: in order.
         carriers: the robot with each of the things that it holds at some time.
         hand: which of them it is, shape (p,).
-        sweeps: what it sweeps.
+        sweeps: its swept volumes.
     """
 
     pieces: MotionPieces
@@ -73,9 +73,9 @@ def sweep_track(
     """Sweep all pieces of a robot.
 
     Args:
-        robot: who moves.
+        robot: the moving robot.
         pieces: how.
-        changes: what it holds from when on; pieces end there.
+        changes: the objects it holds from each time on; pieces end there.
         item: returns an object by its name.
     """
     times = np.array([t for t, _ in changes])

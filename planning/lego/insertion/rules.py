@@ -16,7 +16,7 @@ Grip = tuple[str, Press, bool]
 """A brick's name, where it is gripped, and whether it goes in from below."""
 
 NO_ARM = "the reach of all arms"
-"""Stands for what is in the way of a grip that no arm of the cell can have, whatever stands there."""
+"""Placeholder for what is in the way of a grip that no arm of the cell can have, whatever stands there."""
 
 
 class InsertionWay(Enum):

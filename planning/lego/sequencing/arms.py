@@ -1,7 +1,7 @@
 """Search for a sequence that the arms of a cell can execute: alternately by tool clearance and by reach.
 
 A sequence is sought with room for the tool alone. What the arms of the cell can do at each of its
-steps is found as it is for planning. Where nobody can do a step, the sequence is sought anew, with
+steps is found as it is for planning. Where no robot can do a step, the sequence is sought again, with
 what was learnt: grips that no arm reaches are none, a grip that bricks kept from every arm is none
 beside these, and a brick that no two arms can support is to go in alone. Every sequence that
 fails teaches something that rules it out, or the search ends.

@@ -118,7 +118,7 @@ def sequence_structure(
         scaffold: bricks that stand from the start and stay.
         helpers: temporary bricks that are chosen already, on a plinth where there is one.
         rules: what is allowed.
-        progress: told how many partial structures were looked at, and of how many at most.
+        progress: called with how many partial structures were looked at, and of how many at most.
 
     Returns:
         The first sequence found. Bricks of the top layer are removed first; within a layer the

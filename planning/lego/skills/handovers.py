@@ -95,7 +95,7 @@ def brick_meetings(
 
     Args:
         world: cell and assembly.
-        robots: who gives, and who receives.
+        robots: giver and receiver.
         step: of the brick, counted from 1.
         press: the grip.
         rest: where the giver stands before and after, shape (n,).

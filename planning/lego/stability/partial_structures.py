@@ -247,7 +247,7 @@ class PartialStructures:
     def _regions_of(self, names: Names) -> dict[str, Region]:
         """Return the regions of bricks in a partial structure in which pushes are carried to the plate.
 
-        A brick's region depends only on the bricks that it stands on, so few are worked out anew
+        A brick's region depends only on the bricks that it stands on, so few are computed again
         from one partial structure to the next.
         """
         known = self._regions.get(names)

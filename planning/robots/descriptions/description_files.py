@@ -93,7 +93,7 @@ def store_description(root: Element, name: str) -> Path:
     """Write a description to a file named by its content, with its meshes next to it.
 
     Args:
-        root: of a URDF whose meshes have absolute names; they are named anew here.
+        root: of a URDF whose meshes have absolute names; they are named again here.
         name: of the file, without a suffix.
 
     Returns:

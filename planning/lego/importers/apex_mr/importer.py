@@ -94,7 +94,7 @@ def import_apex_mr(
             ``steps/<task>_seq.json`` where there is one, instead of leaving it to the planner.
         press_from: which of the two ways in which a grip is given is taken where they
             contradict each other: ``press_side`` and ``press_offset``, or the cell ``press_x``.
-        note: called with a line for everything that is not taken over: keys that say nothing
+        note: called with a line for everything that is not imported: keys that say nothing
             to us, prescribed bricks that the stock no longer has to give, grips that contradict
             themselves.
 
@@ -303,7 +303,7 @@ def _steps(
     """Return the entries of the steps, in order.
 
     Published numbers of stock bricks can be older than the stock: one that is scaffolding now,
-    or taken by an earlier step, is not taken over.
+    or taken by an earlier step, is not imported.
 
     Args:
         path: of the task, or of the sequence that was chosen for it.

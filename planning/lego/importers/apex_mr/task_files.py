@@ -29,7 +29,7 @@ TOOLS: Mapping[str, str] = {
 """What each tool frame is called in the name of its published file."""
 
 NONE = -1
-"""Stands for a value that a step does not have."""
+"""Placeholder for a value that a step does not have."""
 
 _PI = np.pi
 # Rows (theta offset, d, a, alpha) of the arm whose tasks are published, up to the flange.

@@ -100,7 +100,7 @@ def find_stations(
     first. A plate's station stands on a brick: beside it the tool needs the room below.
 
     Args:
-        robot: who is to reach them.
+        robot: the robot.
         plate: of the structure.
         structure: where the structure will be; nothing comes near.
         kinds: the types.
@@ -307,7 +307,7 @@ def free_corner(
     """Return the corner of a model placed free on a plate, as near to its middle as possible.
 
     Raises:
-        ScenarioError: it fits nowhere; says what stands in its way in the middle.
+        ScenarioError: it fits nowhere; names the obstacle in the middle.
     """
     wide, deep, _ = model.size
     covered = frozenset().union(*(item.studs for item in model.bricks))

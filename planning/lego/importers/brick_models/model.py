@@ -47,7 +47,7 @@ class BrickModel:
 
     Attributes:
         bricks: in the order of the file.
-        notes: what was not taken over, a line each.
+        notes: what was not imported, a line each.
     """
 
     bricks: tuple[ModelBrick, ...]
