@@ -20,7 +20,7 @@ from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replace_ato
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 LEAST_SECONDS_TO_CACHE = 0.1
-"""What is found in less time is computed again every time [s]."""
+"""Answers computed in less time are not cached [s]."""
 
 Answer = TypeVar("Answer")
 

@@ -31,7 +31,7 @@ class Place:
         kind: of the object.
         object: its name; None if any of its kind will do, turned by half a turn or not, or any of some.
         any_of: names of those any of which will do, if that is not all of the kind.
-        held: whether another robot must hold what it is put on or under meanwhile.
+        held: whether another robot must hold its counterpart meanwhile.
         temporary: whether it only helps there, and is no part of what is built.
         name: of the step that puts it there, where others refer to it.
         after: names of the steps that must be complete before that.
@@ -60,7 +60,7 @@ class ExpectedProcess:
         path: poses in the frame of the place that the tool comes to, in order.
         frame: tool frame that does.
         robots: the robots that may do it, None for any.
-        tool: that a robot which changes its tools must have on it, None for any.
+        tool: mounted tool that is required of a robot with several, None for any.
         hold: object that another robot holds meanwhile, None for nothing.
         name: of the step, where others refer to it.
         after: names of the steps that must be complete before it.
@@ -90,7 +90,7 @@ class ExpectedRest:
         part: its name.
         pose: where it lies, in the world.
         process: what is done to it there meanwhile, the kind of the task; None for nothing.
-        machine: who does it, None for nobody.
+        machine: the machine that does it, None for none.
         name: of the step, where others refer to it.
         after: names of the steps that must be complete before it.
         step: its number, from 1.
@@ -113,10 +113,10 @@ class ChangedTool:
     Attributes:
         name: of the tool, and of the object that it is.
         robot: whose tool it is.
-        mount: pose of it in the flange frame where the robot has it on it.
+        mount: pose of it in the flange frame when it is mounted.
         rack: pose of it in the world where it lies in its rack.
         grip: kind of grip; None where not stated.
-        first: whether the robot has it on it at the start.
+        first: whether it is mounted at the start.
     """
 
     name: str

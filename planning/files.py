@@ -22,7 +22,7 @@ from planning.errors import OutputError, TwinError
 from planning.json_files import parse_json
 
 _PIECE = 1 << 20
-"""Bytes read at once: what grows while it is read is noticed after so many."""
+"""Block size of reads in bytes: growth of a file is noticed after each block."""
 
 LARGEST = 64 << 20
 """Most bytes that a file of settings or of a robot is believed to have."""

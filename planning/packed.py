@@ -320,6 +320,6 @@ def _stack_rows(typing: Any, rows: Any, columns: Any) -> Any:
 
 
 stack_rows: Any = _stack_rows
-"""Return an array of so many rows and columns, both literals, for as long as a kernel's call lasts.
+"""Return a temporary array of the given rows and columns, both literals, within a kernel call.
 
 It costs nothing, where one of numpy is allocated and counted. It is of no use to whoever called."""

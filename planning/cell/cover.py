@@ -24,7 +24,7 @@ _ROUNDING = 1e-9
 """Added to every radius [m]: more than all rounding in the cuts at metre scale."""
 
 _MOST_BOX_TILES = 40
-"""Capsules of a box, beside each other along its middle axis."""
+"""Capsules of a box, side by side along its middle axis."""
 
 _MANY = 10_000
 """Segments between corners on both sides of a cut, of which more are not looked at one by one."""
@@ -42,7 +42,7 @@ def capsule_cover(
 ) -> Capsules:
     """Bound a convex hull by capsules.
 
-    Of all grids with up to ``most`` cells the one is taken that stands out least for its size:
+    Of all grids with up to ``most`` cells the one is chosen that exceeds it least for its size:
     ``n`` capsules must pay by a cover ``n ** thrift`` times as tight, down to ``tolerance``.
 
     Args:

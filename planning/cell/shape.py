@@ -34,7 +34,7 @@ _UPRIGHT: Transform = read_only_copy(np.eye(4))
 
 
 Placed = tuple[str, ConvexBody, Transform]
-"""A convex piece of something at rest: the name of what it belongs to, and its pose."""
+"""A convex piece of a resting object: the object's name, the piece, and its pose."""
 
 _SHAPES: BoundedCache[Shape] = BoundedCache(2000)
 

@@ -40,7 +40,7 @@ class PoseError:
 
 
 NO_ERROR = PoseError()
-"""Of a frame that is where it is taken to be."""
+"""Error of a frame that is exactly at its nominal pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class PlacedRobot:
         tool: name of its tool, None where none is named; of a robot that changes its tools, the
             one that it carries at the start.
         tools: those that it changes; none for a robot that keeps its own.
-        limits: what it keeps to wherever it moves; None where it is at full speed at once.
+        limits: its motion limits; None where it reaches full speed immediately.
         base_error: how far its base may be from ``base``: what calibration leaves.
     """
 
@@ -135,7 +135,7 @@ class RackTool:
         rack: pose of it in the world where it lies in its rack.
         approach: straight path of the robot into the rack and out of it [m].
         seconds: that it takes to lock it on a flange, or to let go of it [s].
-        model: the robot with this tool on it as a part of its body.
+        model: the robot with this tool mounted as a part of its body.
     """
 
     item: CellObject
@@ -157,7 +157,7 @@ class Clearances:
 
     Attributes:
         robot_robot: between two robots, with their tools and all that they carry [m].
-        robot_object: between a robot, or what it carries, and anything else [m].
+        robot_object: between a robot, or its load, and anything else [m].
         contact_tolerance: how deep a tool may graze a brick at rest within a LEGO skill. The
             default is the gap by which a brick is shorter than its studs times the pitch, 0.1 mm
             on each side: the play that bricks leave each other on their studs [m].
@@ -193,7 +193,7 @@ class Workcell:
     """Static description of a cell: everything that does not change during operation.
 
     Attributes:
-        robots: who does the work.
+        robots: the robots that do the work.
         fixtures: what never moves.
         objects: what is handled, and what lies there until the end.
         clearances: least distances that are kept.

@@ -22,7 +22,7 @@ Skeleton = tuple[str, ...]
 """Robots in the order in which they have a part in hand."""
 
 ROOM = 1.0
-"""Robots that place parts nearer to each other than this are in each other's way [m]."""
+"""Robots that place parts nearer to each other than this block each other [m]."""
 
 _PACE = 0.8
 """Rough speed of fetching and bringing a part [m/s]."""
@@ -31,7 +31,7 @@ _ALIKE = 1.0
 """Parts that can be in place within this time of each other are equally good [s]."""
 
 _FIRST = 3.0
-"""So much later a part may come for every part that must follow it, one on the other [s]."""
+"""Bonus of a part for every part stacked on it, as a delay [s]."""
 
 
 def robot_groups(

@@ -97,7 +97,7 @@ def plan_remaining_construction(
 
     Args:
         problem: all parts that stand or are to.
-        middle: where it goes on.
+        middle: where it is resumed.
         effort: of the search.
     """
     return _Rest(problem, middle, effort).building

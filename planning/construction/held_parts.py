@@ -24,7 +24,7 @@ from planning.steps.skill import grip_contact
 from planning.transforms import Array
 
 Teams = Callable[[BuildState, Part], Iterable[Skeleton]]
-"""Returns who may place a part in a state, in order of preference."""
+"""Returns the robots that may place a part in a state, in order of preference."""
 
 
 def plan_held_part(
@@ -39,7 +39,7 @@ def plan_held_part(
     Args:
         solver: of sub-problems.
         building: the state before, in which no part may come that stands at once.
-        teams: who may place a part; all whom no lower bound rules out where not given.
+        teams: robots that may place a part; by default all that no lower bound rules out.
         holds: how parts are held that are in hands already.
         effort: how much harder than usual is tried.
 
@@ -133,8 +133,8 @@ def release_part(
     Args:
         solver: of sub-problems.
         building: the state before, in which it keeps hold of the part.
-        part: what it lets go of.
-        last: the part that is in place by then.
+        part: the released part.
+        last: the part placed last.
     """
     keeping = building.kept[part.name]
     robot, path = keeping.robot, keeping.way

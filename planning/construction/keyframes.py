@@ -85,7 +85,7 @@ class Keyframes:
         holds: how each robot that has the part holds it, in order.
         picks: candidates to pick it, the most promising first.
         places: candidates to place it, likewise.
-        handovers: for each handover ways to do it, likewise; empty where one robot does all.
+        handovers: candidates of each handover, likewise; empty where one robot does all.
     """
 
     holds: tuple[Hold, ...]
@@ -98,8 +98,8 @@ class EarliestTimes(NamedTuple):
     """Earliest times at which a part may be picked and placed.
 
     Attributes:
-        pick: it must not be picked before: others lie on it [s].
-        place: it must not be placed before: what it rests on has to be there [s].
+        pick: earliest pick, after the parts stacked on it [s].
+        place: earliest placement, after its supports [s].
     """
 
     pick: float

@@ -30,8 +30,8 @@ class ConstructionPlan:
         building: all timelines, and the work that they are made of.
         seconds: wall-clock seconds by component: keyframes, path and its postprocessing.
         cpu: processor seconds, likewise.
-        rewound: how many placements were taken back.
-        failures: what did not work on the way.
+        rewound: number of placements undone.
+        failures: failures during the search.
     """
 
     problem: ConstructionProblem
@@ -98,7 +98,7 @@ class ConstructionSearch:
         progress: called with how many parts are planned, of how many.
 
     Attributes:
-        rewound: how many placements have been taken back.
+        rewound: number of placements undone.
         failures: attempts of all robots that could not place a part, in order.
         spent: how much has been tried: attempts, those that try hard thrice.
     """

@@ -93,11 +93,11 @@ class LegPlanner:
         Args:
             building: the state before.
             robot: the robot.
-            goals: ways to do the skill; none to go HOME.
+            goals: candidates of the skill; none to go HOME.
             allowed: unordered pairs of entities that may touch.
             hints, linger: see ``space_time_rrt``.
             latest: no later arrival is of use [s].
-            most_loss: nor one with which so much time is lost [s].
+            most_loss: greatest loss of time [s].
             work: False for a retreat out of others' way.
         """
         with self.watch.time("path"):
@@ -174,8 +174,8 @@ class Attempt:
         effort: how much harder than usual is tried, from 0.
         low_effort: only paths that take little search are looked for.
         latest: the part must be in its place by then [s].
-        lost: a way with which robots lose as much time as that is of no use [s].
-        keep: who places the part keeps hold of it.
+        lost: greatest useful loss of time [s].
+        keep: whether the robot that places the part keeps holding it.
         hold: how the first robot has it in the hand already; None where it is to be picked.
     """
 

@@ -32,16 +32,16 @@ from planning.geometry.touching import PlacedObject, nearby_entities
 from planning.transforms import Array, Transform, inverse, read_only_copy, translation
 
 ROUNDING = 1e-5
-"""Deepest that things may be in each other of which nothing is said: rounding of poses [m]."""
+"""Default allowed penetration depth: rounding of poses [m]."""
 
 DEEPEST = 0.05
-"""Deepest that things may be said to be in each other [m]."""
+"""Greatest penetration depth that can be allowed [m]."""
 
 _NODE = 0.001
 """Nothing is pressed deeper into anything: bars that meet in a node are [m]."""
 
 _STEP = 0.005
-"""A straight path is looked at so often [m]."""
+"""Sampling distance of a straight path [m]."""
 
 _THROUGH = 0.9
 """A surface that comes so near to the middle of a form, as a share, goes through it."""
@@ -56,7 +56,7 @@ SNUG = 0.003
 """A wall no further from a peg than this is looked at [m]."""
 
 _END = 1e-4
-"""Faces beside a peg reach farther along it than to its very ends, by this [m]."""
+"""Least overhang of the faces next to a peg beyond its ends [m]."""
 
 _WALL = 0.05
 """Faces of a bore are turned from its axis by no less than nearly a right angle: cosine."""
@@ -73,7 +73,7 @@ class Overlaps:
     """Allowed penetration depths of parts in their places.
 
     Attributes:
-        said: of pairs of names, such as a pin and its hole or bars that meet in a node [m].
+        said: allowed depths of pairs of names, such as a pin and its hole or bars that meet in a node [m].
         joined: pairs that are joined, for messages.
         in_nodes: how deep what is joined may be in each other [m].
     """
@@ -148,7 +148,7 @@ def shapes_overlap_depth(
     Args:
         item: what is moved.
         other: what rests.
-        ways: places of the first, directions in which it comes there, and how far.
+        ways: end poses of the first, directions of its approach, and distances.
     """
     deepest = 0.0
     for pose, direction, length in ways:

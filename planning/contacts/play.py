@@ -45,8 +45,8 @@ class Play:
     Attributes:
         free: how far it can go in each direction around the way until it meets something, shape (d,);
             infinite beyond ``SNUG`` [m].
-        beside: names of what holds it.
-        pressed: how deep it is in what it is pressed into, 0 where it has play [m].
+        beside: names of the things that guide it.
+        pressed: interference of a press fit, 0 where it has play [m].
     """
 
     free: Array

@@ -26,7 +26,7 @@ from planning.geometry.touching import (
 from planning.transforms import Array, translation
 
 _SINK = 0.01
-"""A part is let sink by so much to find what it rests on [m]."""
+"""Virtual sinking of a part to find its supports [m]."""
 
 _RESTS = 0.5
 """It rests on what then comes closer by more than this share of it."""
@@ -45,7 +45,7 @@ class PartGraph:
             left out.
         carriers: part to the neighbours that it rests on, and to those whose insertion path would lead
             through it: they come before it.
-        covers: part to the parts that lie on it in the supply: they must be taken first. Parts
+        covers: part to the parts stacked on it in the supply, which must be picked first. Parts
             that nothing lies on may be left out.
     """
 

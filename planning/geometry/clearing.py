@@ -46,7 +46,7 @@ _PROBE = 0.35
 """Joint travel (largest joint) between the configurations looked at before a whole motion [rad]."""
 
 _GROUP = 16
-"""So many boxes are passed by at once where a body is far from all of them."""
+"""Size of groups of boxes that are skipped together where a body is far from all."""
 
 
 class CompiledScene(NamedTuple):
@@ -300,7 +300,7 @@ def find_undecided(
         q_a, q_b: ends of the motion, shape (n,).
         probing: whether to look at configurations, where a conflict is found sooner.
         whole: whether to look at the motion as a whole at last.
-        begin: how many looks have been taken already.
+        begin: number of probes already done.
         stop: whether one pair that is proved too close is enough to know.
 
     Returns:

@@ -11,14 +11,14 @@ from planning.transforms import Array
 Vector = tuple[float, float, float]
 
 FAR, BETWEEN, CLOSE, TOO_CLOSE = 1, 0, -1, -2
-"""What is known of two hulls: see ``classify_gap``."""
+"""Classification of two hulls, see ``classify_gap``."""
 
 _STEPS = 24
 ROUNDING = 1e-9
 """Added to every distance that must be proved [m]."""
 
 _CERTAIN = 1e-7
-"""By so much hulls are closer than asked for, or overlap, before that is held for certain [m]."""
+"""Margin by which hulls must be too close, or overlap, to count as certain [m]."""
 
 _FLAT = 1e-22
 """Squared height of a tetrahedron against its edges from which on rounding decides its sides."""

@@ -35,13 +35,13 @@ from planning.packed import packed
 from planning.transforms import Array, Indices, Transform, translation
 
 _MOST_PLACES = 50_000
-"""Places in arrays that scenes share; those after so many begin with new ones."""
+"""Capacity of arrays that scenes share; scenes beyond it begin with new ones."""
 
 _STANDS: BoundedCache[list[Placed]] = BoundedCache(2000)
 _ABSENT = -1
 
 _CELLS_AT_A_TIME = 4
-"""So many cells are followed at a time."""
+"""Number of cells cached at a time."""
 
 _FOLLOWED: list[_SortedObjects] = []
 _LOCK = Lock()
@@ -136,7 +136,7 @@ class StandingBoxes:
         fixtures: how many pieces the fixtures have.
         places: arrays that the rows are of.
         of_robots: names of the entities of other robots, and of what these hold.
-        strays: by row, how far an error of its robot's base takes a piece [m].
+        strays: by row, displacement of a piece by the base error of its robot [m].
     """
 
     names: tuple[str, ...]
@@ -279,7 +279,7 @@ def box_limits(
         boxes: what stands around.
         allowed: unordered pairs of entities that may touch.
         to_objects: from what rests [m].
-        to_robots: from other robots and what they hold [m].
+        to_robots: from other robots and their loads [m].
     """
     limits = np.full((len(own.solids), len(boxes.rows)), to_objects)
     for name in boxes.of_robots:

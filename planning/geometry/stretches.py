@@ -39,7 +39,7 @@ class PosedStretch(NamedTuple):
             (n + 1, 4, 4).
         strays: see ``stray``; the first two with what an error of the base adds, shape
             (solids, 3).
-        known: for which stretch ``strays`` was measured, shape (solids,).
+        known: the stretch for which ``strays`` was measured, shape (solids,).
         solid: solid of each body, -1 for none, MIXED where not the same all along, shape
             (bodies,).
         least: lower bound of each body's extent along a direction, shape (bodies,) [m].

@@ -29,7 +29,7 @@ SKIP = -1.0
 """In a table of limits: this pair is never checked."""
 
 NOWHERE = -1.0
-"""How far bodies stray that do not meet."""
+"""Deviation of bodies that do not meet."""
 
 
 @inner_kernel
@@ -376,10 +376,10 @@ def deviation_bound_where_meeting(
         bodies, i, j: bodies, and two of them.
         root: the joint from which they are seen.
         limit: least distance [m].
-        enough: the first that stray further are good enough to return [m].
+        enough: deviation beyond which the search may stop [m].
 
     Returns:
-        The largest sum of what two such capsules stray [m], NOWHERE where there are none.
+        The largest sum of the deviations of two such capsules [m], NOWHERE where there are none.
     """
     strayed = NOWHERE
     first, radius, moved = (

@@ -42,7 +42,7 @@ _SQUARE = 0.7
 """Pads press where faces are turned to the closing direction by no more than the angle of this cosine."""
 
 _CELLS = 12
-"""Patches are measured in so many cells along either edge of the box around them."""
+"""Resolution of contact patches in cells along either edge of their bounding box."""
 
 _LOADS: BoundedCache[PadLoad | Literal[""]] = BoundedCache(20_000)
 

@@ -87,7 +87,7 @@ class Grip:
     Attributes:
         pose: of the tool frame in the frame of the part.
         words: description for messages.
-        tool: how the tool that it is for holds; None for tools of which nothing is known.
+        tool: the kind of tool; None where unknown.
     """
 
     pose: Transform

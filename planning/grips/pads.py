@@ -24,10 +24,10 @@ from planning.geometry.exact import hull_shape
 from planning.transforms import Array, Transform, inverse
 
 ALONG_CLOSING = 0.002
-"""So much may a part be off the middle between the fingers: they may be drawn a little off [m]."""
+"""Allowed offset of a part from the middle between the fingers, for inaccurate models [m]."""
 
 BESIDE = 0.0005
-"""Pads may pass a part by so much, along the tool or across it, and still count as touching [m]."""
+"""Distance by which pads may miss a part, along the tool or across it, and still count as touching [m]."""
 
 TO_CUP = 0.001
 """A cup, and the frame in front of it, may be so far from the face that it holds [m]."""
@@ -45,7 +45,7 @@ _MOST_STEPS = 100
 """Steps in which a pad advances to a part at most; it rarely takes more than five."""
 
 _HALVINGS = 40
-"""Steps in which the least distance of a way is found: each leaves two thirds."""
+"""Steps of the search for the least distance along a displacement: each leaves two thirds."""
 
 _PADS: BoundedCache[Pads] = BoundedCache(50_000)
 _CUPS: BoundedCache[Cup] = BoundedCache(50_000)
@@ -58,7 +58,7 @@ class Pad:
     """Contact of the fingers of one side of a tool with a part.
 
     Attributes:
-        way: until one of them touches it; negative if it is drawn in it, None if none does [m].
+        way: travel until one of them touches it; negative for an overlap, None if none does [m].
         miss: from where they pass it nearest to the part there, along the axes of the tool frame:
             across, closing, depth, shape (3,); zero where they touch it [m].
     """
@@ -92,7 +92,7 @@ class Cup:
 
     Attributes:
         gap: between the tool and the part, along all directions; negative if they overlap [m].
-        beside: how far the tool frame is beside what is at the part, along x and y, shape (2,) [m].
+        beside: offset of the tool frame from the cup at the part, along x and y, shape (2,) [m].
     """
 
     gap: float

@@ -26,10 +26,10 @@ _LEAST_DEPTH_MM = 3
 """Fingers that hold a part less deep do not hold it."""
 
 DEEPEST = 0.002
-"""Most that a tool may be in what it grips, such as fingers that are drawn too far closed [m]."""
+"""Allowed overlap of a tool with the gripped part, such as of fingers modelled too far closed [m]."""
 
 _STEPS = 6
-"""Places on the straight path in at which a tool is measured."""
+"""Number of samples on the straight approach at which a tool is measured."""
 
 _NOWHERE: Array = np.zeros(0)
 
@@ -44,7 +44,7 @@ def tool_rules(rules: GripRules, tool: ToolGrip | None) -> GripRules:
 
     Args:
         rules: of the assembly, for what the tool does not tell.
-        tool: how it holds; None where nothing is known.
+        tool: kind of grip; None where unknown.
     """
     if tool is None:
         return rules

@@ -23,7 +23,7 @@ class JointTable(NamedTuple):
         base: pose of the base in the world, the identity where all is seen from it, shape
             (4, 4).
         lower, upper: joint limits, shape (n,) [rad or m].
-        error: of the base, see PoseError: way and angle, shape (2,) [m, rad].
+        error: of the base, see PoseError: displacement and angle, shape (2,) [m, rad].
     """
 
     placement: Array

@@ -19,10 +19,10 @@ from planning.kinematics.damped_least_squares import follow_targets, solve_from
 from planning.transforms import Array, Transform, identity, inverse
 
 _SOLVED: BoundedCache[list[Array]] = BoundedCache(20_000)
-"""Answers given: the same poses are asked for again and again while candidates are sought."""
+"""Cache capacity: the same poses recur while candidates are searched."""
 
 _RESTARTS = 20
-"""Random starts for a pose on a way, where the search from the configuration before it fails."""
+"""Random seeds for a pose on a path, where the search from the previous configuration fails."""
 
 
 def frame_pose(robot: PlacedRobot, q: Array, frame: str = "flange") -> Transform:

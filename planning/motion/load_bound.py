@@ -24,7 +24,7 @@ from planning.tasks.work import AssemblyWork
 from planning.transforms import Array
 
 _MOST_WAYS = 2000
-"""Of assemblies with more ways to do their steps, no bound is worked out."""
+"""Greatest number of alternatives of an assembly for which a bound is computed."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def load_bound_s(
         settings: how tasks are turned into motions.
 
     Returns:
-        The bound, None where there are too many ways to look at.
+        The bound, None where there are too many alternatives.
     """
     choices = list(_choices(work.problem))
     if len(choices) > _MOST_WAYS:
@@ -143,7 +143,7 @@ def least_load(ways: list[AlternativeLoad], unlimited: frozenset[str]) -> float:
     """Return the least load of the busiest robot when steps and objects are shared out freely [s].
 
     Args:
-        ways: to do the steps.
+        ways: alternatives of the steps.
         unlimited: objects that may be used more than once.
     """
     model = pulp.LpProblem("load", pulp.LpMinimize)

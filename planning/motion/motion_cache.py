@@ -156,7 +156,7 @@ class MotionCache:
     A path that only has to be clear is stored with all obstacles that it was found to be clear of.
 
     Attributes:
-        scenes: what they lead through.
+        scenes: the scenes they lead through.
     """
 
     scenes: SceneIndex = field(default_factory=SceneIndex)
@@ -176,7 +176,7 @@ class MotionCache:
 
         Args:
             moving: what moves, and through what.
-            scene: what it moves amid.
+            scene: its surroundings.
             seed: of the search for it.
             work_out: finds it.
 

@@ -132,7 +132,7 @@ def plan_motions_sequentially(
         link_steps: returns all task dependencies, shape (e, 2), once every step is settled.
         settings: planners, speeds, attempts and seed.
         progress: called with the steps done and the steps in all.
-        known: what was found for other plans of the same cell and settings; what is found here
+        known: results of other plans of the same cell and settings; what is found here
             is added. The plan is the same with it and without.
         windows: returns the windows of time between tasks, once every step is settled.
         begins: where it begins; by default with every robot at HOME and everything at its start.

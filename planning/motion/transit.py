@@ -16,7 +16,7 @@ from planning.motion.speed import SpeedModel, path_duration, path_times
 from planning.transforms import Array
 
 _GAIN = 1e-6
-"""Shortcuts that gain less are not worth a corner [s]."""
+"""Least gain of a shortcut that adds a corner [s]."""
 
 _Check = Callable[[Array, Array], bool]
 """Tells whether the straight line to a second configuration passes, that one included."""
@@ -266,7 +266,7 @@ class _Validator(ob.MotionValidator):  # type: ignore[misc]
 
     Args:
         information: of the space.
-        check: asked about motions.
+        check: test of motions.
         start, goal: configurations that pass, shape (n,).
     """
 

@@ -42,10 +42,10 @@ from planning.tasks.highs_solver import assign_steps
 from planning.transforms import Array, read_only_copy, translation
 
 _MOST_TRIES = 4
-"""So often parts are shared out again where no robot can do a step of what came of it."""
+"""Number of retries of the allocation where no robot can do a step of the result."""
 
 _NOBODY, _NEVER = 100.0, 1e6
-"""What a goal costs a robot that cannot fill it alone: more than any way, and more than any load [rad]."""
+"""Cost of a goal for a robot that cannot fill it alone: more than any path or load [rad]."""
 
 _AWAY = 1000.0
 """Height at which parts are that come from nowhere in particular [m]."""
@@ -57,7 +57,7 @@ Find = Callable[[Workcell, PartAssembly], PartCandidates]
 """Returns the candidates of an assembly in which every part has its own goal."""
 
 _Ends = Mapping[bytes, tuple[Array, frozenset[str]]]
-"""Where a robot picks or places a part, shape (n,), and what must be gone before, by the pose of its tool on it."""
+"""Contact configuration of a pick or place, shape (n,), and the parts that must be gone before, by tool pose on the part."""
 
 
 def with_steps_as_listed(_: Workcell, assembly: PartAssembly) -> PartAssembly:
@@ -390,7 +390,7 @@ def with_renamed_parts(
 
     Args:
         assembly: no step but that of a placement names one of them.
-        parts: who is in the place of whom, by name.
+        parts: the replacement of each part, by name.
     """
 
     def both(pair: Collection[str]) -> tuple[str, ...]:
@@ -424,7 +424,7 @@ def goal_turns(ways: Array) -> list[tuple[int, int]]:
     mean.
 
     Args:
-        ways: of each robot to each goal, infinite where it cannot fill it; shape (goals, robots).
+        ways: distance of each robot to each goal, infinite where it cannot fill it; shape (goals, robots).
     """
     goals, robots = ways.shape
     known = np.isfinite(ways)

@@ -65,7 +65,7 @@ class PlacePart(Step):
 
     Attributes:
         part: its name.
-        stop: where it is put down on its way, None where it comes to its place.
+        stop: where it is put down temporarily, None where it is put in its place.
         until: name of the step until which is complete its robot keeps hold of it, None to let
             go of it at once, or when nothing falls any more.
     """
@@ -177,7 +177,7 @@ class PartAssembly:
         goals: pose in the world of the frame of every part that is placed, of boxes the centre.
         steps: what is done, in this order.
         usual: how parts are gripped and led.
-        own: how those are that are in another way, by name.
+        own: handling of the parts that differ, by name.
         touch: parts that are nearer to each other than this touch [m].
         balance: friction and joints under which it must stand; None if that is not looked at.
         overlaps: how deep parts that are joined may be in each other.

@@ -51,7 +51,7 @@ from planning.tasks.assignment import (
 from planning.transforms import Transform
 
 _MOST_HOLDS = 8
-"""Ways to hold a part that are kept for each robot."""
+"""Greatest number of holds of a part per robot."""
 
 
 @dataclass(frozen=True)

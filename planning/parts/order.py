@@ -234,10 +234,10 @@ class _AnyOrder:
         """Return the precedence after a part that blocks a step is moved past it.
 
         Args:
-            known: what comes before what.
+            known: the precedence.
             ordered: the order that was tried.
             step: number of the step that no robot can do in it, from 1.
-            blockers: how often things were in its way.
+            blockers: number of times that each obstacle blocked it.
         """
         place = {
             s.part: k

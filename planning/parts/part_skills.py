@@ -62,7 +62,7 @@ SMALL_TURN = math.radians(5.0)
 """Most that the tool turns between two subgoals of such a path [rad]."""
 
 PRESSED = 0.003
-"""Deepest that the tool of a process may be in what it works at [m]."""
+"""Allowed penetration of a process tool into its workpiece [m]."""
 
 
 def pick_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
@@ -71,7 +71,7 @@ def pick_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTarget
     Args:
         frame: name of the tool frame.
         grip: pose of that frame in the world where it grips the part.
-        ways: straight to the part along the tool before that, and out with it.
+        ways: straight displacements to the part along the tool, and out with it.
     """
     back, lifted = grip @ translation(0.0, 0.0, -ways.approach), grip.copy()
     lifted[:3, 3] += ways.leave * np.asarray(ways.extraction)
@@ -84,7 +84,7 @@ def place_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTarge
     Args:
         frame: name of the tool frame.
         grip: pose of that frame in the world where the part is in its place.
-        ways: straight into its place before that, and back from it along the tool.
+        ways: straight displacements into its place, and back from it along the tool.
     """
     above, back = grip.copy(), grip @ translation(0.0, 0.0, -ways.leave)
     above[:3, 3] += -ways.approach * np.asarray(ways.insertion)
@@ -190,7 +190,7 @@ def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
     """Return the pose of a part in the flange frame of the robot that holds it.
 
     Args:
-        robot: who holds it.
+        robot: the robot that holds it.
         frame: name of the tool frame.
         grip: pose of that frame in the frame of the part.
     """

@@ -82,9 +82,9 @@ class PartStep(KnownStep):
     """A step in which a part is placed.
 
     Attributes:
-        part: what is placed; it is picked at its ``start``, which is where it is by then.
+        part: the placed part; it is picked at its ``start``, which is its current pose.
         grips: candidate grips; the number of a grip is its place here.
-        at_start: what it touches before it is picked, with the distances [m].
+        at_start: its contacts before it is picked, with the distances [m].
     """
 
     step: PlacePart

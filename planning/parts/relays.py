@@ -54,10 +54,10 @@ _MOST_SPOTS, _FEW_SPOTS = 100, 12
 """Spots that are looked at, and those in reach of which all sides of a part are tried."""
 
 _MOST_GRIPS = 12
-"""Ways of each robot to pick the part, and to place it, that are found at most."""
+"""Greatest number of picks, and of placements, per robot."""
 
 _ENOUGH = 3
-"""Spots with a way over them, among which the cheapest is taken."""
+"""Number of feasible spots among which the cheapest is chosen."""
 
 _CLEAR = 0.0005
 """A part comes to lie so far above a fixture [m]."""

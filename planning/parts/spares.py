@@ -16,7 +16,7 @@ from planning.steps.tool_changes import with_tools
 from planning.tasks.assignment import NO_TOOLS
 
 _MOST = 6
-"""So many spare parts are candidates for one step: those nearest to where the lost one was."""
+"""Greatest number of spare parts for one step: those nearest to the lost one."""
 
 
 def with_spares(

@@ -40,7 +40,7 @@ Candidate = PrimaryCandidate | SupportCandidate
 
 
 Holders = Mapping[str, tuple[Array, Tools]]
-"""Robots that hold something: where they stand, shape (n,), and what they have on them, by name."""
+"""Robots that hold something: their configurations, shape (n,), and loads, by name."""
 
 NOBODY: Holders = {}
 Item = TypeVar("Item", PrimaryCandidate, SupportCandidate)
@@ -77,7 +77,7 @@ class StepPaths:
         Args:
             item: the candidate.
             holding: robots that hold something all the time.
-            supporting: who holds something while the last of its skills is done.
+            supporting: robots that hold something during the last of its skills.
         """
         tries, found = self.tries.get(item, ()), list(self.alone.get(item, ()))
         for k, tried in enumerate(tries, len(found) - len(tries)):
@@ -240,8 +240,8 @@ class Pairing:
 
         Args:
             items: candidates by their numbers.
-            words: beside whom, for people.
-            holders: who holds something all the time, and at the end.
+            words: the neighbouring robots, for messages.
+            holders: robots that hold something all the time, and at the end.
             good: how many candidates of each robot can be done, counted on.
             most: how many of these are looked for; the others count as those that cannot.
         """

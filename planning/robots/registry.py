@@ -52,7 +52,7 @@ class RobotEntry(UrdfOptions):
         name: what scenarios call it.
         source: where the description comes from.
         licence: of the description.
-        note: one line on what it is.
+        note: one-line description.
         home: HOME, joint by joint [rad or m].
         file: path of the description in its folder.
         folder: of the description, of others' among ours; None for our own.

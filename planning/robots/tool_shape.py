@@ -15,7 +15,7 @@ def tool_shape(name: str, model: RobotModel, mount: Transform) -> Shape:
 
     Args:
         name: of the tool.
-        model: the robot with the tool on it.
+        model: the robot with the tool mounted.
         mount: pose of the tool in the flange frame.
     """
     own = inverse(model.flange @ mount)

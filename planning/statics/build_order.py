@@ -35,7 +35,7 @@ from planning.statics.standing import StabilityChecker
 Waits = frozenset[tuple[int, int]]
 
 _MOST_OPEN = 4
-"""So many parts in hands are looked at in and out of them; where there are more, all is as one."""
+"""Greatest number of held parts whose releases are combined; more are treated as one."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class BuildStep:
     Attributes:
         adds: names of the bodies that are in place from then on.
         joins: what is joined from then on.
-        until: number of the step until which what it adds is kept hold of, None for not at all.
+        until: number of the step until which its bodies are held, None for not at all.
     """
 
     adds: tuple[str, ...] = ()
@@ -58,8 +58,8 @@ class StableBuild:
     """A build that is stable in every state.
 
     Attributes:
-        waits: what steps must wait for beyond what they wait for anyway.
-        keeps: by step that adds a body, the step until which who adds it keeps hold of it.
+        waits: additional precedences of steps.
+        keeps: by step that adds a body, the step until which its robot holds it.
     """
 
     waits: Waits

@@ -101,7 +101,7 @@ class LoadCase:
         weighing: bodies whose weight counts; all by default.
         down: unit vector along which weights act.
         loose: a body whose contacts push but do not pull.
-        pushes: contacts beside those of the structure, such as of tools and joints.
+        pushes: contacts in addition to those of the structure, such as of tools and joints.
         load: a force on one of the bodies.
     """
 

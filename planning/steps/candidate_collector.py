@@ -29,7 +29,7 @@ class CandidateCollector:
         primaries, supports: the candidates, in the order in which they were found.
         incompatible: pairs of their numbers that cannot go together.
         clashing: pairs of numbers of primaries of different steps that cannot go together.
-        dropped: numbers of primaries that are not to be taken after all.
+        dropped: numbers of primaries that are excluded afterwards.
         rejections: what is not a candidate, and why.
         blockers: by step, how often each obstacle blocked it.
     """
@@ -57,7 +57,7 @@ class CandidateCollector:
             step: counted from 1.
             what: was tried, for people.
             found: for it.
-            robot: who would do it; None for nobody in particular.
+            robot: the robot; None for no particular one.
         """
         if not isinstance(found, Obstruction):
             return found
@@ -84,7 +84,7 @@ class CandidateCollector:
         """Return the assignment problem of the gathered candidates.
 
         Args:
-            steps: what they are, in words.
+            steps: their descriptions.
             needs_support: whether each is done by two robots.
             more: further attributes of ``AssignmentProblem``.
         """

@@ -51,7 +51,7 @@ class PlannedHandover:
     Attributes:
         handover: postures of the two robots, and the skill of the giver.
         pose: of the object in the flange frame of the receiver.
-        by_home: whether the receiver goes on by way of HOME.
+        by_home: whether the receiver continues via HOME.
     """
 
     handover: Handover
@@ -65,8 +65,8 @@ class PlannedSupport:
 
     Attributes:
         skill: at the end of which it stands there.
-        item: what it holds, None where it only presses against something.
-        leaving: what its retreat is, for people.
+        item: the held object, None where it only presses against something.
+        leaving: description of its retreat.
         touched: allowed contacts from the skill to the end of the retreat.
         brought: allowed contacts as the work is done.
         straight: whether the retreat is one straight motion, and not a transit a waypoint.
@@ -86,7 +86,7 @@ class PlannedPlacement:
 
     Attributes:
         item: name of the object.
-        pick: how it is taken up first.
+        pick: its pick.
         between: how it changes hands on its way: how it is laid down and taken up again, or
             handed over; None if it does not.
         place: how it is put in its place.

@@ -191,7 +191,7 @@ class Obstruction:
 
     Attributes:
         words: the reason.
-        by: name of the object, fixture or robot part in the way, None if that is not the cause.
+        by: name of the blocking object, fixture or robot part, None if that is not the cause.
         phase: where that is so before the skill begins or after it is over, else None.
         moving: entity of the robot, or object in its hand, that meets it; None if that is not the cause.
     """

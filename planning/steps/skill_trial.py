@@ -26,7 +26,7 @@ from planning.steps.skill import (
 from planning.transforms import Array, inverse
 
 _SURELY = 1e-5
-"""What refuses paths is so much too close: more than distances and poses that are reached are wrong by [m]."""
+"""Least violation for which a body refuses paths: above the error of distances and poses [m]."""
 
 
 _NO_JOINTS = np.empty(0)
@@ -81,11 +81,11 @@ class SkillTrial:
 
     Attributes:
         path: of the skill.
-        found: what is in the way, None when nothing is (any more).
-        gone: names of what has been taken away, in this order.
+        found: the current obstruction, None for none.
+        gone: names of the removed obstacles, in order.
         touched: names of what the tool grazes or leans on, no deeper than it may; whether it
             leans on it.
-        hindrance: of the bodies that are in the way, where that is one that refuses other paths.
+        hindrance: of the blocking bodies, where they also refuse other paths.
     """
 
     def __init__(self, path: SkillPath, scene: SkillScene) -> None:
@@ -293,7 +293,7 @@ def resolve_skill(
 
     Args:
         robot: the robot.
-        ways: poses to reach in order, in each way to do it.
+        ways: poses to reach in order, for each alternative.
         scene: of the skill.
         loose: names of objects that may be gone by then, taken away where no posture is free.
 
@@ -327,7 +327,7 @@ def _in_a_posture(
 
     Args:
         robot, targets, scene, loose: see ``resolve_skill``.
-        hindrances: of other paths; those of this way are put before them.
+        hindrances: of other paths; those of this alternative are put before them.
         whether: nobody asks why there is none.
     """
     if whether and any(one.refuses_all(robot, targets) for one in hindrances):

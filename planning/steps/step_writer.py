@@ -92,7 +92,7 @@ class StepWriter:
             path: in joint space.
             label: for people.
             item: the object it is about.
-            holder: who holds it once it has changed hands, None when it is put down.
+            holder: the holder after the change of hands, None when it is put down.
             pose: of the object then; None for skills in which nothing changes hands.
             refill: object that comes up where it first is, at the end of the skill.
             lets_go: whether its robot lets go of something before it moves.
@@ -185,7 +185,7 @@ class StepWriter:
         """Allow contact of a robot's tool with its load from one task to another.
 
         Args:
-            robot: who carries it.
+            robot: the robot that carries it.
             item: the object.
             first, last: its first and last task with it.
             also: tasks of others in which they touch.

@@ -24,13 +24,13 @@ class PrimaryCandidate:
 
     Attributes:
         step: counted from 1.
-        robot: who places the object.
+        robot: the placing robot.
         object: what is placed.
         grasp: number of the grasp.
         cost: C_ijkg, joint-space distance [rad or m, summed over joints].
         partner: robot that must be the support robot of the step, because it hands the object
             over; None when any may. In a step without support it only hands the object over.
-        after: objects that stand in the way until an earlier step has used them.
+        after: objects that block it until an earlier step has used them.
         tools: that robots which change theirs must have on them.
     """
 
@@ -50,10 +50,10 @@ class SupportCandidate:
 
     Attributes:
         step: counted from 1.
-        robot: who supports.
+        robot: the supporting robot.
         pose: number of the support pose.
         cost: C^s_ijg, joint-space distance.
-        tools: that the robot must have on it, if it changes some.
+        tools: tools that must be mounted, if the robot changes tools.
     """
 
     step: int
@@ -71,8 +71,8 @@ class Rejection:
         step: counted from 1.
         what: the candidate in words, such as ``"left places b2_4 with grip 1/1"``.
         reason: such as ``"attach is out of reach"``.
-        robot: whose candidate it is, None where it is nobody's alone.
-        by: name of what is in the way, None if that is not the cause.
+        robot: the robot of the candidate, None for no particular one.
+        by: name of the obstacle, None if that is not the cause.
     """
 
     step: int
@@ -95,7 +95,7 @@ class AssignmentProblem:
         incompatible: pairs (index into primaries, index into supports) that cannot go together,
             such as poses that collide with each other: of one step, or of a step that is kept
             and a later one.
-        unlimited: objects that stand for an endless supply, exempt from use-once (6).
+        unlimited: objects that represent an endless supply, exempt from use-once (6).
         balance: load balance; lambda is this times the mean cost of a step at its cheapest. At
             1 a robot that takes two steps in a row instead of sharing them (a spread of 2 in
             one window) pays two steps' worth of motion, which outweighs all but large detours.
@@ -345,7 +345,7 @@ class TaskPlan:
 
     Attributes:
         choices: one a step.
-        taken: what steps have taken by now, by number.
+        taken: objects taken by steps so far, by number.
         there: names of the objects that have come up by now.
     """
 

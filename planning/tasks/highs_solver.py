@@ -22,7 +22,7 @@ from planning.tasks.rejections import explain_rejections, find_blockers
 from planning.tasks.rolling_horizon import needs_rolling_horizon, solve_in_windows
 
 _TIME_LIMIT_S = 60.0
-"""Time limit of one solve; the best plan found by then is taken."""
+"""Time limit of one solve; the best plan found so far is used."""
 
 
 def assign_steps(problem: AssignmentProblem) -> TaskPlan:

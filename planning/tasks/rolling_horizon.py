@@ -15,7 +15,7 @@ from dataclasses import replace
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan, Tools
 
 MOST_CONTESTED = 4000
-"""Up to so many candidates whose objects can be used once, the whole program is solved."""
+"""Greatest number of candidates with single-use objects for one solve of the whole program."""
 
 _WINDOW, _KEPT = 16, 8
 """Steps of a window, and how many of its choices are kept."""

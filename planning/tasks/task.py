@@ -32,13 +32,13 @@ FAILED = "failed-attempt"
 """Kind of a skill of which all attempts have failed: its robot stands where it began."""
 
 TAKEN_OUT = "taken-out"
-"""Kind of a task in which a robot stands at HOME until a person has taken what it holds."""
+"""Kind of a task in which a robot waits at HOME until a person has removed its load."""
 
 LEFT_OUT = "left-out"
-"""Kind of a task that was planned and is not done, because what it was for is done in another way."""
+"""Kind of a planned task that is omitted because its purpose is achieved by other tasks."""
 
 CLOSE, OPEN = "close", "open"
-"""What a tool does to take something and to let go of it: fingers close and open, suction goes on and off."""
+"""Actuations that grip and release: fingers close and open, suction goes on and off."""
 
 ActuationKey = tuple[str, str, str | None]
 """What is done, by whose tool, and the name of that."""
@@ -76,7 +76,7 @@ GONE = "(gone)"
 T = TypeVar("T")
 
 ExceptionKey = tuple[str, str | None, str | None]
-"""Skill, robot and type of object of an exception; None stands for any."""
+"""Skill, robot and type of object of an exception; None means any."""
 
 EARLIER = -1
 """In place of the index of a task that was done before the plan begins."""

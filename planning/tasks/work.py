@@ -20,7 +20,7 @@ from planning.tasks.task import StepTasks, Task, TimeWindow
 from planning.transforms import Indices, Transform
 
 _MOST_WAYS = 12
-"""How many ways are tried for one step."""
+"""Greatest number of alternatives tried for one step."""
 
 PlacedPart = tuple[str, Transform]
 """Name of a part and where its centre lies in the world."""
@@ -42,7 +42,7 @@ class AssemblyWork:
     """An assembly ready for assignment and planning, of any kind.
 
     Attributes:
-        problem: who can do which step with what.
+        problem: the assignment problem.
         expand: returns the tasks of a step of a plan: given the plan, the step (from 1) and the
             index of its first task.
         waits: yields pairs of tasks, given those of all steps: the second waits for the first.
@@ -164,7 +164,7 @@ class StepExpansions:
 
     Attributes:
         work: the assembly.
-        plan: the choices; steps that were done another way are updated.
+        plan: the choices; steps done by an alternative are updated.
     """
 
     work: AssemblyWork
@@ -223,7 +223,7 @@ class Supply:
         leaves: by number of the step after which they do, from 1.
         elsewhere: numbers of the steps that are not done at the place of a product: a part is put
             down on its way, or worked at there.
-        sourced: names of the parts that are taken from sources.
+        sourced: names of the parts that come from sources.
     """
 
     refills: Mapping[int, Refill] = field(default_factory=dict)

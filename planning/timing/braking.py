@@ -177,7 +177,7 @@ def _brake(
         limits: of the robot.
         curve: what is followed.
         near: the curvature at its corners, and how far the motion may leave it.
-        motion: control ways of the motion without a stop, and its time step.
+        motion: control points of the motion without a stop, and its time step.
         given: how many of these are settled when the stop begins.
         out: what is written.
     """

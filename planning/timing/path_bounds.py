@@ -16,7 +16,7 @@ from planning.kernels import inner_kernel
 from planning.transforms import Array, Indices
 
 _SPEED_SHARE = 0.5
-"""Most that full speed by itself takes of the effort that gravity leaves a joint."""
+"""Greatest share of the remaining joint effort (after gravity) used at constant full speed."""
 
 HEAD_ROOM = 0.99
 """Share of the limits that is used around corners: rows of a motion are cubic between them."""
@@ -25,12 +25,12 @@ HEAD_ROOM = 0.99
 class EffortRows(NamedTuple):
     """Joint efforts on some pieces of a path, by row: one joint at a sample, in one direction.
 
-    With s the way along the path at full speed: ``first * abs(s'') + second * s'^2 <= spare``.
+    With s the path parameter, time at full speed: ``first * abs(s'') + second * s'^2 <= spare``.
 
     Attributes:
         spare: effort that gravity leaves, shape (rows,) [N m or N].
         first, second: shape (rows,).
-        joint: whose row it is, shape (rows,).
+        joint: joint of each row, shape (rows,).
         piece: first row of each piece, and the count of rows, shape (pieces + 1,).
     """
 
@@ -43,7 +43,7 @@ class EffortRows(NamedTuple):
     def full_speed_factor(self) -> float:
         """Return the factor by which full speed must be lowered for joints to accelerate at it.
 
-        It is at least 1. Joints that gravity leaves nothing ask for nothing: no speed mends it.
+        It is at least 1. Joints without effort left by gravity are ignored: no speed helps them.
         """
         known = (self.spare > 0.0) & np.isfinite(self.spare)
         share = self.second[known] / (_SPEED_SHARE * self.spare[known])
@@ -92,7 +92,7 @@ class PathBounds:
 
     Attributes:
         cap: greatest share of full speed on each bent piece, shape (p,).
-        efforts: how joints bear it; None where that is not known.
+        efforts: joint efforts; None where unknown.
     """
 
     cap: Array

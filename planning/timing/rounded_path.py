@@ -35,7 +35,7 @@ _RISE = 0.2
 """Share of a window in which the acceleration rises, and in which it falls."""
 
 _BENT = 0.8
-"""Share of the acceleration that bends the way where nothing keeps a robot from full speed."""
+"""Share of the acceleration for bending the path where nothing keeps a robot from full speed."""
 
 _SHORTEST = 1e-9
 """What is between two breaks that are nearer than that is nothing [s]."""
@@ -47,9 +47,9 @@ class RoundedPath:
 
     Attributes:
         corners: ends and corners of the polyline, no two in a row the same, shape (w, n).
-        at: way from the start to each, shape (w,).
+        at: arc length from the start to each, shape (w,).
         turn: change of direction at each corner, 0 at the ends, shape (w, n).
-        reach: way before and behind each corner on which the curve leaves the polyline, shape (w,).
+        reach: arc length before and after each corner on which the curve leaves the polyline, shape (w,).
     """
 
     corners: Array
@@ -80,7 +80,7 @@ def rounded_path(corners: Array, stray: float) -> RoundedPath:
 
     Args:
         corners: of the polyline with its ends, no two in a row the same, shape (w, n), w > 1.
-        stray: allowance, all coordinates added up.
+        stray: allowed deviation, summed over all coordinates.
     """
     steps = np.diff(corners, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
@@ -293,7 +293,7 @@ def ordered_windows(at: Array, window: Array, low: float, high: float) -> Array:
     """Return the longest windows that begin and end in the order of their corners.
 
     Args:
-        at: ways of the corners, rising, shape (k,) [s].
+        at: path parameters of the corners, rising, shape (k,) [s].
         window: none is longer than that, shape (k,) [s].
         low, high: none begins before or ends after that [s].
     """

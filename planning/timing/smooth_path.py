@@ -84,7 +84,7 @@ def s_curve_times(
     The acceleration builds up, stays, and falls to 0; the speed stays; the same in reverse.
 
     Args:
-        length: of the way, above 0.
+        length: of the path, above 0.
         speed: limit of speed.
         rise: limit of acceleration.
         jolt: limit of jerk, maybe infinite.
@@ -155,8 +155,8 @@ def quickest_piece(
     Args:
         limits: of the robot.
         path: what to follow.
-        stray: farthest that the motion may leave the curve, all joints added up.
-        begin: way along the path at which the motion starts.
+        stray: allowed deviation from the curve, summed over all joints.
+        begin: arc length at which the motion starts.
 
     Returns:
         The motion; None where that would take more time steps than are offered.
@@ -243,7 +243,7 @@ def _tried(
         curve: where on it the motion starts, and the curve that is followed.
         near: the curvature at its corners, and how far the motion may leave it.
         shape: steps in which the acceleration changes, four times, and in which it stays, twice.
-        ways, points: what is written.
+        ways, points: outputs.
     """
     jerky, steady = shape
     begin, corners, at, turn, reach = curve

@@ -27,7 +27,7 @@ LEAST_BUILD_UP = 1e-6
 """Shortest time in which an acceleration builds up, where no jerk is too much [s]."""
 
 _ROUNDING = 1e-9
-"""Share of a way by which rounding may have made a braking distance longer."""
+"""Relative rounding error allowed in a braking distance."""
 
 _HALVINGS = 48
 
@@ -95,7 +95,7 @@ def straight_seconds(limits: MotionLimits, ways: Array) -> Array:
 
     Args:
         limits: of the robot.
-        ways: from start to end, shape (..., n) [rad or m].
+        ways: displacements from start to end, shape (..., n) [rad or m].
 
     Returns:
         Shape (...) [s].
@@ -166,7 +166,7 @@ def rest_to_rest_seconds(cruise: float, ramp: float) -> float:
     """Return the commanded time from rest to rest.
 
     Args:
-        cruise: time of the whole way at full speed.
+        cruise: time of the whole stretch at full speed.
         ramp: time from rest to full speed.
     """
     if cruise >= ramp:

@@ -97,7 +97,7 @@ class ArmDynamics:
     Args:
         robot: where it stands.
         model: the robot, with the tool that it has on its flange.
-        payloads: what it holds.
+        payloads: its payloads.
     """
 
     def __init__(
@@ -197,7 +197,7 @@ class ArmDynamics:
         """Return the joint efforts along a path with rounded corners.
 
         Args:
-            path: the way.
+            path: the path.
             bent: pieces of it that are not straight.
         """
         span = bent.high - bent.low

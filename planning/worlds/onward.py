@@ -44,7 +44,7 @@ class OnwardPlan:
     """A plan of the remaining work from a world on.
 
     Attributes:
-        motions: of the new tasks, whose indices go on from the world's.
+        motions: of the new tasks, whose indices continue those of the world.
         task_plan: choices of all steps, those that have begun included.
         steps, past: as in ``World``, with the new tasks.
     """
@@ -108,7 +108,7 @@ def plan_onward(
         work: all candidates, and the tasks that follow from choices.
         settings: how tasks are turned into motions.
         now: where it begins.
-        known: ways found before.
+        known: cache of paths.
 
     Raises:
         InfeasibleStepError: a step can no longer be done by anyone; says which and why.
@@ -204,7 +204,7 @@ class _Item:
     """One item of the remaining work.
 
     Attributes:
-        ways: yields its tasks in ever less preferred ways, given the index of the first.
+        ways: yields its tasks, alternatives in order of preference, given the index of the first.
         step: number of the step that it is, None for what only clears the way.
         whole: returns the tasks of the step, those done before included.
         machines: number of the step that is not done, and for which machines go on.
@@ -314,7 +314,7 @@ class BlockedStep:
 
     Attributes:
         step: its number.
-        robot: who could if it had not something in its hand for a later one; None for nobody.
+        robot: the robot that could if its hand were not occupied for a later step; None for none.
         later: that one, 0 where there is no such robot.
     """
 

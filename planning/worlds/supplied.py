@@ -30,7 +30,7 @@ from planning.transforms import Transform, read_only_copy
 from planning.worlds.world import World, renumber_contacts
 
 REMOVAL = "removal"
-"""Name of the machine by which a person takes what lies in the way of others."""
+"""Name of the pseudo-machine by which a person removes obstacles."""
 
 
 def brings_parts(task: Task) -> bool:
@@ -87,8 +87,8 @@ class RemovalPlan:
         world: where the plan begins.
         passing: objects that lie where others come after them.
         given_up: objects of the steps that are not done.
-        taken: those that a person takes in the plan, with the task.
-        lies: where objects lie by then, of those that the plan has moved; None for what is in a hand or gone.
+        taken: those that a person removes in the plan, with the task.
+        lies: current poses of objects that the plan has moved; None for those in a hand or gone.
     """
 
     world: World
@@ -177,7 +177,7 @@ def find_removal(
         cell: with the robot.
         world: in which it holds that.
         robot: the robot.
-        name: what it holds.
+        name: the held object.
         first: index of the task.
     """
     placed = cell.robot(robot)

@@ -34,14 +34,14 @@ class World:
     """State of a cell in the middle of an assembly.
 
     Attributes:
-        state: where everything is; what has left the cell, or lies nobody knows where, has no place.
+        state: all poses; things that have left the cell, or whose pose is unknown, have none.
         steps: the tasks of each step that has been planned, those that are complete included, one
             entry a step.
-        past: what was done of steps that were then restarted, and ways HOME that belong to none.
+        past: completed tasks of steps that were then restarted, and transits HOME of no step.
         complete: indices of the tasks that are complete.
-        out: robots that do nothing any more, and objects that are of no use.
+        out: robots out of service, and unusable objects.
         tasks: index of the next new task.
-        ago: how long ago the tasks ended that opened windows of time, by their index; 0 of others [s].
+        ago: time since the end of the tasks that opened time windows, by their index; 0 for others [s].
     """
 
     state: WorldState
@@ -211,7 +211,7 @@ def renumber_contacts(
 
     Args:
         allowed: the contacts.
-        known: the other index by the one before.
+        known: new index by old index.
         among: the contacts of these tasks only; None for all.
     """
     own = known.keys() if among is None else among

@@ -47,7 +47,7 @@ class SpaceTimeChecker:
 
     Attributes:
         robot: the moving robot.
-        start: the time from which on it moves [s].
+        start: start time of its motion [s].
         model: of the robot.
         home: configuration of HOME, shape (n,).
         scene: all of it for compiled code.

@@ -22,7 +22,7 @@ SPACING = 0.25
 """Distance of places on the lattice [m]."""
 
 _BEYOND = 3.0
-"""The lattice reaches so far beyond start and goal [m]."""
+"""Margin of the lattice beyond start and goal [m]."""
 
 
 class Lattice(NamedTuple):
@@ -95,7 +95,7 @@ def write_base_configuration(
 ) -> None:
     """Write the configuration at a position: arm at HOME, turning towards the goal's as it gets nearer.
 
-    The first place stands for the start itself, the last one for the goal.
+    The first place is the start itself, the last one the goal.
     """
     a, b = query.start, query.goals[goal]
     copy_row(q, query.rest)

@@ -70,7 +70,7 @@ def grow_forests(
         query: the query.
         settings: effort.
         iterations: samples in all.
-        latest: no later arrival is asked for [s].
+        latest: latest arrival [s].
         bound: only an arrival before this is of use [s].
         seed: of all random numbers.
 

@@ -30,7 +30,7 @@ def direct_paths(
         scene: what must be kept clear of.
         query: the query.
         latest: no later arrival is looked at [s].
-        most: ways wanted; the first that is clear of everything is the last one.
+        most: greatest number of paths; the first one that is clear of everything ends the search.
         shares: of the arm's time for which a robot may stand, from none to all of it; 0 for
             straight paths only.
 

@@ -43,10 +43,10 @@ _TRIES = 5
 """Departures tried from one span to another."""
 
 _LATER = 0.4
-"""A second departure is so much later at least, a third one twice as much... [s]."""
+"""Least delay between departures; doubled for each further one [s]."""
 
 _UNKNOWN = ZERO - 1
-"""In place of tries: the spans of the vertex where it ends are not known yet."""
+"""In place of tries: the safe intervals of the end vertex are unknown yet."""
 
 
 def search_roadmap(

@@ -109,7 +109,7 @@ def latest_times_along(
         arrival: when it arrives [s].
 
     Returns:
-        Times of coming, and of leaving, shape (w,); empty where there is no way to be there then.
+        Arrival and departure times, shape (w,); empty where there is no feasible timing.
     """
     places = len(path)
     start, step = query.begin, scene.step

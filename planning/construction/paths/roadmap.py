@@ -43,10 +43,10 @@ class Roadmap(NamedTuple):
 
     Attributes:
         q: shape (v, n).
-        number: spans of each vertex, -1 where they are not known yet, shape (v,).
+        number: number of safe intervals of each vertex, -1 where unknown yet, shape (v,).
         spans: in which the robot may stand there, any time where that is not known yet, shape
             (v, SPANS, 2) [s].
-        come: arrival in each span, infinity where that is not known, shape (v, SPANS) [s].
+        come: arrival in each interval, infinity where unknown, shape (v, SPANS) [s].
         left: departure from the vertex before, likewise [s].
         parent: which span of which vertex that was, likewise.
         rest: least time from there to a goal, shape (v,) [s].

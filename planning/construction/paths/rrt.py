@@ -27,7 +27,7 @@ POSTPROCESSING = "postprocessing"
 """Name of the time that shortcuts and new times of paths take."""
 
 _DETOUR = 4.0
-"""Detours are looked for that take at least so much longer [s]."""
+"""Least extra time of the detours to search for [s]."""
 
 
 def space_time_rrt(

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 _EASY_S = 15.0
-"""An arrival so much later than possible is not looked for where others may be asked."""
+"""Greatest delay of an arrival to search for while other robots remain to be tried."""
 
 _EASY_SHARE = 10
-"""Where there is no other search than by samples, one in so many of them is drawn then."""
+"""Interval of goal samples where the search is by samples only."""
 
 
 PathFinder = Literal["auto", "rrt"]
@@ -39,7 +39,7 @@ class RrtSettings(NamedTuple):
         vertices: of the roadmap that is searched for an earlier arrival.
         neighbours: of each of its vertices.
         checks: motions of the roadmap that are checked.
-        most_loss_s: an arrival so much later than possible is not looked for over a roadmap.
+        most_loss_s: greatest delay of an arrival to search for over a roadmap.
         shortcuts: random stretches of a path that are tried to be made straight.
     """
 
@@ -77,7 +77,7 @@ class KeyframeSettings:
     Attributes:
         picks, places: number of candidates wanted.
         starts: configurations drawn at once.
-        draws: how often, for each way to hold the part.
+        draws: number of draws for each hold of the part.
         spread_s: times are drawn up to so long after the earliest.
         meetings: places of a handover drawn.
         ahead_s: later arrivals than so long after the earliest are not looked at, as long as
@@ -100,7 +100,7 @@ class SubproblemSettings:
     Attributes:
         keyframes: effort for keyframes.
         rrt: effort for paths.
-        holds: ways to hold the part for which paths are looked for.
+        holds: number of holds of the part for which paths are searched.
     """
 
     keyframes: KeyframeSettings = field(default_factory=KeyframeSettings)
@@ -138,7 +138,7 @@ class SearchSettings:
 
     Attributes:
         attempts: of each sequence of actions, before the next robots are tried.
-        asked: robots that may plan a part before anything is tried hard, one after another, as
+        asked: robots that may plan a part before the effort is raised, one after another, as
             long as each is late; where there are no more parts to place than for half of them.
         parts: that the first robot may plan before anything is tried hard, one after another,
             as long as it loses time with each; where there are more.
@@ -147,12 +147,12 @@ class SearchSettings:
         round: parts that are planned before it is looked at how much time was lost with them;
             no more than there are robots.
         tries: how often they are planned, at most.
-        acceptable_loss_s: so much lost time for each of them is no reason to plan them again.
+        acceptable_loss_s: lost time per placement that does not trigger replanning.
         again: attempts that may go into planning again, in all: for each part of the
             construction, over the number of robots, since among many each takes longer.
         efforts: how often failures are gone through again when nothing else is left, each
             time trying harder.
-        returns: how often placements are taken back for one part, at most. Parts that keep each
+        returns: greatest number of backtracks for one part. Parts that keep each
             other from their places would take turns for ever.
     """
 

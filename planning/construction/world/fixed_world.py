@@ -45,7 +45,7 @@ _JOINED = 4
 _Key = tuple[RobotTimeline, tuple[HandChange, ...]]
 
 Follower = tuple[PlacedRobot, RobotTimeline, Sequence[HandChange]]
-"""A robot, its timeline, and what it holds from when on."""
+"""A robot, its timeline, and the objects it holds over time."""
 
 _WORDS = {"pick": "pick", "place-down": "place", "handover": "hand over"}
 
@@ -77,7 +77,7 @@ class SweptTracks:
 
         Args:
             start: see ``since`` [s].
-            robots: who moves, how, and with what in the hand.
+            robots: moving robots with timelines and loads.
             item: returns an object by its name.
         """
         key = start, tuple((line, tuple(changes)) for _, line, changes in robots)
@@ -299,7 +299,7 @@ class HeldPlacement(NamedTuple):
 
     Attributes:
         robot: who does; it stands.
-        way: on which it then leaves the part, shape (w, n).
+        way: path by which it then leaves the part, shape (w, n).
         last: the part that has to be in place before; empty as long as that is open.
         end: when the robot lets go [s].
     """
@@ -362,7 +362,7 @@ class BuildState:
             kind: ``"pick"``, ``"place-down"`` or ``"handover"``.
             part: what changes hands.
             start: of the skill [s].
-            holder: who holds it then.
+            holder: the robot that holds it then.
             pose: of its centre in the holder's flange frame, or in the world.
             touching: unordered pairs of entities that may touch meanwhile.
         """

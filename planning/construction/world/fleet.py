@@ -19,7 +19,7 @@ class LoadedRobot(NamedTuple):
     """A robot with the object in its hand.
 
     Attributes:
-        bodies: the robot's parts, then what it holds.
+        bodies: the robot's parts, then its load.
         hulls: these bodies on a motion of one segment, packed.
     """
 

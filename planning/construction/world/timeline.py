@@ -386,10 +386,10 @@ def skill_motion(
         robot: the robot.
         frame: its tool frame.
         touch: configuration at the touch, shape (n,).
-        ways: vectors in the world from where the tool comes to the touch, and from the touch
+        ways: displacements in the world from where the tool comes to the touch, and from the touch
             to where it goes, each of shape (3,) [m].
         velocity: joint speed limits, shape (n,).
-        seconds: nominal duration of the skill; more where the joints need more for the ways [s].
+        seconds: nominal duration of the skill; longer where the joint speeds require it [s].
     """
     at = frame_pose(robot, touch, frame)
     into = follow_straight_line(robot, frame, at, touch, -ways[0])

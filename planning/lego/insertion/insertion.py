@@ -49,7 +49,7 @@ from planning.statics.equilibrium import Load, StabilityReport
 _Question = tuple[str, InsertionWay, tuple[Press, ...], tuple[ToolHold, ...]]
 
 MOST_SPOTS = 40
-"""So many supporting spots are tried for one press."""
+"""Greatest number of supporting spots for one press."""
 
 _STUD_EDGE = ((0.3, 0.0), (0.0, 0.3), (-0.3, 0.0), (0.0, -0.3))
 """Points on the edge of a stud, from its axis [studs]."""
@@ -60,7 +60,7 @@ class Insertion:
     """An insertion of a brick into a structure.
 
     Attributes:
-        way: how it goes in.
+        way: the insertion method.
         press: the grip.
         support: the supporting tool, None without one.
         bearing: the force that it takes, and what of it the structure bears.

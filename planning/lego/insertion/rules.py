@@ -54,7 +54,7 @@ class ArmLimits:
 
     Attributes:
         reaches: tells whether some arm, alone in its cell, reaches a brick with a grip.
-        beside: bricks beside all of which no arm was found to have a grip; several sets of them.
+        beside: sets of bricks next to which no arm was found to reach a grip.
     """
 
     reaches: Callable[[PlacedBrick, Press, bool], bool]
@@ -78,7 +78,7 @@ class SequencingRules:
         support: a second robot may hold the structure from below.
         place_up: a brick may be handed over and pressed on from below, a second robot pressing
             against it from above.
-        hold_down: a second robot may hold the structure down from above, beside the press.
+        hold_down: a second robot may hold the structure down from above, next to the press.
         scaffold: temporary bricks may carry what cannot go in otherwise.
         removable: temporary bricks must be such that they can be taken out again.
         plinth: layers by which the structure is raised on temporary bricks.

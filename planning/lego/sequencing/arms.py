@@ -38,7 +38,7 @@ _MOST_TRIES = 12
 """Sequences that are tried."""
 
 _PATIENCE = 3
-"""So many of them in turn may leave no fewer steps undone than the best before."""
+"""Number of consecutive sequences without improvement before the search stops."""
 
 Sequencer = Callable[[SequencingRules], tuple[LegoAssembly, SequencedStructure]]
 """Finds a sequence by some rules."""
@@ -119,7 +119,7 @@ def sequence_for_arms(
         cell: its objects are the stock.
         sequenced: finds a sequence by some rules.
         rules: to begin with.
-        stage: entered while arms are asked.
+        stage: context entered while the reach of arms is checked.
 
     Raises:
         TwinError: there is no sequence even for the tool alone, or a place that no arm reaches.

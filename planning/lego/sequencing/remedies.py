@@ -21,7 +21,7 @@ from planning.lego.sequencing.removal import UnremovableBrick, find_unremovable_
 from planning.lego.stability.partial_structures import Names, PartialStructures
 
 _MOST_COLUMNS = 40
-"""So many places for a column are tried at once."""
+"""Number of column places tried together."""
 
 
 def supporting_columns(

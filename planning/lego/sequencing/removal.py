@@ -19,7 +19,7 @@ _VERTICAL = ((0, 0, -1), (0, 0, 1))
 _ASIDE = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 
 _NAMED = 4
-"""So many of the bricks in the way of a helper are named."""
+"""Greatest number of blocking bricks to name."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class UnremovableBrick:
 
     Attributes:
         brick: the helper.
-        behind: what is in its way, what it is pressed onto first.
+        behind: the bricks that block it, those it is pressed onto first.
     """
 
     brick: PlacedBrick
@@ -80,7 +80,7 @@ class _WayOut:
 
     Attributes:
         outside: whether it gets out.
-        hits: what it runs into on all its ways, those at its own knobs first.
+        hits: obstacles on all its paths, those at its own knobs first.
     """
 
     outside: bool

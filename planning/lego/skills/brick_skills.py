@@ -94,7 +94,7 @@ class BrickSkills:
     Attributes:
         world: cell and assembly.
         home: HOME of each robot, shape (n,).
-        known: answers by what was asked, by the name of the method.
+        known: cached results by arguments, by the name of the method.
     """
 
     def __init__(self, world: BrickWorld) -> None:
@@ -193,7 +193,7 @@ class BrickSkills:
         """Return the subgoals of placing the brick of a step.
 
         Args:
-            robot: who places.
+            robot: the placing robot.
             step: counted from 1.
             grasp: number of the grip.
             attack: sign of the sideways offset of the approach, the step's own when None.

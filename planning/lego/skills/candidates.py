@@ -22,7 +22,7 @@ from planning.tasks.assignment import (
 )
 
 _SPARE = 2
-"""So many grips of a robot are never pruned: another way to go where no motion is found."""
+"""Number of grips of a robot that are never pruned: alternatives where no motion is found."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ class BrickCollector(CandidateCollector):
         """Return the bricks that a grip reaches at possibly less cost than the known alternatives.
 
         Args:
-            picker: who picks the brick.
+            picker: the picking robot.
             grasp: number of the grip.
             stocks: the bricks.
             cost: the least that all but the pick costs.

@@ -74,7 +74,7 @@ class Fitting:
     """Changes that a cell makes to the description of a robot.
 
     Attributes:
-        tool: what is mounted on its flange; None for what it comes with.
+        tool: the mounted tool; None for the robot's own.
         bare: whether nothing is mounted, not even what it comes with: its tools are handled as
             objects, and what hangs on its last joint touches them.
         flange: link whose frame is the flange; None for the one that its description means.
@@ -168,7 +168,7 @@ def set_total_mass(
 
     Args:
         body: of a URDF, changed.
-        link: name of the one that has the mass where none is told.
+        link: link that has the whole mass where none is stated.
         mass: of all [kg].
         centre: where that one has it, in the frame of the link, shape (3,) [m].
         length: of the rod [m].

@@ -17,7 +17,7 @@ from planning.robots.descriptions.xml_files import parse_vector
 from planning.transforms import Transform, from_quat_wxyz, identity
 
 _TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
-"""Ways to say an orientation; an element has one of them."""
+"""Notations of an orientation; an element has one of them."""
 
 _KINDS = ("hinge", "slide", "ball", "free")
 

@@ -74,7 +74,7 @@ def shapes_to_urdf(name: str, shapes: Sequence[PlacedForm]) -> Element:
 
     Args:
         name: of the thing and of its link.
-        shapes: what it is made of, each in its place in the frame of the link.
+        shapes: its shapes, each at its pose in the frame of the link.
     """
     root = Element("robot", name=name)
     link = SubElement(root, "link", name=name)
@@ -170,7 +170,7 @@ def fitted_description(
 
     Args:
         path: description of the arm.
-        options: what is known of it besides.
+        options: its other known properties.
         fitting: what the cell adds.
         package_dirs: where its meshes are looked up, besides the usual places.
 

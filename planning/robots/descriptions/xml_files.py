@@ -16,7 +16,7 @@ from planning.files import is_file, read_file, ros_folders
 _DECLARATION = re.compile(rb"\A((?:\s+|<!--.*?-->)+)<\?xml[^>]*\?>", re.DOTALL)
 
 _ABOVE = 3
-"""So many folders above that of a description are searched."""
+"""Number of parent folders of a description that are searched."""
 
 # What a link may measure and how far from its joint it may be [m], [rad]: libraries crash,
 # or never end, on bodies of 1e300 m and of no size at all.
