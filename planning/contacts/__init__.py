@@ -1,4 +1,4 @@
 """Contacts of parts where they rest, and the precedence that follows from them.
 
-Assemblies of parts and constructions use it.
+Imports cell and geometry; parts and constructions import it.
 """

@@ -35,7 +35,7 @@ class SpaceTimeChecker:
     """Continuous checks of one robot in space-time.
 
     All other robots follow their timelines, and so do objects. What is found free can become
-    nodes of a temporal plan graph with all its guarantees, see ``motion_pieces``.
+    nodes of a temporal plan graph with all its guarantees, see ``export_motion_plan``.
 
     Args:
         world: everything planned so far.

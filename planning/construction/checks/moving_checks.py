@@ -2,7 +2,7 @@
 
 A motion is cut at the cells of time: in each cell the whole of its stretch must clear the whole
 of what every other robot sweeps in the cell, and where that fails the cell is halved a few
-times. So what is found free can become nodes of a temporal plan graph, see ``motion_pieces``.
+times. So what is found free can become nodes of a temporal plan graph, see ``export_motion_plan``.
 """
 
 from __future__ import annotations

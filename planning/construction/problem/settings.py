@@ -9,7 +9,7 @@ _EASY_S = 15.0
 """Greatest delay of an arrival to search for while other robots remain to be tried."""
 
 _EASY_SHARE = 10
-"""Interval of goal samples where the search is by samples only."""
+"""Divisor of the sample count at low effort where the search is by samples only."""
 
 
 PathFinder = Literal["auto", "rrt"]

@@ -1,4 +1,4 @@
 """Feasibility of pressing a brick on: force, room for the tools, supports.
 
-Imports bricks, skills and stability; sequencing imports it.
+Imports bricks, skills, stability, statics and steps; sequencing imports it.
 """
