@@ -1,8 +1,8 @@
 """Precedence of parts: the contact graph of parts in their places, and an order that keeps it.
 
-The part graph says what touches what in place and which part may be placed when (V-A1, eq. 6).
-``StepPrecedence`` is filled with edges by who knows why one step comes before another, and gives
-the order nearest to a list that keeps all of them, or the steps that wait for each other.
+The part graph has the contacts of parts in their places, and tells which part may be placed when (V-A1, eq.
+6). ``StepPrecedence`` collects precedences between steps with their reasons, and gives the order nearest to
+a list that keeps all of them, or the cycle of steps that wait for each other.
 """
 
 from __future__ import annotations

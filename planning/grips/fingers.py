@@ -1,12 +1,12 @@
 """Finger grips: friction between the pads and the part, and the volume that closing fingers sweep.
 
-Each pad presses with the force with which the tool closes, evenly on where it touches the part.
-Friction there bears what pulls the part along the pads, and what turns it about the axis between
-them; of both at once, the sum of the squares of the shares is one where it begins to slip (the
-limit surface of a patch of contact, taken for an ellipsoid).
+Each pad presses with the closing force of the tool, evenly on its contact with the part. Friction there
+resists forces along the pads, and torques about the axis between them; under both, slip begins where the
+sum of the squares of the shares is one (the limit surface of a contact patch, approximated by an
+ellipsoid).
 
-A tool is described with its fingers open, and all its ways are checked so. What stands between an
-open finger and the part is met only as the finger closes: a neighbour in a rack of thin parts.
+A tool is described with open fingers, and all its motions are checked so. An obstacle between an open
+finger and the part is hit only as the finger closes: a neighbour in a rack of thin parts.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Grips on a part of any shape and the rules for them: between two fingers, or by suction.
 
-A tool frame's z axis points out of the hand; fingers close along y. Boxes are gripped at their
-faces. On what is no box, lines through its convex pieces tell where fingers find opposite faces
-and room beside them, and where a cup finds a flat spot.
+A tool frame's z axis points out of the hand; fingers close along y. Boxes are gripped at their faces. On
+other shapes, lines through the convex pieces show where fingers find opposite faces with room next to them,
+and where a cup finds a flat spot.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Contacts of a tool with the part that it holds: two closing pads, or a cup on a face.
 
-A tool frame's z axis points out of the hand (*depth*), its fingers close along y (*closing*), and x
-is *across*. A tool's own shapes say where its pads are: what is wholly on one side of the plane
-through the frame in which fingers meet closes towards that plane in a straight line until it touches
-the part. A part is held by fingers if pads of both sides come to touch it, after equally long ways,
-and by a cup if the cup is on it, and the frame in the cup.
+A tool frame's z axis points out of the hand (*depth*), its fingers close along y (*closing*), and x is
+*across*. The pads follow from the tool's own shapes: a body wholly on one side of the plane through the
+frame in which fingers meet closes towards that plane in a straight line until it touches the part. Fingers
+hold a part if pads of both sides touch it, after equal travel; a cup holds it if the whole cup is on its
+face, and the frame in the cup.
 """
 
 from __future__ import annotations

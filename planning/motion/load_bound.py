@@ -1,8 +1,8 @@
 """Lower bound of the makespan by load: the least work of the busiest robot in any assignment.
 
-Of each way to do a step it counts, for each robot, its skills and the straight joint distances
-from one to the next within the step; nothing for coming and going, for waiting, or for what is in
-the way. Whole turns of a joint are no distance: postures that far apart are the same.
+For each alternative of a step it counts, for each robot, its skills and the straight joint distances
+between them within the step; not the motions to and from the step, waits, or detours. Whole turns of a
+joint are no distance: postures that far apart are the same.
 """
 
 from __future__ import annotations

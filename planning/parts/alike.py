@@ -1,11 +1,11 @@
 """Interchangeable parts: the integer program assigns each to a goal (APEX-MR App. B).
 
-A goal is a step of the program, and its objects are the parts of the group. Which part comes to which
-goal matters by the way between the two, by who reaches either, and by what must be gone before; cost is
-therefore the way of the arm from HOME to the part, on to the goal, and back. Picks depend on the part and
-placements on the goal, so each is looked for once and not for every pair. Goals of a group have no order
-but for what touches or bars what: robots take turns, each at the goals that are best left to it. What
-comes of it is an assembly in which each part has its goal, planned as any other.
+A goal is a step of the program, and its objects are the parts of the group. The cost of a pair is the path
+of the arm from HOME to the part, on to the goal, and back; pairs also differ by the robots that reach them,
+and by the parts that must be gone before. Picks depend on the part and placements on the goal, so each is
+searched once, not for every pair. Goals of a group are ordered only by contacts and blocked paths: robots
+take turns, each at the goals that are best left to it. The result is an assembly in which each part has its
+goal, planned as any other.
 """
 
 from __future__ import annotations

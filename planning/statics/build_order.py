@@ -1,23 +1,21 @@
 """Stability of a structure in every state that a build can reach, and the precedence that ensures it.
 
-Robots that wait only where they must put parts in place in many orders: every set of steps that
-contains, with a step, all that it waits for can be what is there at some time. There may be
-exponentially many of them, but forces can be added up. If the weight of a part can be carried down
-to the ground through what is there *whenever* the part is (itself and the steps that it waits
-for), and so for every part, then the sum of these forces balances any such set: pushes and forces
-within cones of friction stay so when they are added. A part for which that does not hold needs
-the weight, or the hold, of others. It is made to wait for all earlier steps, of which it is
-checked that they stand together with it; any set with it in it then contains all of these, and
-what comes on top is carried on its own as before. So one linear program or two a step (for each
-tilt of gravity) decide about all states.
+Robots that wait only where they must place parts in many orders: every set of steps that is closed under
+predecessors can be present at some time. There may be exponentially many such sets, but forces can be added
+up. If the weight of a part can be carried to the ground by the bodies present *whenever* the part is
+(itself and its predecessors), for every part, then the sum of these forces balances any such set: pushes
+and forces within friction cones stay so when they are added. A part for which that fails needs the weight,
+or the support, of others. It is made to wait for all earlier steps, and is checked together with them; any
+set that contains it then contains all of these, and later parts are carried independently as before. So one
+or two linear programs a step (for each tilt of gravity) decide about all states.
 
-Joints that bear so much and no more spoil the sum: their forces add up to more than they bear.
-Where there are any, steps of parts that hang together wait for each other in their order.
+Joints with limited strength spoil the sum: their forces may add up to more than they bear. Where there are
+any, steps of connected parts wait for each other in their order.
 
-Who places a part may keep hold of it until a later step is done: the hand carries it until then,
-and what rests on it, and from that step on its weight goes down through what that step waits for.
-Another part that such a one may carry is looked at with it in the hand and out of it. Where a part
-would fall and a later step joins it, it is kept hold of until that one.
+The robot that places a part may hold it until a later step is done: until then the hand carries it, and
+what rests on it; from that step on its weight is carried by the predecessors of that step. A part that may
+rest on a held one is checked with that one held and released. Where a part would fall and a later step
+joins it, it is held until that step.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A step in which an object is placed: its planned skills, and their tasks (APEX-MR IV-A).
 
-A kind of assembly says which skills along which paths these are, and what may touch in them. What comes
-after what, who waits for whom, and who touches what it carries is the same for all.
+Each kind of assembly supplies the skills, their paths and allowed contacts. The dependencies between tasks,
+waits between robots, and contacts with carried objects are the same for all.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Assignment of many steps by a rolling horizon: past windows are fixed, later steps wait.
 
-The whole program grows with steps times objects, and branch and bound with more than that. A window
-is the same program over a few steps, after those that are settled: objects that were used are gone,
-what stood on others may be gone, and the balance of robots goes on from the last steps. Of each
-window's choices the first are kept; the others only look ahead.
+The whole program grows with steps times objects, and branch and bound grows faster. A window is the same
+program over a few steps, after the fixed ones: used objects are gone, objects stacked on others may be gone,
+and the balance of robots continues from the last steps. Of each window's choices the first are fixed; the
+others only look ahead.
 """
 
 from __future__ import annotations

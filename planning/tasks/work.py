@@ -1,7 +1,7 @@
 """Assembly work as input of the planners: expansion of its steps to tasks, and supply by machines.
 
-The task graph (APEX-MR IV-A) says what robots do, where they are then, and what waits for what. It stands between the
-tasks and how anybody moves at once: it knows no conflicts of motions. Whoever asks what a task waits for reads it here.
+The task graph (APEX-MR IV-A) has the tasks of robots, their configurations, and their dependencies. It
+precedes the planning of simultaneous motion: it knows no conflicts of motions.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Stops in the middle of a skill: braking along its path within limits, and resuming from there.
 
-A motion is a spline whose control points are points of the path. Up to a stop all stays as it is;
-behind it ways of further control points are chosen such that the speed falls to 0 smoothly, over the
-fewest time steps in which no limit is passed. Where no number of steps will do, as at the end of a
-skill, the motion goes on until one does, or to its end. From where the robot stands it goes on
-along the same path from rest.
+A motion is a spline whose control points are points of the path. It is unchanged up to a stop; after that,
+further control points are chosen such that the speed falls to 0 smoothly, over the fewest time steps within
+limits. Where no number of steps suffices, as at the end of a skill, the motion continues until one does, or
+to its end. From the stop it resumes along the same path from rest.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Replanning of the rest of an assembly: begun steps continue, the others are reassigned.
 
-The integer program is that of the whole assembly in which every step that has begun keeps its choice,
-and what is out is chosen no more. So costs, balance and everything that choices have to do with each
-other are what they are in a plan that is made at once.
+The integer program is that of the whole assembly, in which every begun step keeps its choice, and
+unavailable robots and objects are excluded. So costs, balance and dependencies between choices are those of
+a plan made in one piece.
 """
 
 from __future__ import annotations

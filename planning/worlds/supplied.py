@@ -1,8 +1,8 @@
 """Supply and removal by machines while an assembly continues from a world.
 
-A source is filled and a tray is exchanged once each: what has been brought is not brought again with a step that
-is restarted, and what comes after a step comes also where that is not done. What nobody does anything with
-any more is taken by a person from where others pass, or from the hand of a robot.
+A source is refilled and a tray exchanged once each: deliveries are not repeated when a step is restarted,
+and those after a step also happen where the step is given up. A person removes objects without further use
+where they block others, or from the hand of a robot.
 """
 
 from __future__ import annotations

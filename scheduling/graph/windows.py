@@ -1,10 +1,10 @@
 """Time windows between tasks: elapsed times, violations, and edges that hold robots back.
 
-A window opens when a node is complete, and another one is due in it. What opens it is held back by edges
-of time that lead to its first node, from nodes of other robots that the due node needs as well: from the
-last of each robot from the begin of which the way to the due node may take too long. Such an edge holds
-until the rest of that path fits, or its source is complete. It never comes from a
-node that waits for what it would hold back, so there is no cycle: every run ends, whatever the delays.
+A window opens when a node is complete, and another node is due in it. To keep it, timed edges delay its
+opening: they lead to the first node of the opening task, from nodes of other robots that the due node needs
+as well: the last of each robot from whose start the longest path to the due node may take too long. Such an
+edge holds until the rest of that path fits, or its source is complete. It never comes from a node that
+waits for the delayed one, so there is no cycle: every run ends, under any delays.
 """
 
 from __future__ import annotations

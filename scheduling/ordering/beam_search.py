@@ -1,11 +1,10 @@
 """Beam search for a better precedence of the tasks of different robots.
 
-Every robot keeps its own order of tasks. What is left to choose is how the robots' tasks follow
-each other: a path through the grid of how many tasks each robot has completed, the task-completion
-diagram of O'Donnell and Lozano-Perez (1989). A step of the path is allowed where the plan stays
-safe one task after another: what the task depends on is done, and it keeps clear of robots that
-stand and objects that lie there now. It is rated by when everyone would be ready if all moved as
-early as the temporal plan graph of this order lets them.
+Every robot keeps its own order of tasks; the search is over their interleaving: a path through the grid of
+how many tasks each robot has completed, the task-completion diagram of O'Donnell and Lozano-Perez (1989). A
+step of the path is allowed where the plan stays safe in sequential execution: the predecessors of the task
+are done, and it is clear of standing robots and resting objects. It is rated by the completion times of all
+robots when all nodes start as early as the temporal plan graph of this order allows.
 """
 
 from __future__ import annotations

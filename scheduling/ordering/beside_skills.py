@@ -1,4 +1,9 @@
-"""Collision checks of a composite transit in parallel to skills: clear of their whole swept volumes."""
+"""Collision checks of a composite transit in parallel to skills: clear of their whole swept volumes.
+
+A skill follows its reference path and takes a time that is unknown in advance, so the transit cannot move in
+lock step with it. Motion and skill are compared as in the conflict search, which therefore finds no conflict
+between them later.
+"""
 
 from __future__ import annotations
 

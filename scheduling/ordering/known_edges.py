@@ -1,11 +1,4 @@
-"""Edges of a graph with a given task order, from cached relations between pairs of tasks.
-
-Robots planned as one beside skills: clear of all that these sweep, whenever they are done.
-
-A skill follows its reference path and takes a time that nobody knows before, so there is no lock
-step with it. What a motion and a skill occupy is compared as in the search for conflicts, which
-therefore finds none between them later.
-"""
+"""Edges of a graph with a given task order, from cached relations between pairs of tasks."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """Conflicts and dependencies between pairs of tasks, whichever of the two comes first.
 
-Tasks with nodes are *units*, numbered robot by robot. A relation holds for the nodes as they are;
-only the order of the robots' tasks among each other is left open. Each is searched when it is
-first asked for, and remembered.
+Tasks with nodes are *units*, numbered robot by robot. A relation holds for the nodes as they are; only the
+interleaving of the robots' tasks is left open. Each relation is searched on first use, and cached.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """Plans that use only some of the robots, rated against the plan that may use all.
 
 The integer program shares steps out among all robots and does not model waits between robots. Where every
-step stands on the one before it, a third robot does not end sooner what two can do, it only stands in
-their way. So with more than two robots, each crew of at least two of them is given the work as if the
-others were not able to do any of it, and its plan is rated by the makespan of its graph. A robot that is
-not of the crew stays at HOME. What a cell of fewer robots would do is then among the plans of a cell
-that has one more, and is not lost unless that one is in the way even at its HOME.
+step depends on the one before it, a third robot saves no time, it only blocks the others. So with more than
+two robots, each subset of at least two of them is given the work as if the others could do none of it, and
+its plan is rated by the makespan of its graph. The other robots stay at HOME. The plan of a cell with fewer
+robots is then among the plans of a cell with one more, unless that one is an obstacle even at HOME.
 """
 
 from __future__ import annotations

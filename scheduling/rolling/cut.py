@@ -1,9 +1,9 @@
 """Cuts of a temporal plan graph: the committed prefix, and the world after it.
 
-A cut has one border for each chain. What lies before it is *committed*: all that has been released, and
-whatever of the rest can be brought to an end without what is not to happen any more. Committed nodes
-wait for committed nodes only, so they are executed to the end whatever comes after the cut, and
-nobody who stands at it is in the way of any of them: who would be is ordered after a node beyond it.
+A cut has one border for each chain. The nodes before it are the *committed prefix*: all released nodes, and
+those that can be completed without the steps to be replaced. Committed nodes wait for committed nodes only,
+so they are executed to the end whatever comes after the cut, and no robot standing at the cut blocks any of
+them: any that would is ordered after a node beyond it.
 """
 
 from __future__ import annotations

@@ -1,14 +1,13 @@
 """Runs of pose nodes that may be shortened, and candidate paths to replace them (APEX-MR IV-C).
 
-Consecutive transits are one run, so HOME between them can be skipped. A run ends at a skill,
-where the robot's load changes, at a goal that is to be reached for its own sake, and where a
-robot waits for, or is waited for by, another one's task: a shortcut must neither skip such a
-place nor let anyone pass it too early.
+Consecutive transits are one run, so HOME between them can be skipped. A run ends at a skill, where the
+robot's load changes, at an explicit goal, and where a robot waits for another one's task, or is waited for:
+a shortcut must neither skip such a point nor let another robot pass it too early.
 
-While shortcuts are searched, a shorter path has as many nodes as the path that it replaces; in the end those on
-one straight path are joined, where that makes no difference. A node that nobody waits for and the
-next one, which waits for nobody, are one piece of motion: whoever waits for the one waits for the other,
-at any delays, and together they sweep the same space.
+During the shortcut search a shorter path has as many nodes as the path that it replaces; at the end nodes
+on one straight line are merged where that makes no difference. A node without successors on other robots
+and the next one without predecessors there are one piece of motion: whoever waits for one waits for the
+other, under any delays, and together they sweep the same volume.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
 """Shortcutting of a temporal plan graph (APEX-MR IV-C): anytime, seeded, HOME skipped.
 
-A candidate joins two places of a run of transits: by what smoothing makes of the path between them
-where nothing but standing things counts, by a straight line, over a corner, or with a single joint
-straightened. It is taken when it is free, when it can be ordered with everyone else's nodes, and
-when the plan does not end later. Only runs that the makespan hangs on are drawn: elsewhere a robot
-would move less only to wait more. Each is first smoothed as a whole, then in parts. What a candidate
-does not change is not worked out again. The search ends when candidates do not pay any more, or
-after a number of them, so that the same seed gives the same plan; or, if that is asked for, it goes
-on for a time, as in the paper. Sidesteps may follow.
+A candidate joins two points of a run of transits: by smoothing among static obstacles, by a straight line,
+over a corner, or with a single joint straightened. It is accepted when it is free, when it can be ordered
+with all other nodes, and when the makespan does not grow. Only critical runs are drawn: elsewhere a robot
+would move less only to wait more. Each is first smoothed as a whole, then in parts. Whatever a candidate
+does not change is reused. The search ends when candidates no longer pay, or after a number of them, so that
+the same seed gives the same plan; or, on request, after a time limit, as in the paper. Sidesteps may
+follow.
 """
 
 from __future__ import annotations

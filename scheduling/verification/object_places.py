@@ -1,8 +1,8 @@
 """Histories of objects by their handlings: in hands, or at rest between nodes.
 
-Each is one thing in one place or one hand, and jumps nowhere. An object moves only with who holds it,
-at one pose of its own in that hand. So it is enough to look at where it changes hands: where it is
-taken from and where it comes to must be one place.
+Each object is in one place or one hand, and moves without jumps: only with its holder, at one pose in that
+hand. So it suffices to check the changes of hands: the place where an object was put and the place where it
+is taken must be the same.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Distances of moving parts: few measurements, each of which settles many pairs of pieces.
 
-Where two parts are apart in the middle of two pieces, coal says in which direction. How far both reach in that
-direction bounds the distance in all of their pieces at once, and most of them are settled by that. What is left is
-cut finer.
+Where two parts are apart in the middle of two pieces, coal gives the separating direction. The extents of
+both in that direction bound the distance in all of their pieces together, which settles most of them. The
+rest is subdivided.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Collision checks against moving robots, compiled.
 
-A motion is cut at the cells of time: in each cell the whole of its stretch must clear the whole
-of what every other robot sweeps in the cell, and where that fails the cell is halved a few
-times. So what is found free can become nodes of a temporal plan graph, see ``export_motion_plan``.
+A motion is cut at the borders of the time cells: in each cell the swept volume of its whole stretch must be
+clear of the swept volumes of all other robots in the cell; where that fails, the cell is bisected a few
+times. Motions that pass can therefore become nodes of a temporal plan graph, see ``export_motion_plan``.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Paths that need no search, compiled: straight ones, and ones that bend towards HOME.
 
-While a robot drives, its arm has time to spare: on the way it may come as near to the posture
-of HOME as speeds allow and still arrive as soon. It may also stand until its arm is up, or
-until its arm is down again. What is free of everything that lies still is retimed by waits.
+While a mobile robot drives, its arm has time to spare: it may move towards the posture of HOME as far as
+speeds allow without a later arrival. The base may also wait until the arm is up, or until it is down again.
+Paths that are clear of static obstacles are retimed by waits.
 """
 
 from __future__ import annotations

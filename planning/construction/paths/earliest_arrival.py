@@ -1,10 +1,10 @@
 """Safe-interval path planning over a roadmap, compiled: which edges, and where and when to wait.
 
-Vertices are configurations, each with the spans of time in which the robot may stand there. The
-search goes from span to span in order of earliest arrival (safe-interval path planning), and
-looks at a motion only once nothing else promises an earlier arrival. A motion that a robot is in
-the way of is looked at again for when that robot has left. It finds ways that a tree in
-space-time has to be lucky to find: any wait at any vertex.
+Vertices are configurations, each with its safe intervals: the time spans in which the robot may stand
+there. The search expands intervals in order of earliest arrival (safe-interval path planning), and checks a
+motion only once no other candidate promises an earlier arrival. A motion blocked by a robot is queued again
+for the time when that robot has left. It finds paths that a space-time tree rarely finds: any wait at any
+vertex.
 """
 
 from __future__ import annotations

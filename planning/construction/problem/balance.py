@@ -1,10 +1,10 @@
 """Stability precedence of a construction: what must be in place before a part, so that all parts stand.
 
-Parts stand by friction on what they touch, and by joints (``planning.statics``). A part whose weight
-goes down to the ground through what it rests on alone, or through one neighbour, may come in any
-order after that. Any other part is looked at in the order in which parts are planned: it waits for
-all that it then needs, or it is not its turn yet. What would fall whenever it comes may be kept hold of
-by who places it until the next part is in place, if both stand then.
+Parts stand by friction on what they touch, and by joints (``planning.statics``). A part whose weight is
+carried to the ground by its supports alone, or by one neighbour, may be placed at any time after those. Any
+other part is checked in the order of planning: it depends on all parts that it then needs, or it is not its
+turn yet. A part that would fall at any time may be held by the robot that places it until the next part is
+in place, if both stand then.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Reachability of parts by robots: a lower bound for the search (IV-D).
 
-A part that nobody could pick or place even if nothing but the fixtures stood around will not be
-built, whatever the search tries: other parts and robots are not looked at here. Reach is found by
-drawing configurations: a robot counts as unable after many draws with many turns of its pad have
-all failed.
+A part that no robot could pick or place even among the fixtures alone can never be built: other parts and
+robots are ignored here. Reach is found by sampling configurations: a robot counts as unable after many
+samples with many rotations of its pad have failed.
 """
 
 from __future__ import annotations

@@ -1,14 +1,13 @@
 """Insertions of a brick into a structure: from above or from below, alone or supported by the other arm.
 
-This is the pruning of APEX-MR App. A for one brick: the structure must bear the pressing force,
-and the tools must have room.
+This is the pruning of APEX-MR App. A for one brick: the structure must bear the pressing force, and the
+tools must have room.
 
-A brick is *perhaps insertable* beside some others when nothing is found that keeps it from going
-in, whichever further bricks are there or not: none of the others is in its way or in the tool's,
-and even the whole design, taken as weightless, bears the press. Whatever keeps it from that keeps
-it from going in beside more bricks, too. To ask once instead of for every press and every
-supporting spot, it is pressed at all its presses at once and held at all spots at once: what the
-structure does not bear then, it bears with none of them.
+A brick is *perhaps insertable* next to some others when nothing is found that excludes its insertion,
+whichever further bricks are present: none of the others blocks it or the tool, and even the whole design,
+taken as weightless, bears the press. Whatever excludes it then also excludes it next to more bricks. For
+one test instead of one for every press and every supporting spot, it is pressed at all its presses and
+supported at all spots simultaneously: what the structure does not bear then, it bears with none of them.
 """
 
 from __future__ import annotations

@@ -1,13 +1,10 @@
 """Proof that a structure cannot be assembled: a set of bricks of which none can be inserted last.
 
-Bricks that are perhaps insertable (see ``insertion``) can be set aside one after the other, in any
-order; if some remain of which none is, no order of assembly exists, as one of them would have to be
-the last.
+Bricks that are perhaps insertable (see ``insertion``) can be removed one after the other, in any order; if
+some remain of which none is, no assembly order exists, as one of them would have to be the last.
 
-Reachability check of every step, before the search for candidates.
-
-Nothing but the robot itself is looked at. What is out of reach here stays so whatever stands
-around; what is within reach may still turn out to be obstructed when candidates are sought.
+Also the reachability check of every step, before the search for candidates. It considers the robot alone:
+what is out of reach here stays so in any surroundings; what is within reach may still be obstructed.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Removal of temporary bricks from a finished structure, and which of them are trapped.
 
-Temporary bricks stay until the structure is lifted off the plate; what stands from the start stays
-behind with it. Then a helper comes off its knobs straight up or down, and from there on moves in any
-way along the grid until it is outside. One is taken at a time. Taking one makes room for others and
-takes none away, so that helpers are taken as they come, and those that remain at the end remain in
-any order. Hands, the force of pulling, and helpers that would come out together are not looked at.
+Temporary bricks stay until the structure is lifted off the plate; bricks present from the start stay on the
+plate. Then a temporary brick comes off its knobs straight up or down, and moves in any direction along the
+grid until it is outside. They are removed one at a time. Each removal only makes room for others, so the
+same bricks are trapped at the end in any order. Hands, pulling forces, and bricks that would come out
+together are ignored.
 """
 
 from __future__ import annotations
