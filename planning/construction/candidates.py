@@ -99,12 +99,11 @@ def rank_parts(
 ) -> list[str]:
     """Return the parts that may be placed next, best first.
 
-    Those with most placed neighbours come first (eq. 6), of these the ones that can be in place
-    soonest: what rests on a part that is placed late has to wait, and what lies far away takes
-    its time to be fetched. Ties are drawn. Where others are still at work when the next robot
-    becomes free, the soonest come before those with most neighbours, a part with a high pile to
-    come on it before one with a low pile; and before all that parts beside which nobody works:
-    robots that build side by side wait for each other. One robot alone keeps to eq. (6).
+    Parts with most placed neighbours come first (eq. 6), of these the ones that can be in place earliest:
+    supports placed late delay the parts on them, and distant parts take longer to fetch. Ties are broken at
+    random. Where other robots are still at work when the next one becomes free, the earliest come before
+    those with most neighbours, a part under a high stack before one under a low stack; and first of all
+    parts away from working robots, since neighbours wait for each other. A single robot keeps to eq. (6).
 
     Args:
         problem: with the part graph.

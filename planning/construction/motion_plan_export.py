@@ -45,8 +45,7 @@ _FINER = 3
 def motion_plan(problem: ConstructionProblem, building: BuildState) -> MotionPlan:
     """Return a finished construction as tasks with timed paths.
 
-    Between skills a robot has one transit; its way out of the others' way is a transit, too, as
-    far as new work did not cut it short.
+    Between skills a robot has one transit; a retreat is a transit, too, as far as new work did not cut it short.
 
     Args:
         problem: the construction problem.

@@ -88,9 +88,9 @@ def plan_with_solver(
 class ConstructionSearch:
     """Depth-first search over placements, with backtracking where a part cannot be placed.
 
-    A part that no robot can place is kept from its place by others: those placed last are taken
-    back until it can be placed. The parts that were in its way are remembered, and do not come
-    together again before it as long as others can. For no part is that done without end.
+    A part that no robot can place is blocked by others: the last placements are undone until it can be
+    placed. The blocking parts are recorded, and are not all placed before it again as long as there are
+    other candidates. The number of backtracks per part is bounded.
 
     Args:
         solver: of sub-problems.
@@ -334,9 +334,9 @@ class PlacementRound(NamedTuple):
 class PlacementRounds:
     """Rounds of a few placements, replanned where robots lose much time.
 
-    One robot is planned after another, so who comes first may stand in the way of all others:
-    more with the first parts, when all robots set out together, and with the last ones, when some
-    have nothing left to do. Other random numbers often lose half as much.
+    Robots are planned one after another, so an early one may block all others: most of all with the first
+    parts, when all robots start together, and with the last ones, when some are idle. Other random numbers
+    often lose half as much time.
 
     Attributes:
         search: plans a placement.

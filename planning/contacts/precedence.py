@@ -151,9 +151,9 @@ def with_insertions(
 ) -> PartGraph:
     """Return the graph in which a part also waits for those whose insertion path it would block.
 
-    Planning exempts from collisions what touches in place: it would not see that the way there
-    leads through what it touches. Two that are in each other's way wait for each other, which
-    ``never_placeable`` finds.
+    Planning allows contact between parts that touch in place, so it would not notice an insertion path
+    through a neighbour. Two parts that block each other wait for each other, which ``never_placeable``
+    finds.
 
     Args:
         graph: the part graph.

@@ -108,7 +108,7 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
 class LazyCandidates:
     """Candidates of the steps of an assembly of parts, found on request, in order.
 
-    What is impossible of any of them, by any robot, is said at once; see ``find_candidates``.
+    Steps that are impossible for every robot raise an error immediately; see ``find_candidates``.
     """
 
     def __init__(self, cell: Workcell, assembly: PartAssembly) -> None:

@@ -24,12 +24,11 @@ def with_spares(
 ) -> PartCandidates | None:
     """Return candidates with spare parts for a step, None where there are no others.
 
-    The part of the step is not there any more. Of steps with which somebody keeps hold of something, or
-    that a source brings the parts for, there are no spares.
+    The part of the step is lost. Steps with held parts, or with parts from a source, have no spares.
 
     Args:
         candidates: of all steps.
-        number: of the step, from 1.
+        number: number of the step, from 1.
         there: parts that lie where they were at the start.
     """
     step, assembly = candidates.steps[number - 1], candidates.assembly

@@ -71,8 +71,7 @@ class StepPaths:
     ) -> tuple[SkillPath, ...] | Obstruction:
         """Return the paths of a candidate next to robots that hold something, or the obstruction.
 
-        Paths that are free beside them are as they were. How a part gets to where its robot picks
-        it last is not looked at.
+        Paths that are free next to them are unchanged. The transport of a part to its last pick is not checked.
 
         Args:
             item: the candidate.
@@ -107,8 +106,8 @@ class StepPaths:
     def planned(self, plan: TaskPlan, step: int) -> tuple[SkillPath, ...]:
         """Return pick and place of a step, or its process, next to all that is held meanwhile.
 
-        Where nothing is free beside several that hold, the paths are those beside nobody, which
-        motion planning finds to be blocked.
+        Where nothing is free next to several holding robots, the paths are those without them, which motion
+        planning finds to be blocked.
         """
         choice, supporting = plan[step], NOBODY
         if (hold := self.planned_hold(plan, step)) is not None:

@@ -42,7 +42,7 @@ def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
     """Find goal configurations; one step per goal, in this order.
 
     A configuration must be clear of the fixtures, the resting objects and the robot itself.
-    Whether other robots are in the way depends on where they are by then.
+    Other robots are ignored: their configurations are not known yet.
 
     Args:
         cell: the static cell.

@@ -68,8 +68,7 @@ def mounted_tool(robot: PlacedRobot) -> Tools:
 def with_tools(cell: Workcell, tools: Tools) -> Workcell:
     """Return the cell with given tools mounted and all racks full.
 
-    A robot that is not named has all of its tools on it at once: nobody knows yet which one it
-    will have.
+    A robot that is not named has all of its tools mounted together, as it is unknown yet which one it will have.
     """
     if not any(robot.tools for robot in cell.robots):
         return cell
@@ -211,8 +210,8 @@ class ToolChanges:
 def find_tool_changes(cell: Workcell, goals: Mapping[str, Transform]) -> ToolChanges:
     """Return the tool changes of the robots, valid at any stage of the assembly.
 
-    On the way to a rack everything is in the way that may ever be there: parts where they lie at the
-    start and in their places, other tools in their racks.
+    Everything that may ever be present is an obstacle on the path to a rack: parts at their starts and in
+    their places, other tools in their racks.
 
     Args:
         cell: with robots as plans know them.

@@ -86,8 +86,8 @@ class TaskOrderPath:
 class TaskOrderSearch:
     """Searches for a better order of blocks.
 
-    A block is a unit, or units of several robots that move in each other's way at once and so
-    stay as they are.
+    A block is a unit, or several units of different robots that conflict while simultaneous, and so stay as
+    they are.
 
     Args:
         relations: of the units.

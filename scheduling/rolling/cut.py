@@ -241,8 +241,8 @@ def active_holds(
 ) -> Iterator[KeptHold]:
     """Yield the placed parts that are, or were, held when some tasks are complete.
 
-    The retreat of who keeps hold of a part is a task of its own that is about the part and in which nothing
-    changes hands; it waits for what is put down until then. Of all others it belongs to the skill that places.
+    The retreat of a robot that holds a part is a task of its own, with the part as its object but without a
+    handling; it waits for the placements until then. Other retreats belong to the placing skill.
     """
     until: dict[int, Task] = {}
     for first, second in tpg.dependencies.tolist():

@@ -224,7 +224,7 @@ class BrickSkills:
     ) -> Found:
         """Return the place of a step (from 1) by a robot, with a grip (number).
 
-        ``beside`` is who stands supporting meanwhile; None when all others are at HOME.
+        ``beside`` is the robot that supports meanwhile; None when all others are at HOME.
         """
         world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)

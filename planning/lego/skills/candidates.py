@@ -91,15 +91,14 @@ def candidates_up_to(known: LegoCandidates, count: int) -> LegoCandidates:
 class BrickCollector(CandidateCollector):
     """Gathers the candidates of a LEGO assembly.
 
-    All supports become candidates. A way to use a brick is left out where that provably leaves the
-    least value of (1) as it is: let w be a candidate of the same step, robot, brick and giver,
-    which waits for no brick to be gone, goes with every support of another robot, and costs no
-    more. In any plan w can stand in for what is left out: (2) to (8) ask for step, robot and brick
+    All supports become candidates. A candidate is pruned where that provably leaves the optimum of (1)
+    unchanged: let w be a candidate of the same step, robot, brick and giver,
+    which waits for no brick to be gone, is compatible with every support of another robot, and costs no
+    more. In any plan w can replace the pruned candidate: (2) to (8) ask for step, robot and brick
     only; nothing has to be used before w; no support is excluded by it; and the sum of costs does
-    not grow. That a grip costs more than w is known before its collisions are looked at, which is
-    what takes the time: the joint distances to where it picks and places are least in the best of
-    all postures that the skills could choose from, whatever is in their way. For most grips the
-    nearest posture at the place itself, the way there left out, tells as much.
+    not grow. That a grip costs more than w is known before its collision checks, which take most of the
+    time: a lower bound is the joint distance in the best of all postures, ignoring obstacles. For most
+    grips the nearest posture at the place alone suffices.
     """
 
     def __init__(self, skills: BrickSkills, alternatives: int | None) -> None:

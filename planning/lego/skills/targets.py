@@ -355,8 +355,8 @@ def resting_contacts(
 ) -> Pairs:
     """Return the allowed contacts of a brick, and of the tool on it, at its pick or place.
 
-    That is each other; the bricks around; the fixtures that the brick stands on, plate, and
-    table if level; for the tool the bricks beside: its lever wall reaches down along the gripped
+    These are with each other; the bricks around; the fixtures that the brick stands on, plate, and
+    table if level; for the tool the adjacent bricks: its lever wall reaches down along the gripped
     edge, and turns against what stands there. Along the edge of a plate it reaches to the bottom,
     where it touches what ends beside it: what the plate stands on, if that ends at the edge.
 
