@@ -57,7 +57,7 @@ class RobotModelError(TwinError):
 
 
 class FittingError(RobotModelError):
-    """What a cell adds to a robot does not fit it.
+    """A change that a cell makes to a robot does not fit it.
 
     Attributes:
         key: what is at fault: ``tool``, ``flange``, ``limits`` or ``joints``.

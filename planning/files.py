@@ -251,7 +251,7 @@ def resolve_file_name(name: str, folder: Path, error: type[TwinError]) -> Path:
 
 
 def ros_folders() -> list[Path]:
-    """Return the folders in which ROS has its packages, where it is set up."""
+    """Return the ROS package folders, where ROS is set up."""
     ros = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(":") if p]
     ament = os.environ.get("AMENT_PREFIX_PATH", "").split(":")
     return ros + [Path(prefix, "share") for prefix in ament if prefix]

@@ -86,7 +86,7 @@ class DriveLimits:
 
     @property
     def spare(self) -> float:
-        """Remaining payload beside the tool [kg]."""
+        """Remaining payload in addition to the tool [kg]."""
         return max(0.0, self.payload - self.tool_mass)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Joint:
-    """Two bodies joined where they touch, such as by a weld or a screw, or across a gap.
+    """Two bodies joined at their contact, such as by a weld or a screw, or across a gap.
 
     Attributes:
         first, second: names of the bodies, either of which may be of the ground.

@@ -193,7 +193,7 @@ class _Rest:
         return self._done(next(filter(None, alternatives), None))
 
     def _done(self, found: Solution | None) -> BuildState | None:
-        """Return the state after a solution; whose part is in its place by then has its hand free."""
+        """Return the state after a solution; robots whose part is in its place have a free hand."""
         if found is None:
             return None
         after, before = found.building, self.building.kept

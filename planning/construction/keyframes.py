@@ -321,7 +321,7 @@ class KeyframeSolver:
         phase: Phase,
         earliest: float,
     ) -> Iterator[Keyframe]:
-        """Yield skill motions that touch the part where it lies: along the tool axis, or into its place."""
+        """Yield skill motions that touch the part at rest: along the tool axis, or into its place."""
         problem, part = self.scenes.problem, self.scenes.part
         placed = problem.cell.robot(robot)
         tool = problem.tool_pose(part, at, *hold)

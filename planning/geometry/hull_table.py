@@ -110,7 +110,7 @@ def standing_hulls(solids: Sequence[Solid]) -> HullTable:
 def place_corners(
     table: HullTable, solid: int, poses: Array, out: Array, offset: int
 ) -> int:
-    """Write the corners of a body in the world from row ``offset`` on; return where they end."""
+    """Write the corners of a body in the world from row ``offset`` on; return the next free row."""
     first, last = table.corner_first[solid], table.corner_first[solid + 1]
     corners, p = table.corners, table.joint[solid] + 1
     end = offset + last - first

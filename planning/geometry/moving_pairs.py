@@ -149,7 +149,7 @@ def are_pairs_apart(
 
 
 class MovingPair:
-    """Checks two robots, and what they hold, against each other.
+    """Checks two robots, with their loads, against each other.
 
     Args:
         cell: the static cell.

@@ -280,7 +280,7 @@ def _ways(robot: PlacedRobot, frames: Array, points: Array) -> Array:
 
 
 def _turns(robot: PlacedRobot, frames: Array) -> Array:
-    """Return the rotational Jacobians of what all joints carry, shape (s, 3, n)."""
+    """Return the rotational Jacobians of points that all joints carry, shape (s, 3, n)."""
     slides = np.asarray(robot.model.chain.prismatic)[:, None]
     return np.swapaxes(np.where(slides, 0.0, _axes(robot, frames)), 1, 2)
 

@@ -69,7 +69,7 @@ class GripRules:
         return [float(at) for at in np.linspace(-reach, reach, self.positions)]
 
     def allow(self, grip: Transform, *parts: Transform) -> bool:
-        """Tell whether the tool points along a wanted direction wherever a part lies.
+        """Tell whether the tool points along an allowed direction at all given poses of the part.
 
         Args:
             grip: pose of the tool frame in the frame of the part.

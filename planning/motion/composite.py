@@ -190,7 +190,7 @@ class CompositeChecker:
 def without_robots(
     cell: Workcell, state: WorldState, robots: Sequence[str]
 ) -> Workcell:
-    """Return a cell without some robots and what they hold."""
+    """Return a cell without some robots and their loads."""
     return replace(
         cell,
         robots=tuple(r for r in cell.robots if r.name not in robots),

@@ -51,7 +51,7 @@ class L1Speed(SpeedModel):
     velocity: Array | None = None
 
     def durations(self, travel: Array) -> Array:
-        """Return the L1 joint distances over the speed, or what a limit makes of them [s]."""
+        """Return the L1 joint distances over the speed, or longer times by joint speed limits [s]."""
         travel = np.abs(travel)
         seconds = np.asarray(np.sum(travel, axis=-1) / self.speed)
         if self.velocity is None:

@@ -97,7 +97,7 @@ def find_alike_candidates(
 
 
 def without_start_places(cell: Workcell, assembly: PartAssembly) -> Workcell:
-    """Return a cell in which interchangeable parts lie far away, those with goals only."""
+    """Return a cell in which interchangeable parts with goals are far away, and others left out."""
     alike = {name for group in assembly.alike for name in group}
     away = read_only_copy(translation(0.0, 0.0, _AWAY))
     objects = (

@@ -227,6 +227,6 @@ class PartAssembly:
         return self.balance.joints if self.balance else ()
 
     def joined_to(self, part: str) -> tuple[str, ...]:
-        """Return what a part is joined to, and without which it may touch nothing."""
+        """Return the parts that a part is joined to; a joined part needs no contact."""
         found = (joint.ends for joint in self.joints if part in joint.ends)
         return tuple(a if b == part else b for a, b in found)

@@ -224,7 +224,7 @@ def place_step(
 def require_clear_insertion(
     cell: Workcell, assembly: PartAssembly, steps: Iterable[KnownStep]
 ) -> None:
-    """Check that straight paths of parts do not lead through what they touch in place or at the start.
+    """Check that straight paths of parts avoid their own neighbours, in place and at the start.
 
     As it may be touched, it is not looked at as an obstacle. What is in each other at the start
     already is a mistake of another kind.

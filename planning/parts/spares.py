@@ -27,8 +27,7 @@ def with_spares(
     The part of the step is lost. Steps with held parts, or with parts from a source, have no spares.
 
     Args:
-        candidates: of all steps.
-        number: number of the step, from 1.
+        candidates: candidates of all steps. number: number of the step, from 1.
         there: parts that lie where they were at the start.
     """
     step, assembly = candidates.steps[number - 1], candidates.assembly

@@ -124,7 +124,7 @@ class StepPaths:
         return (self.alone[support] if isinstance(found, Obstruction) else found)[0]
 
     def _kept(self, plan: TaskPlan, step: int) -> Holders:
-        """Return the robots that still hold what was placed before a step."""
+        """Return the robots that still hold a part placed before a step."""
         return {
             plan[k].robot: (self.planned(plan, k)[-1].contact, plan[k].tools)
             for k, last in self.keeps.items()
@@ -132,7 +132,7 @@ class StepPaths:
         }
 
     def release(self, place: SkillPath) -> SkillPath:
-        """Return the retreat of the robot that held what it placed."""
+        """Return the retreat of the robot that held its placed part."""
         assert place.change_at is not None
         rest = place.waypoints[place.change_at :]
         return SkillPath(STRAIGHT, place.robot, rest[:1], rest[1:])
@@ -181,7 +181,7 @@ class Pairing:
             self.found.incompatible |= {(p, s) for p in bad}
 
     def pair_kept(self, steps: range) -> None:
-        """Check the candidates of steps, from 0, against robots that keep holding what they placed.
+        """Check the candidates of steps, from 0, against robots that keep holding placed parts.
 
         Of every step of that sort the cheapest are taken, some for each robot, that leave others
         candidates to do each step until they may let go, and that lead away then. The rest is

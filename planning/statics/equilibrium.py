@@ -257,7 +257,7 @@ class Equilibrium:
         return np.asarray(loose & self._pushing)
 
     def _balance(self, case: LoadCase) -> Array:
-        """Return the bounds of all rows: what the forces on the bodies must add up to."""
+        """Return the bounds of all rows: the required sums of forces on the bodies."""
         rows = np.zeros_like(self._rows)
         if case.load is not None:
             rows[0] = np.linalg.norm(case.load.force)

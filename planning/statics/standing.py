@@ -80,7 +80,7 @@ def body_at(item: CellObject | Fixture, pose: Transform) -> PlacedBody:
 
 
 def ground_bodies(cell: Workcell, placed: Collection[str]) -> dict[str, PlacedBody]:
-    """Return what never moves: fixtures, and objects that are not placed."""
+    """Return the immovable bodies: fixtures, and objects that are not placed."""
     ground = {item.name: body_at(item, item.pose) for item in cell.fixtures}
     return ground | {
         item.name: body_at(item, item.start)

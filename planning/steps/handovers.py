@@ -118,7 +118,7 @@ def find_handover(
 def _receiver_clash(
     scene: SkillScene, meeting: MeetingPlace, pre: Array
 ) -> Obstruction | None:
-    """Return what the receiver touches on its approach, or its retreat with the object.
+    """Return the obstacle of the receiver on its approach, or on its retreat with the object.
 
     Args:
         scene: with the receiver where it receives and the object in its hand.

@@ -63,7 +63,7 @@ class StepWriter:
         return self._append(robot, TRANSIT, label, path, (), carries, goal=goal)
 
     def home(self, robot: str, carries: str | None = None) -> int:
-        """Append the transit of a robot to HOME, with what it carries."""
+        """Append the transit of a robot to HOME, with its load."""
         label = f"HOME with {carries}" if carries else "HOME"
         return self.transit(robot, self.cell.robot(robot).home, label, carries)
 

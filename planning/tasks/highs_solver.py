@@ -221,7 +221,7 @@ class _Program:
             self.model += pulp.lpSum(terms_blocked) <= earlier
 
     def _constrain_kept(self) -> None:
-        """Exclude other work of robots that hold what they placed, and anything that blocks them."""
+        """Exclude other work of robots that hold placed parts, and anything that blocks them."""
         problem, x = self.problem, self.x
         for step, last in problem.kept.items():
             for later in range(step + 1, last + 1):

@@ -50,7 +50,7 @@ class EffortRows(NamedTuple):
         return float(np.sqrt(np.max(share, initial=1.0)))
 
     def shares(self, ramp: float, speed: Array) -> Array:
-        """Return joint efforts relative to what gravity leaves, shape (rows,).
+        """Return joint efforts relative to the margin left by gravity, shape (rows,).
 
         Args:
             ramp: time from rest to full speed [s].

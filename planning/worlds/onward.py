@@ -342,7 +342,7 @@ def find_blocked_step(
 
 
 def _carriers(left: list[UnfinishedStep]) -> Iterator[Task]:
-    """Yield the tasks in which robots put down, or hand over, what they hold."""
+    """Yield the tasks in which robots put down, or hand over, their loads."""
     for item in left:
         if not item.ends:
             yield from (task for task in item.tasks if task.kind != TRANSIT)

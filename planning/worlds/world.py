@@ -325,7 +325,7 @@ def as_start_of(cell: Workcell, world: World, busy: frozenset[str]) -> Workcell:
 
 
 def rebase_first_tasks(tasks: Sequence[Task], world: World) -> tuple[Task, ...]:
-    """Return tasks whose first ones pick up what robots hold when a plan begins in a world."""
+    """Return tasks whose first ones pick up the loads of robots when a plan begins in a world."""
     held: dict[str, list[Handling]] = {}
     for name, at in world.held():
         held.setdefault(at.holder or "", []).append(

@@ -164,7 +164,7 @@ class VerifiedRobot:
 
     @cached_property
     def sweeps(self) -> SweepBounds:
-        """What each body sweeps in each piece."""
+        """Swept volume of each body in each piece."""
         sweeps = SweepBounds.nothing(len(self.pieces), len(self.bodies))
         for x, body in enumerate(self.bodies):
             for k, motion in enumerate(body.motions):
@@ -227,7 +227,7 @@ class StillBodies:
 
     @cached_property
     def sweeps(self) -> SweepBounds:
-        """What each occupies."""
+        """Volume of each thing at rest."""
         sweeps = SweepBounds.nothing(len(self.resting), 1)
         piece = np.zeros(1, dtype=np.int64)
         for k, motion in enumerate(self.motions):

@@ -122,7 +122,7 @@ class WitnessRobot:
         return np.array([pose.homogeneous for pose in self.joint_placements(q)])
 
     def joint_frames_along(self, path: Array) -> Array:
-        """Return world poses at many configurations at once, shape (s, n + 1, 4, 4).
+        """Return world poses at many configurations, shape (s, n + 1, 4, 4).
 
         Args:
             path: configurations, shape (s, n).

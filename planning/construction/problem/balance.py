@@ -1,4 +1,4 @@
-"""Stability precedence of a construction: what must be in place before a part, so that all parts stand.
+"""Stability precedence of a construction: the prerequisites of each part for all parts to stand.
 
 Parts stand by friction on what they touch, and by joints (``planning.statics``). A part whose weight is
 carried to the ground by its supports alone, or by one neighbour, may be placed at any time after those. Any

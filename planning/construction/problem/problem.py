@@ -58,7 +58,7 @@ class PartGrip:
 def face_grips(
     size: Array, faces: Sequence[str] = ("+z",), offsets: Sequence[float] = (0.0,)
 ) -> tuple[PartGrip, ...]:
-    """Return grips on the faces of a box: the middle of each, or beside it.
+    """Return grips on the faces of a box: at the middle of each, or offset from it.
 
     Args:
         size: edge lengths, shape (3,) [m].

@@ -48,7 +48,7 @@ class RobotFleet(NamedTuple):
 
 
 def make_fleet(carriers: Sequence[LoadedRobot]) -> RobotFleet:
-    """Return carriers, at least one, for compiled code; they must outlive what is returned."""
+    """Return carriers, at least one, for compiled code; they must outlive the fleet."""
     hulls = [carrier.hulls for carrier in carriers]
     addresses = np.array([h.address for h in hulls], dtype=np.int64)  # type: ignore[attr-defined]
     return packed(

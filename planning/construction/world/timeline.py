@@ -1,4 +1,4 @@
-"""Timelines: the motion of one robot, and the places of one object, as far as planned.
+"""Timelines: the motion of one robot, and the poses of one object, as planned so far.
 
 They are cut into pieces, each of which becomes a node of a temporal plan graph.
 """
@@ -367,7 +367,7 @@ class SkillMotion:
         return self.path[self.touch :]
 
     def kept(self) -> SkillMotion:
-        """Return the motion up to the touch, with the same duration, where the robot then keeps hold."""
+        """Return the motion up to the touch, with the same duration and a final hold there."""
         time = np.append(self.time[: self.touch], self.seconds)
         return replace(self, path=self.before, time=time)
 

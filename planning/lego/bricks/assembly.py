@@ -344,7 +344,7 @@ class LegoAssembly:
 
     @property
     def scaffold(self) -> tuple[PlacedBrick, ...]:
-        """The stock bricks that stay where they are."""
+        """The stock bricks that are never moved."""
         return tuple(item for item in self.stock if item.fixed)
 
     def plate_of(self, item: StockBrick) -> Plate:

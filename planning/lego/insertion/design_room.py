@@ -132,7 +132,7 @@ class DesignRoom:
         return frozenset(self._tool.place_blocked(item, press, others, up=up))
 
     def support(self, support: Support) -> SupportPlace:
-        """Return what a supporting tool touches, and its obstacles."""
+        """Return the contacts and obstacles of a supporting tool."""
         known = self._supports.get(support)
         if known is None:
             room = self._tool.support(support)

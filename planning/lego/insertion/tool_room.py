@@ -66,7 +66,7 @@ def _box(corners: Array) -> Array:
 
 
 def _cut(corners: Array) -> list[Array]:
-    """Cut a convex body across where it tapers."""
+    """Cut a convex body in two where it tapers."""
     z = corners[:, 2]
     low, high = (corners[np.abs(z - end) < _SAME, :2] for end in (z.min(), z.max()))
     same = np.allclose(

@@ -162,7 +162,7 @@ class BrickSkills:
         return bool(self.after(found))
 
     def _refill(self, stock: str) -> Placed | None:
-        """Return what stands at the place of a stock brick once it has been picked."""
+        """Return the next brick at the place of a stock brick once that has been picked."""
         if stock not in self.world.stations:
             return None
         item, at = self.world.stock_at_rest[stock]

@@ -133,7 +133,7 @@ def _bricks_taken(
 
 
 class _ChosenBrickStep:
-    """A step with its choice, and the bricks standing around it by then."""
+    """A step with its choice, and the bricks around it at that time."""
 
     def __init__(self, candidates: LegoCandidates, plan: TaskPlan, step: int) -> None:
         self.skills = candidates.skills
@@ -231,7 +231,7 @@ class _ChosenBrickStep:
         return resting_contacts(robot, item, pose, press, others, fixtures)
 
     def _touched(self, option: ResolvedSkill) -> tuple[Pairs, Pairs]:
-        """Return the bricks that the tool leans on or grazes in a skill, of those present by then."""
+        """Return the present bricks that the tool leans on or grazes in a skill."""
         tool = entity_name(option.path.robot, "tool")
         later = self.world.goal_numbers
         found = {True: NOTHING, False: NOTHING}

@@ -153,7 +153,7 @@ class Reference:
 
     @property
     def words(self) -> str:
-        """Its file and by which lines it came, such as ``"3001.dat by way of line 3"``."""
+        """Its file and reference chain, such as ``"3001.dat by way of line 3"``."""
         return f"{self.name}{self._way}"
 
     @property
@@ -223,7 +223,7 @@ def file_name(text: str) -> str:
 
 
 def _reference(words: Sequence[str], number: int) -> Reference | str:
-    """Return the reference of a line, or what is wrong with it."""
+    """Return the reference of a line, or its fault."""
     if len(words) < _REFERENCE:
         return f"a part has {_REFERENCE} values, this line {len(words)}"
     if not _COLOUR.fullmatch(words[1]):
