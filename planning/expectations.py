@@ -149,7 +149,7 @@ class Expectations:
         rests: where parts lie on their way and are worked at without a robot, in order for each.
         doors: objects that machines hold, so that they rest on nothing.
         tools: that robots change; their racks hold them.
-        keeps: by part, the name of the step until which is complete its robot keeps hold of it.
+        keeps: by part, the name of the step until which is complete its robot keeps holding it.
         lags: least time that passes from the end of a step to the begin of a later one, by the names of the
             later and the earlier one [s].
         statics: friction and joints by which named objects in their places must always stand;

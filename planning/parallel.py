@@ -24,7 +24,7 @@ def map_in_parallel(
     """Apply a function to all items in parallel; return results in the order of the items.
 
     Args:
-        function: runs in several threads at once; compiled code releases the interpreter's lock.
+        function: runs in several threads concurrently; compiled code releases the interpreter's lock.
         items: what it is called with.
     """
     work = list(items)

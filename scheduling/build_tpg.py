@@ -32,7 +32,7 @@ def build_tpg(
 
     Args:
         plan: sequential or not; its planned times decide the precedence of conflicting nodes.
-        progress: called as the conflict search goes on, see ``find_motion_edges``.
+        progress: called during the conflict search, see ``find_motion_edges``.
 
     Raises:
         PlanInvariantError: the plan is not consistent, or a robot or object that stands is in
@@ -53,7 +53,7 @@ def connect_nodes(
         nodes: a graph whose edges are not looked at.
         known: edges in addition to those of dependencies, shape (e, 4), and their causes: what they
             imply is not searched again.
-        progress: called as the conflict search goes on, see ``find_motion_edges``.
+        progress: called during the conflict search, see ``find_motion_edges``.
 
     Raises:
         PlanInvariantError: a robot or object that stands is in the way of a motion planned

@@ -166,7 +166,7 @@ class Element:
     """A form at its pose in a shape.
 
     Attributes:
-        form: what it is, exactly; for pictures, and for those who measure on their own.
+        form: its exact form, for pictures and independent measurements.
         pose: of the form in the frame of the shape.
     """
 

@@ -45,7 +45,7 @@ _SAME = 1e-6
 """Configurations and poses that differ by less are the same."""
 
 _EFFORTS = 2
-"""How often it is tried to keep hold of a part that would fall, each time harder."""
+"""Number of tries to hold a part that would fall, with rising effort."""
 
 _TEAMS = 8
 """Teams that are tried for a part, before another one is."""
@@ -59,7 +59,7 @@ class ConstructionResumePoint:
         configurations: of all robots, by name.
         placed: parts that are in their places, in their order.
         held: parts in hands.
-        kept: parts that would fall and are kept hold of in their places, by whom, and what has come by which
+        kept: parts that would fall and are held in their places, by whom, and what has come by which
             they stand; nothing as long as nothing has, then the part is the last one that was placed.
     """
 
@@ -158,7 +158,7 @@ class _Rest:
             robot = self.problem.cell.robot(name)
             here, part = building.world.robots[name].path[-1], self.busy.get(name)
             if part in building.kept:
-                continue  # it keeps hold of that
+                continue  # it keeps holding that
             if np.abs(here - robot.home).max() > _SAME:
                 allowed = NOTHING if part is None else grip_contact(name, part)
                 leg = legs.leg(building, name, (), allowed=allowed, work=False)

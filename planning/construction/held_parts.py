@@ -132,7 +132,7 @@ def release_part(
 
     Args:
         solver: of sub-problems.
-        building: the state before, in which it keeps hold of the part.
+        building: the state before, in which it keeps holding the part.
         part: the released part.
         last: the part placed last.
     """

@@ -2,7 +2,7 @@
 
 Configurations are drawn at random and made exact by damped least squares; each is tried against
 the world as it is at a drawn time. Of those that pass, all times at which the whole skill is
-free are worked out, so that the path planner may arrive at any of them.
+free are computed, so that the path planner may arrive at any of them.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ def _tasks(building: BuildState, line: RobotTimeline) -> Iterator[PlannedTask]:
         carried = work.object if work.holder == robot else None
         keeping = building.kept.get(str(work.object))
         if keeping is not None and (work.kind, work.robot) == ("place-down", robot):
-            # It stands until then; on its retreat it leaves the part that it kept hold of.
+            # It stands until then; on its retreat it leaves the part that it held.
             at, carried = keeping.end, work.object
     done = own[-1] if own else _nothing(building, robot)
     yield from _transit(line, (at, line.end), "HOME", done, carried)
@@ -184,7 +184,7 @@ def export_motion_plan(
             where there is none it stands.
         rests_on: for an object those that must be in place before it is put down.
         covers: for an object those that must be taken before it is.
-        kept: objects that are kept hold of in their places, or were, with what must be in place before
+        kept: objects that are held in their places, or were, with what must be in place before
             who does leaves.
 
     Raises:
@@ -380,7 +380,7 @@ def _object_order(tasks: Sequence[PlannedTask]) -> set[tuple[int, int]]:
             edges.add((last[h.object], k))
         last[h.object] = k
         if h.holder is not None and h.holder != tasks[k].robot:
-            # Whoever takes it stands and waits; it goes on when it has it.
+            # The receiver stands and waits; it continues when it has the object.
             partner = [n for n, t in enumerate(tasks) if t.robot == h.holder]
             before = [n for n in partner if tasks[n].end <= tasks[k].start + SAME]
             later = [n for n in partner if tasks[n].start >= tasks[k].end - SAME]

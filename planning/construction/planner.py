@@ -141,7 +141,7 @@ class ConstructionSearch:
         """Return the parts that may be placed next, best first."""
         ranked = rank_next(self.problem, building, self._walls, self._rng)
         if not ranked:
-            # What has been remembered leaves nothing: go on, and see what can be placed.
+            # The recorded blockers exclude every part: ignore them, and see what can be placed.
             ranked = rank_next(self.problem, building, {}, self._rng)
         return [self.problem.part(name) for name in ranked]
 
@@ -227,7 +227,7 @@ class ConstructionSearch:
         The first robot places the first part. Where it would lose time with that, because
         others are in its way or what the part rests on comes late, it may place another one;
         of a few the one with which it loses least. Where there are few parts for many robots
-        all wait for the first: others are asked whether they have it there sooner.
+        all wait for the first: other robots are tried, in case they are sooner.
 
         Args:
             building: the state before.

@@ -63,7 +63,7 @@ class StepScenes:
         world: everything that is fixed; who works on the part stands at the end of its
             timeline.
         part: the part.
-        team: who works on it.
+        team: the robots that work on it.
     """
 
     problem: ConstructionProblem
@@ -108,7 +108,7 @@ class StepScenes:
                 robot,
                 held,
                 allowed,
-                # Who works on the part before or after is not where it stands now.
+                # Robots that work on the part before or after will stand elsewhere.
                 [other for other in self.team if other != robot],
             )
             for robot in (giver, taker)

@@ -105,7 +105,7 @@ class LegPlanner:
             here = checker.start_configuration()
             goals = goals or [_stand_at_home(checker)]
             far = max(checker.least_duration(here, goal.start) for goal in goals)
-            # Whoever is later than this at the farthest goal has lost too much.
+            # A later arrival at the farthest goal loses too much time.
             latest = min(latest, checker.start + far + most_loss)
             found = space_time_rrt(
                 checker,
@@ -172,8 +172,8 @@ class Attempt:
         robots: the robots that do it, in order.
         seed: of all random numbers.
         effort: how much harder than usual is tried, from 0.
-        low_effort: only paths that take little search are looked for.
-        latest: the part must be in its place by then [s].
+        low_effort: only paths that take little search are searched.
+        latest: latest time at which the part is in its place [s].
         lost: greatest useful loss of time [s].
         keep: whether the robot that places the part keeps holding it.
         hold: how the first robot has it in the hand already; None where it is to be picked.

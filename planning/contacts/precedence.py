@@ -216,7 +216,7 @@ class StepPrecedence:
             list.
         any_of: for each step, steps of which one at least comes before it; none where it needs
             none.
-        closing: by step whose part is kept hold of, the steps one of which lets go of it: it
+        closing: by step whose part is held, the steps one of which lets go of it: it
             comes as soon as it can.
     """
 
@@ -240,7 +240,7 @@ class StepPrecedence:
         """Return the order nearest to the list, None for a cycle.
 
         The first step that can be done is done first, so no other order that keeps everything
-        comes before it in the order of numbers; but while a part is kept hold of, what leads to
+        comes before it in the order of numbers; but while a part is held, what leads to
         letting go of it.
         """
         done = self._doable()

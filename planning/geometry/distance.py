@@ -255,7 +255,7 @@ def classify_gap(
         simplex[size, 0], simplex[size, 1], simplex[size, 2] = w0, w1, w2
         size, vx, vy, vz = _nearest(simplex, size + 1, vx, vy, vz)
         if size == 4:
-            # Asked for less than nothing, they may overlap a little.
+            # With a negative limit, they may overlap a little.
             if clearance >= 0.0 and _well_inside(simplex):
                 return TOO_CLOSE
             break

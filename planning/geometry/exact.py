@@ -189,7 +189,7 @@ def place_at_middle(
 
 def hull_distance(a: Solid, pose_a: Any, b: Solid, pose_b: Any) -> float:
     """Return the signed distance of two hulls at coal poses; negative is penetration [m]."""
-    # Threads may measure at once, so each needs a result of its own.
+    # Threads may measure concurrently, so each needs a result of its own.
     result = coal.DistanceResult()
     return float(coal.distance(a.shape, pose_a, b.shape, pose_b, _REQUEST, result))
 

@@ -218,7 +218,7 @@ def position_error_bound(
     """Return a bound on the position error of each body anywhere on a path, shape (solids,) [m].
 
     Args:
-        robot: who goes along it.
+        robot: the robot that follows it.
         path: configurations, shape (s, n).
         error: of the flange.
         solids: bodies of the robot, and what it holds.

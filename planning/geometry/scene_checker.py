@@ -79,7 +79,7 @@ class Contact:
         first: the checked robot's body, as entity and body name.
         second: the other one.
         distance: signed distance, negative for penetration [m].
-        limit: least distance that was asked for [m].
+        limit: required least distance [m].
         pair: the bodies themselves.
     """
 

@@ -32,7 +32,7 @@ def with_cup(rules: GripRules, robot: PlacedRobot) -> GripRules:
     told = rules.cup is not None or rules.frame not in {"flange", *robot.model.frames}
     if not rules.suction or robot.model.grip is None or told:
         return rules
-    # Of fingers that are said to hold as a cup does, nobody knows where the cup is.
+    # Of fingers that are said to hold as a cup does, the position of the cup is unknown.
     tip = frame_in_last_joint(robot.model, rules.frame)
     fingers = finger_sides(robot.model, tip) is not None
     return rules if fingers else replace(rules, lips=_cup_points(robot.model, tip))
@@ -52,7 +52,7 @@ def _cup_points(model: RobotModel, tip: Transform) -> CupPoints:
             points = np.vstack([middle, middle + _SHARE * (edge - middle)])
             found += [(x, y) for x, y in points.tolist()]
     edges = np.array(found).reshape(-1, 2)
-    # Where the frame is beside all of them, nobody knows which are meant.
+    # Where the frame is beside all of them, it is ambiguous which are meant.
     there = found and np.maximum(edges.min(axis=0), -edges.max(axis=0)).max() <= TO_CUP
     return tuple(found) if there else ()
 

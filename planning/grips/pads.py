@@ -337,7 +337,7 @@ def explain_not_held(
     """
     tool = "the tool" if model.grip is None else model.grip.tool
     if suction:
-        # Of fingers that are said to hold as a cup does, nobody knows where the cup is.
+        # Of fingers that are said to hold as a cup does, the position of the cup is unknown.
         cup = None if model.grip is None else cup_at(model, tip, shape, grip)
         return None if cup is None else "; ".join(_off_cup(cup, tool, part)) or None
     pads = pads_at(model, tip, shape, grip)

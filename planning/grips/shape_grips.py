@@ -43,7 +43,7 @@ _LEVELS = 3
 
 _CLUSTER = np.cos(np.radians(10.0))
 _MOST_CLUSTERS = 10
-"""Directions of faces that grips are looked for on."""
+"""Directions of faces on which grips are searched."""
 
 
 def part_grips(
@@ -285,7 +285,7 @@ class _ToolView:
         enter, leave = self.lines.spans(np.array(grid), closing)
         enter, leave = enter - middle, leave - middle
         there = (leave > enter) & (leave > -room) & (enter < room)
-        # Beside what is held, up to where fingers are when they are open, nothing else is.
+        # Next to the held walls, as far as open fingers reach, there is nothing else.
         if np.any(there & ((enter < -near) | (leave > near))):
             return False
         tops = self._tops(x, middle + np.linspace(-room, room, 9))

@@ -32,7 +32,7 @@ MOST_CORNERS = 96
 """Greatest number of corners of a hull; finer ones are enclosed by a coarser one."""
 
 MOST_CUT = 100_000
-"""Triangles of a body that is not convex: so many take a minute."""
+"""Greatest number of triangles of a non-convex body, which takes a minute."""
 
 _SAMPLES = 4000
 """Points spread over the surface, and as many of its vertices, that pieces are compared with."""

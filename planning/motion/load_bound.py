@@ -64,7 +64,7 @@ def load_bound_s(
     loads = []
     for choice in choices:
         tasks = work.expand(plan.with_choice(choice), choice.step, 0)
-        # Others may let go of what they kept hold of, whoever they are.
+        # Other robots may release what they held.
         own = [task for task in tasks.tasks if task.robot in choice.robots]
         seconds = busy_seconds(cell, replace(tasks, tasks=tuple(own)), settings)
         loads.append(AlternativeLoad(choice.step, choice.object, seconds))

@@ -145,7 +145,7 @@ class RrtConnect:
             better one.
         tours: independent searches among which the shortest path wins.
         rough: tries of the shortcutting of each of their paths, enough to compare them.
-        enough: motions checked in all tours before no better path is looked for. Where one is
+        enough: motions checked in all tours before no better path is searched. Where one is
             hard to find another one is dear, and seldom much better.
     """
 

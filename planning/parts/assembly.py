@@ -66,7 +66,7 @@ class PlacePart(Step):
     Attributes:
         part: its name.
         stop: where it is put down temporarily, None where it is put in its place.
-        until: name of the step until which is complete its robot keeps hold of it, None to let
+        until: name of the step until which is complete its robot keeps holding it, None to let
             go of it at once, or when nothing falls any more.
     """
 

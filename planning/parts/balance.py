@@ -52,7 +52,7 @@ class PartBalance:
         steps: in their order.
         rules: friction, joints.
         standing: of the same steps in whatever order, where it is known already.
-        keepable: parts that robots may keep hold of until they are joined; any by default.
+        keepable: parts that robots may keep holding until they are joined; any by default.
     """
 
     def __init__(

@@ -7,7 +7,7 @@ one nearest to the list is tried; where no robot can do a step because of a part
 then, or still there, that part must come later, or sooner.
 
 Where something would fall (``balance``), what would keep it standing comes before it. Where nothing
-does and a later step joins it, its robot keeps hold of it, and that step comes as soon as it can.
+does and a later step joins it, its robot keeps holding it, and that step comes as soon as it can.
 """
 
 from __future__ import annotations

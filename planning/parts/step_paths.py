@@ -33,7 +33,7 @@ from planning.tasks.task import STRAIGHT
 from planning.transforms import Array
 
 _ENOUGH = 4
-"""So many candidates of each robot are looked for to place a part and keep hold of it, or to do a step
+"""Greatest number of candidates of each robot to place a part and keep holding it, or to do a step
 beside another robot that holds something."""
 
 Candidate = PrimaryCandidate | SupportCandidate
@@ -53,8 +53,8 @@ class StepPaths:
     Attributes:
         skills: returns those of robots that have certain tools on them, all others at HOME.
         steps: what is done.
-        keeps: by step, from 1, whose robot keeps hold of what it placed, the step until which.
-        alone: pick and place, a process, or a hold, of every candidate, beside nobody.
+        keeps: by step, from 1, whose robot keeps holding what it placed, the step until which.
+        alone: pick and place, a process, or a hold, of every candidate, without holding robots.
         tries: what the last of these paths were found by.
         relays: how the part changes hands in between, of candidates with which it does.
     """
@@ -242,7 +242,7 @@ class Pairing:
             words: the neighbouring robots, for messages.
             holders: robots that hold something all the time, and at the end.
             good: how many candidates of each robot can be done, counted on.
-            most: how many of these are looked for; the others count as those that cannot.
+            most: how many of these are searched; the others count as those that cannot.
         """
         bad, why = set(), []
         for number, item in items.items():
@@ -264,7 +264,7 @@ class Pairing:
     ) -> Obstruction:
         """Return the rejection of a step that cannot be done while a robot keeps holding.
 
-        Where nothing of who keeps hold is in the way, nobody else can do the step at all: then
+        Where nothing of a robot that keeps holding is in the way, nobody else can do the step at all: then
         that is why.
         """
         step = f"step {later} ({self.paths.steps[later - 1].step.words})"

@@ -131,7 +131,7 @@ def _drives(
         jerk=read_only_copy(known.jerk or [joint.jerk for joint in joints]),
         effort=read_only_copy(known.effort or [joint.effort for joint in joints]),
         payload=math.inf if payload is None else payload,
-        # Nobody asks for it otherwise, and not every description has masses that are numbers.
+        # It is not needed otherwise, and not every description has numeric masses.
         tool_mass=0.0 if payload is None else _mass(root, tool),
     )
 

@@ -94,7 +94,7 @@ def balance_dependencies(
         standing: knows the bodies in their places.
         steps: in their order; the structure has to stand after each of them.
         waits: pairs of step numbers from 0, (a, b) for b after a, each with a < b.
-        keepable: bodies that may be kept hold of until a later step joins them where they would
+        keepable: bodies that may be held until a later step joins them where they would
             fall; any by default.
 
     Returns:

@@ -92,7 +92,7 @@ class PlannedPlacement:
         place: how it is put in its place.
         support: what another robot does meanwhile, None for nothing.
         support_late: whether that one comes when the object is at its place already.
-        kept: whether the robot that placed it stays, and keeps hold of it.
+        kept: whether the robot that placed it stays, and keeps holding it.
     """
 
     item: str

@@ -119,7 +119,7 @@ class SkillTrial:
     def _in_the_way(self) -> Iterator[Obstruction]:
         """Yield obstructions of the path, from its start to its end.
 
-        Whoever goes on has taken away what was yielded last: the same place is looked at again,
+        The caller continues after removing the last obstacle: the same place is checked again,
         and what was clear before it still is.
         """
         waypoints, change = self.path.waypoints, self.path.change_at
@@ -295,7 +295,7 @@ def resolve_skill(
         robot: the robot.
         ways: poses to reach in order, for each alternative.
         scene: of the skill.
-        loose: names of objects that may be gone by then, taken away where no posture is free.
+        loose: names of objects that may be gone by then, removed where no posture is free.
 
     Returns:
         The path, what must be gone and what the tool touches; or why, in the first way, the posture
@@ -328,7 +328,7 @@ def _in_a_posture(
     Args:
         robot, targets, scene, loose: see ``resolve_skill``.
         hindrances: of other paths; those of this alternative are put before them.
-        whether: nobody asks why there is none.
+        whether: only whether there is one matters, not the reason.
     """
     if whether and any(one.refuses_all(robot, targets) for one in hindrances):
         return _AS_BEFORE

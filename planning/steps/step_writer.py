@@ -134,7 +134,7 @@ class StepWriter:
         if path.skill == "handover":
             assert holder is not None
             return at, ((CLOSE, holder), (OPEN, own))
-        # Who stays where it put something down keeps hold of it.
+        # A robot that stays where it put something down keeps holding it.
         opens = path.skill == "place-down" and at < last
         return at, ((OPEN, own),) if opens else ()
 

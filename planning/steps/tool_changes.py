@@ -3,7 +3,7 @@
 A tool is left in its rack, or taken from there, with the flange where it is when the tool lies in
 the rack. The robot comes straight along its flange's axis and goes back the same way.
 
-Plans know such a tool as an object in the hand of a bare arm. Where a single skill is looked for, its
+Plans know such a tool as an object in the hand of a bare arm. Where a single skill is searched, its
 robot has one tool throughout: then arm and tool are one body, like those of any other robot.
 """
 

@@ -104,7 +104,7 @@ class AssignmentProblem:
         changes: what it costs to change a tool, by robot, tool before and tool after; empty where
             nobody does.
         rejections: what is not a candidate and why; for messages only.
-        kept: by step whose robot keeps hold of what it placed the step until which it does, so
+        kept: by step whose robot keeps holding what it placed the step until which it does, so
             that it can do no other one.
         clashing: pairs of indices into primaries of different steps that cannot go together.
     """

@@ -225,7 +225,7 @@ def is_done_to_a_product(task: Task) -> bool:
 def shut_door_handlings(door: str, pose: Transform) -> tuple[Handling, Handling]:
     """Return the handlings by which a door appears when a task begins, and is gone at its end.
 
-    So nobody may be where it is for as long as the task may last, and it rests nowhere in between.
+    So no robot may be there for as long as the task may last, and it rests nowhere in between.
     """
     return Handling(door, 0, None, pose), Handling(door, 1, GONE, pose)
 

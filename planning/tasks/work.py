@@ -114,7 +114,7 @@ class WorkAhead:
 
     Attributes:
         steps: how many there are.
-        first: returns the work of the first so many of them.
+        first: returns the work of a number of first steps.
         wanted: how many are wanted at first; fewer than all where further products may be ordered.
         product: how many of them make a product, and are planned together; 1 where steps make none.
     """

@@ -1,6 +1,6 @@
 """Bounds of a path besides joint limits: tool speed, and joint efforts.
 
-The quickest motion along a curve is looked for piece by piece of it. What joints exert is gravity, a
+The quickest motion along a curve is searched piece by piece of it. What joints exert is gravity, a
 share that rises with the rate of the speed along the path and one that rises with its square; so it
 bounds both as limits of acceleration do, sample by sample.
 """

@@ -156,7 +156,7 @@ def plan_onward(
     begun = world.begun()
     steps = {number: begun[number] for number in begun.keys() - now.reopened.keys()}
     done = {number: _done(step, world) for number, step in steps.items()}
-    # What an earlier plan had in mind and nobody has done has the numbers of new tasks.
+    # Tasks of an earlier plan that were never done have the numbers of new ones.
     left_behind = (step for step in world.steps if step.step not in steps)
     past = [_done(step, world) for step in (*world.past, *left_behind)]
     for step in now.given_up & there.keys():
@@ -207,7 +207,7 @@ class _Item:
         ways: yields its tasks, alternatives in order of preference, given the index of the first.
         step: number of the step that it is, None for what only clears the way.
         whole: returns the tasks of the step, those done before included.
-        machines: number of the step that is not done, and for which machines go on.
+        machines: number of a given-up step for which machines continue.
         back: whether a robot comes back with it to where the next one goes on.
     """
 

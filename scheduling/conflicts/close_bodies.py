@@ -49,7 +49,7 @@ PROVED = -1
 """In the place of a number of bodies: there is a conflict for certain."""
 
 _LEVELS = 2 * LEAF.bit_length() + 2
-"""Lists of bodies that are needed at once: one a halving of two leaves, and two more."""
+"""Lists of bodies that are needed simultaneously: one a halving of two leaves, and two more."""
 
 _Sizes = tuple[int, ...]
 _LEFT: defaultdict[tuple[_Sizes, _Sizes], list[DescentRoom]] = defaultdict(list)
@@ -124,7 +124,7 @@ def start_descent(
     except IndexError:
         room = _make_room(a, b)
     room.stack[0] = 0, BLOCKS, 0, BLOCKS, 0, 0
-    # Stretches and directions go on being counted: nothing known of them is of those to come.
+    # Stretches and directions are numbered on: cached data never matches later ones.
     room.on_a.span[:2] = room.on_b.span[:2] = 0
     room.scratch.posed[:] = -1
     room.planes[:] = 0.0

@@ -90,7 +90,7 @@ def search_conflicts(
     if are_apart_everywhere(a.sequence, b.sequence, table.gap):
         return
     depth = 1
-    # Who asks for the first conflict alone does not have to wait for more.
+    # A caller of the first conflict only does not wait for more.
     hits = np.empty((1, 2), dtype=np.int64)
     sequences = a.sequence, b.sequence
     with start_descent(*sequences, table, floor, limit, slack) as descent:

@@ -54,7 +54,7 @@ _KEPT_ANSWERS = 100_000
 """Answers that are kept."""
 
 Window = tuple[Indices, Indices]
-"""Nodes that are asked for: above the floor and below the limit, see ``search_conflicts``."""
+"""Nodes of a query: above the floor and below the limit, see ``search_conflicts``."""
 
 
 @dataclass(frozen=True, eq=False)

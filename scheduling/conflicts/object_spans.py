@@ -205,7 +205,7 @@ class _Trace:
         if event.holder is None:
             tried = self._tpg.task_of(event).kind == FAILED
             found = place.holder is None and tried
-            # Who failed to pick it has measured where it lies.
+            # A robot that failed to pick it has measured its pose.
             if place.holder != event.robot and not found:
                 raise PlanInvariantError(
                     f"task {self._task(node)} of robot {chain.robot!r} puts down"

@@ -86,7 +86,7 @@ def swept_sequence(
     """
     leaves = -(-len(node) // leaf)
     blocks = 2 * leaves - 1
-    widths = np.append(np.diff(hulls.capsule_first), 0)  # the last one stands for none
+    widths = np.append(np.diff(hulls.capsule_first), 0)  # the last one means none
     column = np.cumsum([0, *np.max(widths[hulls.solid], axis=0)]).astype(np.int64)
     out = packed(
         SweptSequence(

@@ -226,7 +226,7 @@ def read_graph(
         document: what there is.
         arrays: the numbers.
         models: robot types by name, used before the registry and URDF files.
-        folder: where URDF files are looked for.
+        folder: where URDF files are searched.
 
     Raises:
         KeyError: an array is missing.

@@ -227,7 +227,7 @@ def _write_robot(i: int, robot: PlacedRobot, arrays: Arrays) -> _Robot:
     if limits is not None:
         joints = np.array([limits.velocity, limits.acceleration, limits.jerk])
         caps = limits.sum_of_speeds, limits.tool_speed, limits.loaded_tool_speed
-        # 0 stands for no limit.
+        # 0 means no limit.
         for name, values in (("limits", joints), ("caps", np.array(caps))):
             arrays[f"robot_{i}_{name}"] = np.where(np.isfinite(values), values, 0.0)
         _RATES.check(f"robot_{i}_limits", arrays[f"robot_{i}_limits"], {})

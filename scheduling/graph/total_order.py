@@ -136,11 +136,11 @@ class NodeOrder:
     ) -> Indices:
         """Return, for nodes of ``robot``, the first node of ``other`` that waits for each.
 
-        The number of nodes of ``other`` stands for none.
+        The number of nodes of ``other`` means none.
 
         Args:
             robot: whose nodes.
-            other: who waits.
+            other: the waiting robot.
             nodes: which of them, all by default.
         """
         waits_for = np.ascontiguousarray(self.of(other)[:, robot])

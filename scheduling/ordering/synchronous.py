@@ -69,7 +69,7 @@ class TaskConflicts:
         """Tell whether a task collides with a robot standing where one of its tasks ended.
 
         Args:
-            robot: who stands.
+            robot: the standing robot.
             after: its task, None for before its first.
             task: a task of another robot.
         """
@@ -285,7 +285,7 @@ class _Planner:
                 )
         if not self.always_jointly or self._plan_slot(slot):
             return slot
-        # Not all of them at once: as many as can, in the order of the plan.
+        # Not all of them together: as many as possible, in the order of the plan.
         refused, slot = tuple(slot.motions), _Slot()
         for index in filter(self._ready, candidates):
             if self._admit(slot, index):
@@ -334,7 +334,7 @@ class _Planner:
             fixed = [i for i in (*slot.motions, index) if not self._is_transit(i)]
             if index in fixed and any(conflicts.sweeps(index, i) for i in fixed[:-1]):
                 return "it is in the way of another robot's skill"
-        # Who moves in lock step has left its sequential path, which is all that is known.
+        # A robot in lock step has left its sequential path, the only one known.
         elif slot.joint or any(conflicts.sweeps(index, i) for i in slot.motions):
             return self._move_together(slot, index)
         motion = self.motions[index]

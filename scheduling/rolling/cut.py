@@ -52,7 +52,7 @@ def cut_after(
             have been released.
         steps: whether a robot goes on to the end of what it does for the step that it has begun a
             skill of; else to the end of its task.
-        go_on: for how long each robot goes on, task by task, beyond what has been released [s].
+        go_on: for how long each robot continues, task by task, beyond its released nodes [s].
 
     Returns:
         A number of nodes a chain. Where something can be committed, a robot stops neither within a

@@ -131,7 +131,7 @@ def extend_graph(
     """
     names = [r.name for r in (*cell.robots, *cell.machines)]
     old, more = committed.chain_index, new.chain_index
-    # Chains keep their numbers: who executes them is told by these.
+    # Chains keep their numbers, by which executors refer to them.
     every = dict.fromkeys(
         name for name in (*order, *old, *names) if name in old or name in more
     )
@@ -160,7 +160,7 @@ def extend_graph(
         for h in new.handlings
         if not in_hand(h)
     ]
-    # Who has got it from another robot goes on with it once that has let go.
+    # A robot that received it from another continues once that has released it.
     given = {
         h.object: committed.task_of(h)
         for h in committed.handlings

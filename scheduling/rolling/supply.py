@@ -44,7 +44,7 @@ def with_supply(
 
     Args:
         tpg: the graph.
-        who: the machine; it does this after whatever it does already.
+        who: the machine; it does this after all its current work.
         item: what is brought; None for nothing.
         label: of the task.
         step: that it serves.
@@ -146,7 +146,7 @@ def remove_idle_chains(
         return tpg
     counts = [0 if k in unused else len(own) for k, own in enumerate(tpg.chains)]
     rest = committed_subgraph(tpg, counts)
-    # What is left out belongs to somebody who is there.
+    # Everything left out belongs to chains that remain.
     names, first = rest.chain_index, rest.chains[0]
     tasks = tuple(
         task

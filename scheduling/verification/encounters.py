@@ -1,6 +1,6 @@
 """Encounters in a plan: parts of two robots, or of a robot and a resting thing, close at the same time.
 
-Whoever proves something of all that may be simultaneous asks for them here.
+All proofs about simultaneous pieces obtain them here.
 """
 
 from __future__ import annotations

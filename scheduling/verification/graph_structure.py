@@ -42,7 +42,7 @@ from scheduling.verification.problems import Problem, node_problem, pair_problem
 _Node = tuple[int, int]
 
 _BLOCK = 4096
-"""Nodes whose ancestors are counted at once: it bounds the memory."""
+"""Nodes whose ancestors are counted together: it bounds the memory."""
 
 _SAME = 1e-6
 """Joint values that differ by less are the same [rad or m]."""

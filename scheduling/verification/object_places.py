@@ -266,7 +266,7 @@ def _wrong(
     chain, node = moment[:2]
     kind = tpg.tasks[int(tpg.chains[chain].task[node])].kind
     lost = to == GONE and kind in (FAILED, TAKEN_OUT)
-    # Who failed to pick it has measured where it lies.
+    # A robot that failed to pick it has measured its pose.
     found = kind == FAILED and before.there and holder is None and to is None
     if found:
         return None

@@ -68,7 +68,7 @@ class SurvivedShare:
     """Tolerated share of an error, and what limits it.
 
     Attributes:
-        share: of the error asked for, proved: the largest there is, to 0.04 mm of distance.
+        share: proved share of the required error: the largest there is, to 0.04 mm of distance.
         limiting: None where nothing comes near enough: then more may be survived.
     """
 

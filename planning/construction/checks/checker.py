@@ -40,7 +40,7 @@ class SpaceTimeChecker:
     Args:
         world: everything planned so far.
         robot: the moving robot, from the end of its timeline on.
-        held: objects that somebody holds from then on, name to attachment; what ``world`` says
+        held: objects held from then on, name to attachment; what ``world`` says
             of the robot where not given.
         allowed: unordered pairs of entities that may touch.
         without: names of robots that are not looked at.
@@ -166,7 +166,7 @@ def _still_boxes(
 ) -> tuple[StandingBoxes, tuple[Array, Array]]:
     """Return the boxes of fixtures and resting objects, and when each appears and disappears [s].
 
-    Objects that somebody holds, and those that are gone before the start, are left out.
+    Held objects, and those that are gone before the start, are excluded.
     """
     items = [item for item in world.cell.objects if item.name not in held]
     placed = [

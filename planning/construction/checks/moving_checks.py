@@ -257,7 +257,7 @@ def is_clear_throughout(
 
 
 def _configuration_clear(scene: MoverScene, q: Array, t: float) -> bool:
-    # Robots are what is mostly in the way of what is asked for at one instant.
+    # At a single instant, robots are the most frequent obstacles.
     sweep_stretch(scene, q, t, q, t, t, t)
     return is_clear_of_tracks(scene, t, t) and is_clear_of_still_objects(
         scene, q, t, q, t, 0.0

@@ -68,7 +68,7 @@ def search_roadmap(
         extra: configurations that become vertices, such as those of a path, shape (e, n).
         depart: the robot stands until then, or as long as it may [s].
         bound: only an arrival before this is of use [s].
-        wide: configurations are drawn from which a goal can be reached by then [s].
+        wide: latest arrival for which configurations are drawn [s].
         seed: of the random configurations.
 
     Returns:
@@ -113,7 +113,7 @@ def _search(
         bound: only an arrival before this is of use [s].
     """
     n, goals, start = len(query.start), len(query.goals), query.begin
-    # It begins where it stands, even where it has to leave at once.
+    # It begins where it stands, even where it has to leave immediately.
     find_stands(scene, road, ZERO, first)
     if road.number[0] == 0 or road.spans[0, 0, 0] > start + _TINY:
         road.spans[0, 0] = start

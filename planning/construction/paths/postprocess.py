@@ -177,7 +177,7 @@ def _stands_along(
         mark_blocked_cells(scene, path[k], path[k], first, free)
         counts[k] = write_free_spans(free, first, step, spans[k])
     if counts[0] == 0 or spans[0, 0, 0] > start + _TINY:
-        # It cannot stay where it is, and has to leave at once.
+        # It cannot stay where it is, and has to leave immediately.
         counts[0] = 1
         spans[0, 0] = start
     return spans, counts

@@ -60,7 +60,7 @@ def space_time_rrt(
         linger: a robot that has to wait does so early on the way, not late: where it is, rather
             than where it is in the way of others.
         seed: of all random numbers.
-        watch: told how long shortcuts and new times of paths that were found take.
+        watch: accumulates the time of shortcutting and retiming.
     """
     watch = Stopwatch() if watch is None else watch
     goals = np.array(goals, dtype=np.float64)

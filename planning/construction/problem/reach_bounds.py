@@ -29,7 +29,7 @@ _TURNS = 12
 """Random turns of the tool for which a grip is tried."""
 
 _STARTS = 12
-"""Configurations asked for in each round."""
+"""Configurations requested in each round."""
 
 _HANDOVERS = 150
 """Poses of a part that are tried for a handover."""
@@ -162,8 +162,8 @@ class ReachBounds:
         """Return configurations in which two robots hold a part simultaneously, None if none is found.
 
         Args:
-            giver: who holds it first.
-            taker: who takes it over.
+            giver: the robot that holds it first.
+            taker: the robot that receives it.
             part: what is handed over.
             rng: what is drawn from.
             grips: numbers of those by which the giver may hold it.

@@ -25,7 +25,7 @@ class RrtSettings(NamedTuple):
         iterations: samples of the bi-directional search in all.
         patience: samples after the last improvement of the arrival time.
         weight: lambda of eq. (5): distance against time.
-        reach: longest motion added at once [s].
+        reach: longest motion added in one extension [s].
         growth: factor by which the range of arrival times grows.
         good_enough_s: an arrival this much after the earliest that speeds allow ends the search;
             so much must an improvement gain.
@@ -76,7 +76,7 @@ class KeyframeSettings:
 
     Attributes:
         picks, places: number of candidates wanted.
-        starts: configurations drawn at once.
+        starts: configurations drawn together.
         draws: number of draws for each hold of the part.
         spread_s: times are drawn up to so long after the earliest.
         meetings: places of a handover drawn.

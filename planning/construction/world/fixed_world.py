@@ -56,7 +56,7 @@ class SweptTracks:
     While one robot is planned nobody else's timeline changes, and half a dozen checkers are made.
 
     Attributes:
-        rests: of each object, and the timelines of which that was worked out.
+        rests: of each object, and the timelines of which that was computed.
     """
 
     def __init__(self) -> None:
@@ -192,7 +192,7 @@ class FixedWorld:
     def rests(self, name: str) -> list[TimedRest]:
         """Return the rests of an object, in order."""
         line = self.objects[name]
-        # What took place when is in its own timeline and in the skills of who held it.
+        # Its history is in its own timeline and in the skills of its holders.
         by = [self.robots[c.holder].skills for c in line.changes if c.holder]
         known = self.swept.rests.get(name)
         if known is None or not (
@@ -298,7 +298,7 @@ class HeldPlacement(NamedTuple):
     """A part that is held by the robot that placed it until another part is in place.
 
     Attributes:
-        robot: who does; it stands.
+        robot: the robot; it stands.
         way: path by which it then leaves the part, shape (w, n).
         last: the part that has to be in place before; empty as long as that is open.
         end: when the robot lets go [s].
@@ -318,7 +318,7 @@ class BuildState:
         world: everything that has been planned, fixed (eq. 2).
         work: all skills, in the order of planning.
         placed: part to the end of the skill that places it, in the order of planning [s].
-        kept: parts that are kept hold of in their places, or were.
+        kept: parts that are held in their places, or were.
     """
 
     world: FixedWorld

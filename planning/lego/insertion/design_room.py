@@ -1,6 +1,6 @@
 """Obstacles of the tool among the bricks of a design, for every press and every support.
 
-Worked out once for the whole design: a press or a support has room in a partial structure when
+Computed once for the whole design: a press or a support has room in a partial structure when
 none of those bricks is there.
 """
 
@@ -62,7 +62,7 @@ _LEVELS = {
 whole layers before the others."""
 
 _SHIFTS = (0, -1, 1)
-"""Studs by which it is aside from the contact then, in x and in y."""
+"""Offsets of the tip from the contact, in x and in y [studs]."""
 
 
 @dataclass(frozen=True)

@@ -173,7 +173,7 @@ class InsertionSite:
             return
         spots = list(self.spots(press, insertion_way))
         every = tuple(dict.fromkeys(hold for spot in spots for hold in spot.holds))
-        # What the structure does not bear held at all spots at once, it bears held at none.
+        # What the structure does not bear held at all spots together, it bears held at none.
         if not every or not self._pressed(press, every).stable:
             return
         for spot in spots:

@@ -46,7 +46,7 @@ _SAME = 1e-6
 """Corners at the same height, or above each other, to within this [m]."""
 
 PLATE = "the plate"
-"""Name that stands for the plate where a blocking brick is named."""
+"""Name of the plate among the names of blocking bricks."""
 
 GRID = Plate(translation(24 * STUD_PITCH, 24 * STUD_PITCH, 0.0), (48, 48))
 """A plate whose corner is the origin: poses on it are poses in the plate's frame."""

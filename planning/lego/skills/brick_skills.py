@@ -88,7 +88,7 @@ def _once(
 class BrickSkills:
     """Free picks, places, supports and handovers, or the reasons why there are none.
 
-    Each is worked out at most once. The scene is the stock at rest and the goals of the earlier
+    Each is computed at most once. The scene is the stock at rest and the goals of the earlier
     steps, other robots at HOME.
 
     Attributes:

@@ -57,7 +57,7 @@ def find_candidates(
     Args:
         cell: its objects are the stock of the assembly.
         assembly: the structure and its steps.
-        alternatives: for each robot and step, at most so many grips, and so many supports, become
+        alternatives: for each robot and step, at most this number of grips, and of supports, become
             candidates; by default all that may be in the cheapest plan, see ``BrickCollector``.
             Grips are tried in the order of their joint distance from HOME, supports in that of
             the step.

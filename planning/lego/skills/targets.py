@@ -361,7 +361,7 @@ def resting_contacts(
     where it touches what ends beside it: what the plate stands on, if that ends at the edge.
 
     Args:
-        robot: who picks or places.
+        robot: the robot that picks or places.
         item: the brick where it is then.
         pose: of the centre of its box in the world.
         press: the grip.

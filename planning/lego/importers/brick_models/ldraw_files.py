@@ -23,7 +23,7 @@ Colour = tuple[int, int, int]
 """Red, green and blue, 0 to 255."""
 
 INHERITED = ("16", "24")
-"""Codes that stand for the colour of the model around."""
+"""Codes of the colour of the surrounding model."""
 
 _VALUES: Mapping[int, int] = MappingProxyType(
     {
