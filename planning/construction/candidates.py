@@ -1,8 +1,8 @@
 """Candidates for the next placement: parts by eq. (6), robots by eq. (7) (Hartmann et al. IV-D).
 
-A part is picked and placed once, and every robot of a group has it in hand once (IV-D3, V-A3): so
-the robots in the order in which they have it say all of a skeleton, the sequence of actions. The
-first one picks, each hands over to the next, the last one places and retracts.
+Every robot of a group holds the part exactly once (IV-D3, V-A3), so the order of the robots determines the
+skeleton, the sequence of actions: the first one picks, each hands over to the next, the last one places and
+retracts.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Keyframes, configurations at mode switches with time windows, and their solver (Hartmann et al. IV-B).
 
-Configurations are drawn at random and made exact by damped least squares; each is tried against
-the world as it is at a drawn time. Of those that pass, all times at which the whole skill is
-free are computed, so that the path planner may arrive at any of them.
+Configurations are sampled and refined by damped least squares; each is checked against the world at a
+sampled time. For those that pass, all times at which the whole skill is free are computed, so that the path
+planner may arrive at any of them.
 """
 
 from __future__ import annotations

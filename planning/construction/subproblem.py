@@ -172,7 +172,7 @@ class Attempt:
         robots: the robots that do it, in order.
         seed: of all random numbers.
         effort: how much harder than usual is tried, from 0.
-        low_effort: only paths that take little search are searched.
+        low_effort: only paths that are easy to find are searched.
         latest: latest time at which the part is in its place [s].
         lost: greatest useful loss of time [s].
         keep: whether the robot that places the part keeps holding it.

@@ -1,7 +1,7 @@
 """The world in which a plan begins: poses at a standstill, and completed tasks.
 
-HOME with everything at its start and nothing done is one of them. A world is read from what was executed,
-never from what was planned; what cannot be used any more is named as being out.
+The initial state, with all robots at HOME and nothing done, is one of them. A world is derived from
+executed tasks, never from planned ones; robots and objects that are no longer usable are listed as ``out``.
 """
 
 from __future__ import annotations

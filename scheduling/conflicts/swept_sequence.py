@@ -1,10 +1,9 @@
 """Sequence of swept segments, with a binary tree of bounding blocks over it.
 
-A block bounds a run of consecutive segments twice: by one box, and capsule by capsule. The
-capsules of a leaf stand where the joints are in the middle of all they do in it, grown by a
-rigorous bound of how far they get from there; those of a larger block are those of one of
-its halves, grown until they hold the other's. Capsules of single segments are not kept: what
-they could tell the hulls tell better.
+A block bounds a run of consecutive segments twice: by one box, and capsule by capsule. The capsules of a
+leaf are placed at the middle of its joint ranges, and enlarged by a rigorous bound on the displacement from
+there; those of a larger block are those of one of its halves, enlarged until they contain the other's.
+Capsules of single segments are not stored: their hulls decide better.
 """
 
 from __future__ import annotations

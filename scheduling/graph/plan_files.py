@@ -1,8 +1,8 @@
 """Temporal plan graphs as files: plan.json for the structure, plan.npz for the numbers.
 
-plan.json is a ``PlanDocument`` with format, version and the sum of plan.npz. ``model`` of a robot is
-a name of the registry; null says that the robot is read from ``urdf``, which then lies with its
-meshes beside the plan. ``sha256`` is that of the description and the meshes that the robot
+plan.json is a ``PlanDocument`` with format, version and the hash of plan.npz. ``model`` of a robot is
+a name of the registry; null says that the robot is read from ``urdf``, which is stored with its meshes next
+to the plan. ``sha256`` is that of the description and the meshes that the robot
 collides with: a plan is refused when they have changed.
 
 plan.npz has the columns of ``TemporalPlanGraph``, and of its chains as ``chain_<i>_`` and

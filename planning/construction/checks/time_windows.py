@@ -1,6 +1,6 @@
 """Time windows in which a robot can arrive and finish a skill, from free time cells.
 
-A motion is swept once; what comes near it strikes out the cells of time for which it is there.
+A motion is swept once; each obstacle near it blocks the time cells of its presence.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Post-processing of paths through space-time: shorter, earlier, smoother (Hartmann et al. IV-C).
 
-Only the robot's own motion changes; everything fixed stays, and is checked against again. No
-step makes the arrival later.
+Only the robot's own motion changes, checked against the fixed timelines. No step makes the arrival later.
 """
 
 from __future__ import annotations

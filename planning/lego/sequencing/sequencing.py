@@ -2,7 +2,7 @@
 
 Assembly by disassembly: from the finished structure, bricks are removed one at a time such that
 what remains stands, and such that the removed brick could be put back. Reversed, the removals are
-the assembly sequence. Before the search, bricks that block each other are searched: where there
+the assembly sequence. Before the search, sets of bricks that block each other are determined: where there
 are any, no order exists, and they are the proof.
 """
 
