@@ -1,18 +1,17 @@
 """The graph of many products, repeated from a pattern: edges and proof of a few copies.
 
-Whether two nodes conflict depends on their paths and on what is carried, and these are the same in
-every copy; contacts are allowed within one copy alone. So a node that conflicts with
-one of an earlier copy conflicts with the same one of every earlier copy, and the last of them is
-in the copy just before: an edge reaches back no further than one copy, and a wait that the plan
-asks for no further than it says. Edges into a copy are therefore those into the one before it,
-shifted, as soon as all that they reach back to is there. This is not taken for granted: the graph
-of some copies is built and proved as any other, and its edges must repeat.
+Whether two nodes conflict depends on their paths and loads, which are the same in every copy; contacts are
+allowed within one copy alone. So a node that conflicts with one of an earlier copy conflicts with the same
+one of every earlier copy, and the last of them is in the copy just before: an edge reaches back no further
+than one copy, and a planned wait no further than it states. Edges into a copy are therefore those into the
+one before it, shifted, as soon as all their sources exist. This is verified: the graph of some copies is
+built and proved as any other, and its edges must repeat.
 
-The invariant then holds for any number of copies. Take a node v of copy m and a robot or an object
-that stands for a while in copy n, with which v conflicts. With n = m it was proved in the graph of
-few copies, and so it was with n = m - 1 and n = m + 1: v is ordered after the end of that stand in
-the copy before, and ahead of its beginning in the copy after. Nodes of one robot are in order,
-copy after copy; hence v comes after that stand in all earlier copies and ahead of it in all later.
+The invariant then holds for any number of copies. Take a node v of copy m and a robot or an object that
+stands for a while in copy n, with which v conflicts. With n = m it was proved in the graph of few copies,
+and so it was with n = m - 1 and n = m + 1: v is ordered after the end of that stand in the copy before, and
+ahead of its beginning in the copy after. Nodes of one robot are in order, copy after copy; hence v comes
+after that stand in all earlier copies and ahead of it in all later.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Exact decision whether two moving convex hulls come closer than a clearance.
 
-coal measures the distance of the hulls at the middle of both motions. How far any point can get
-from there is bounded, so one measurement settles every pair that is clearly apart or clearly too
-close; what is left is split in two, down to a tolerance below which closeness is assumed.
+coal measures the distance of the hulls at the middle of both motions. The displacement of any point from
+there is bounded, so one measurement settles every pair that is clearly apart or clearly too close;
+undecided motions are bisected, down to a tolerance below which closeness is assumed.
 """
 
 from __future__ import annotations

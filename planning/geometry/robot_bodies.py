@@ -1,6 +1,6 @@
 """The bodies that move with a robot, collected once for each load.
 
-How far they may be from where the path has them while a skill is under force control is said here, too.
+Also the bound on their position error while a skill is under force control.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Separating planes of whole stretches of motion, compiled: many segments proved apart together.
 
-A stretch is a run of segments. Its joint values stay in a box, and near the straight line from
-its beginning to its end: two bounds of where its bodies can be. What neither proves apart is
-looked at in parts, down to single segments (planning.geometry.separation).
+A stretch is a run of segments. Its joint values stay in a box, and near the straight line from its
+beginning to its end: two bounds on the positions of its bodies. Pairs that neither bound proves apart are
+checked in parts, down to single segments (planning.geometry.separation).
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Cache of paths through static scenes, shared between plans.
 
-A way depends on what moves, from where to where, and on what stands around, by shape and place;
-which objects these are, and at which step of which plan, does not matter. A straight path, and a
-skill, stays as it is wherever all that stands has been found to be clear of it; what was found by a
-search holds where just the same stands around.
+A path depends on the moving robot and its load, on its ends, and on the obstacles by shape and pose; the
+names of the objects, the step and the plan do not matter. A straight path, or a skill, is valid in every
+scene whose obstacles were found clear of it; the result of a search is valid in the identical scene only.
 """
 
 from __future__ import annotations

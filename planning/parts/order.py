@@ -1,13 +1,13 @@
 """Search for an order of steps: by contacts, insertion paths and precedence, and by trial.
 
-What rests on something comes after it, and so does what would bar another part's straight path
-down to its place; what lies on something in the stock is picked before it; a process is done once
-its part is in place and before a part bars the way of its tool. Among orders that keep all that, the
-one nearest to the list is tried; where no robot can do a step because of a part that is there by
-then, or still there, that part must come later, or sooner.
+Supports precede the parts on them; parts that would be blocked on their straight insertion path precede
+those that block it; parts stacked in the stock are picked from the top; a process follows the placement of
+its part and precedes parts that block its tool. Among orders that keep all that, the one nearest to the
+list is tried; where no robot can do a step because of a part that is present, or still present, that part
+is moved later, or earlier.
 
-Where something would fall (``balance``), what would keep it standing comes before it. Where nothing
-does and a later step joins it, its robot keeps holding it, and that step comes as soon as it can.
+Where something would fall (``balance``), props that keep it standing precede it. Where there are none and a
+later step joins it, its robot holds it, and that step comes as soon as possible.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """The linear program of static equilibrium: rigid bodies and contact forces between them.
 
-One program a structure: six rows a body, a column for every force that a contact can bring. Which
-bodies are there and what acts on them (a ``LoadCase``) switches columns on and off and moves
-bounds, so that the solver starts each time from where it ended the last time. Two questions are
-asked of it: how much of a load do the bodies bear, contacts pulling up to their capacity
-(``bears``); and, from scratch, with how little pull are they in balance, and where do they give
-way first (``least_pull``).
+One program per structure: six rows a body, a column for every force that a contact can exert. The present
+bodies and their loads (a ``LoadCase``) enable columns and set bounds, so that the solver is warm-started
+from its last solution. There are two queries: how much of a load the bodies bear, with contacts pulling up
+to their capacity (``bears``); and, from scratch, the least pull for equilibrium, and where the bodies fail
+first (``least_pull``).
 """
 
 from __future__ import annotations

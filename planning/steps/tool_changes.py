@@ -1,10 +1,10 @@
 """Tool changes at racks: paths, costs, and tasks.
 
-A tool is left in its rack, or taken from there, with the flange where it is when the tool lies in
-the rack. The robot comes straight along its flange's axis and goes back the same way.
+A tool is left in its rack, or taken from there, with the flange at its place on the resting tool. The robot
+approaches straight along its flange's axis and retreats on the same line.
 
-Plans know such a tool as an object in the hand of a bare arm. Where a single skill is searched, its
-robot has one tool throughout: then arm and tool are one body, like those of any other robot.
+In plans such a tool is an object in the hand of a bare arm. In the search for a single skill the robot has
+one tool throughout: then arm and tool are one body, like those of any other robot.
 """
 
 from __future__ import annotations

@@ -1,16 +1,16 @@
 """Time-optimised motion of a skill along its reference path within the limits of a robot.
 
-A polyline cannot be followed at speed around its corners. At sharp ones, and wherever something
-changes hands, the robot is at rest. In between, gentle corners are rounded, within ``STRAY`` of the
-polyline, which is far within what collision checks allow for, and the curve is passed in an S-curve over
-time: its speed rises, stays and falls with bounded jerk. Where a stop at a corner is quicker, it stops.
+A polyline cannot be followed at speed around its corners. At sharp ones, and wherever something changes
+hands, the robot is at rest. In between, gentle corners are rounded, within ``STRAY`` of the polyline, which
+is far within the margins of the collision checks, and the curve is passed in an S-curve over time: its
+speed rises, stays and falls with bounded jerk. Where a stop at a corner is quicker, it stops.
 
-The motion is a uniform cubic spline over time. The way along the path is an S-curve: pieces of constant
-jerk whose lengths are whole numbers of time steps. Its control points are ways; the points of the curve
-there are control points of the motion. A spline is in the hull of its control points, so it stays by the
-curve; and its speeds, accelerations and jerks are differences of control points over powers of the time
-step. Hence the least step that keeps all limits is found at once, and the best lengths of the pieces by
-trying.
+The motion is a uniform cubic spline over time. The arc length along the path is an S-curve: pieces of
+constant jerk whose durations are whole numbers of time steps. Its control points are arc lengths; the
+points of the curve there are control points of the motion. A spline is in the hull of its control points,
+so it stays near the curve; and its speeds, accelerations and jerks are differences of control points over
+powers of the time step. Hence the least step that keeps all limits is found directly, and the best
+durations of the pieces by trial.
 """
 
 from __future__ import annotations

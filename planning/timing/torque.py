@@ -1,11 +1,11 @@
 """Slowdown of motions for joint effort limits, by inverse dynamics.
 
-If a motion takes k times as long, speeds are 1 / k and accelerations 1 / k^2 of what they were, and so
-is what joints have to exert beside their share of gravity: gravity + share * rest, share = 1 / k^2.
-The greatest share that keeps within the limits of effort follows joint by joint, sample by sample. What
-lies between samples is allowed for by twice what second differences say of it.
+If a motion takes k times as long, speeds are 1 / k and accelerations 1 / k^2 of their values, and so are
+the joint efforts beyond gravity: gravity + share * rest, share = 1 / k^2. The greatest share within the
+effort limits follows joint by joint, sample by sample. The excess between samples is bounded by twice their
+second differences.
 
-Friction and the inertia of rotors are not in descriptions, and not counted; nor is what a process exerts.
+Friction and rotor inertia are not in descriptions, and ignored; so are process forces.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Extension of a cut graph by motions planned from the world at the cut.
 
-All committed nodes come before all new ones in the total order, so edges point from committed to new
-ones and there is no cycle. Edges among committed nodes, and among new ones, are there already; what is
-searched are conflicts between the two. The union keeps the invariant of every graph, and is checked
-like every graph before anybody executes it.
+All committed nodes come before all new ones in the total order, so edges point from committed to new ones
+and there is no cycle. Edges among committed nodes, and among new ones, exist already; only conflicts
+between the two are searched. The union keeps the invariant of every graph, and is checked like every graph
+before execution.
 """
 
 from __future__ import annotations

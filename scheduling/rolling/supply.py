@@ -1,8 +1,8 @@
 """Deliveries to a cell during execution, as nodes of machines.
 
-Something that is brought is nowhere before. Its node comes before all others in the order of the graph, so
-that everybody keeps clear of its place all along, and whatever is done to it waits for the node. A plan that
-begins in a world, and knows nothing of what was before, begins with what machines are still at work at.
+A delivered object is nowhere before its delivery. The node of the delivery comes before all others in the
+order of the graph, so that all robots keep clear of its place from the start, and all tasks on it wait for
+the node. A plan that begins in a world has no history, so it begins with the unfinished work of machines.
 """
 
 from __future__ import annotations

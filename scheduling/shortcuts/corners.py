@@ -1,8 +1,8 @@
 """Rounding of transit corners where it is free and saves time, so that robots need not stop there.
 
-What a bend sweeps is checked as what a shortcut does: alone among what never moves, then against
-everybody else's nodes, with the order that they get. Which corners are rounded, and how much,
-follows from the times that the robot's limits ask for; the plan never ends later.
+The swept volume of a bend is checked like that of a shortcut: first against static obstacles, then against
+all other nodes, with the order that they get. Which corners are rounded, and how much, follows from the
+times that the robot's limits require; the makespan never grows.
 """
 
 from __future__ import annotations

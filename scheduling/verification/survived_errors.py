@@ -1,10 +1,10 @@
 """Tolerance of a plan to errors of calibration and force control: displaced bases, or tools in skills.
 
-Every robot may stand off by an error of its own, whatever it does and carries with it.
-What lies in the world lies where the plan has it, and what a robot takes sits in its hand as planned: the contacts that
-a plan means to make, of a tool that takes hold or of a part that is put down, take the error up. So these contacts are
-left out; everything else must not touch. Where skills deviate from their reference paths it is the same, but that only
-what moves in them is off.
+Every robot base may be displaced by an independent error, whatever it does and carries. Resting things are
+at their planned poses, and a picked object is in the hand as planned: the intended contacts of the plan, of
+a tool that grips or of a part that is put down, absorb the error. So these contacts are excluded; all else
+must not touch. For deviations from the reference paths of skills it is the same, except that only their
+moving parts are displaced.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Search for a sequence that the arms of a cell can execute: alternately by tool clearance and by reach.
 
-A sequence is sought with room for the tool alone. What the arms of the cell can do at each of its
-steps is found as it is for planning. Where no robot can do a step, the sequence is sought again, with
-what was learnt: grips that no arm reaches are none, a grip that bricks kept from every arm is none
-beside these, and a brick that no two arms can support is to go in alone. Every sequence that
-fails teaches something that rules it out, or the search ends.
+A sequence is searched with tool clearance alone. The candidates of the cell's arms at each of its steps are
+then found as for planning. Where no robot can do a step, the search is repeated with new constraints: grips
+that no arm reaches are excluded, a grip that bricks blocked for every arm is excluded next to these, and a
+brick that no two arms can support must be inserted alone. Every failed sequence adds a constraint that
+excludes it, or the search ends.
 """
 
 from __future__ import annotations

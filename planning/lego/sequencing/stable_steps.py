@@ -1,8 +1,7 @@
 """Stability at the steps of a given sequence: whether the structure bears them, and what fails first.
 
-A sequence that the planner finds is made so that the structure stands after each step, and bears
-every press on the way (``sequencing``); one that a person wrote is checked here, step by step,
-with the same equilibrium and the same insertion force.
+A sequence that the planner finds is stable after each step, and bears every press (``sequencing``); one
+written by a person is checked here, step by step, with the same equilibrium and the same insertion force.
 """
 
 from __future__ import annotations

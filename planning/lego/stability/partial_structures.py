@@ -1,12 +1,12 @@
 """Stability of the partial structures of one design: which stand, and which presses they bear.
 
-A sequence search asks thousands of times about structures that differ by a brick. Where bricks
-rest by pushing alone no program is needed: a push on top of a brick goes through when its point
-lies in the convex hull of contacts below that go through themselves, down to the plate. Such loads
-add up without any friction (pushing is unlimited), so a structure whose bricks all rest like this
-has score 0, and neither pressing where it goes through nor a further brick that rests like this
-can raise the score of another. The others are judged by one linear program that is changed from
-one structure to the next (``planning.statics.equilibrium``).
+A sequence search queries thousands of structures that differ by a brick. Where bricks rest by compression
+alone no program is needed: a push on top of a brick is carried when its point lies in the convex hull of
+contacts below that carry pushes themselves, down to the plate. Such loads add up without any friction
+(compression is unlimited), so a structure whose bricks all rest like this has score 0, and neither a press
+where pushes are carried nor a further brick that rests like this can raise the score of another. All others
+are checked by one linear program that is updated from one structure to the next
+(``planning.statics.equilibrium``).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Changes that a cell makes to a description (tool, flange, limits, held joints), and their XML form.
 
-The mass that a tool is said to have, in place of what its links add up to. Joints that are held at values:
-they become fixed, and what mimics them too.
+A stated mass of a tool replaces the sum over its links. Joints that are held at values become fixed, with
+all joints that mimic them.
 """
 
 from __future__ import annotations
