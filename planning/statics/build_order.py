@@ -218,7 +218,7 @@ class _Build:
         return list(chain.from_iterable(own))
 
     def keep(self, fall: UnstableState) -> bool:
-        """Hold what falls, or would on release, until a later step joins it; tell whether that helps."""
+        """Hold what falls, or would on release, until a later step joins it; tell whether there is one."""
         k = fall.step
         own = [k] if k not in self._until else []
         let_go = (n for n, last in self._until.items() if last == k)

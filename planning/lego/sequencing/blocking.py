@@ -39,7 +39,7 @@ def blocked_parts(
 
     Args:
         parts: to begin with, those that are tried first come first.
-        perhaps: tells whether a part might be the last one in beside others, given them all. What
+        perhaps: tells whether a part might be inserted last, given all parts with it. What
             is true for some parts must be true for fewer of them.
     """
     order = list(parts)
