@@ -1,4 +1,4 @@
-"""Bounds of quantities: what a scenario may state, and what the reader of a plan accepts.
+"""Bounds of quantities: valid ranges for scenario files and for readers of plans.
 
 Sections of the scenario, the planner and the readers of plans, logs and open plans share these
 values, so a plan of an accepted scenario is never refused as damaged. Quantities of a plan that are
@@ -33,7 +33,7 @@ LATEST_S = 9e9
 """Latest time, and longest duration, of a plan and of an event log [s]: 64 bits of nanoseconds hold it."""
 
 LONGEST_RUN_S = 2e9
-"""Longest run [s]: 63 years, below the times that stand for never."""
+"""Longest run [s]: 63 years, below the times that mean never."""
 
 SLOWEST = 1e-3
 """Least limit of the speed, acceleration and jerk of a joint [rad or m, by s, s^2 and s^3]."""

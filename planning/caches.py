@@ -1,4 +1,4 @@
-"""Caches of answers: in memory while the program runs, or in the user's cache folder."""
+"""Caches of computed answers: in memory while the program runs, or in the user's cache folder."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replace_ato
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 LEAST_SECONDS_TO_CACHE = 0.1
-"""What is found in less time is found anew every time [s]."""
+"""Answers computed in less time are not cached [s]."""
 
 Answer = TypeVar("Answer")
 
 
 def cache_folder(kind: str) -> Path:
-    """Return the folder in which answers to one kind of question are remembered."""
+    """Return the folder of cached answers to one kind of question."""
     named = os.environ.get("XDG_CACHE_HOME")
     return Path(named or Path.home() / ".cache") / "assembly-twin" / kind
 
@@ -38,10 +38,10 @@ def load_or_compute(
     find: Callable[[], Arrays],
     sources: Sequence[str],
 ) -> Arrays:
-    """Return the answer to a question: the one that is remembered, or one that is found now.
+    """Return the cached answer to a question, or compute and store it.
 
     A file that cannot be read, or that has other arrays, is one that is not there; where no file
-    can be written, answers are found anew every time.
+    can be written, answers are computed again every time.
 
     Args:
         kind: of question: the name of a folder.
@@ -68,7 +68,7 @@ def load_or_compute(
 
 @cache
 def _hash_of(source: str) -> bytes:
-    """Return the hash of a file of code, which does not change while it runs."""
+    """Return the hash of a source file, which does not change while it runs."""
     return sha256(Path(source).read_bytes()).digest()
 
 
@@ -81,7 +81,7 @@ def _write(file: Path, answer: Arrays) -> None:
 
 
 class BoundedCache(Generic[Answer]):
-    """Answers by what was asked; all are forgotten when there are too many.
+    """In-memory cache by key, cleared when it is full.
 
     Args:
         most: how many are kept.
@@ -92,7 +92,7 @@ class BoundedCache(Generic[Answer]):
         self._answers: dict[Hashable, Answer] = {}
 
     def get(self, question: Hashable, work_out: Callable[[], Answer]) -> Answer:
-        """Return the answer, worked out unless it is known."""
+        """Return the value of a key, computed if it is not cached."""
         known = self._answers.get(question)
         if known is None:
             if len(self._answers) >= self._most:

@@ -20,7 +20,7 @@ def _rebuild(
 
 
 class TwinError(Exception):
-    """Base of every error that a user can cause and mend.
+    """Base of every error that a user can cause and fix.
 
     Attributes:
         message: one sentence that names the place and the offending value.
@@ -57,7 +57,7 @@ class RobotModelError(TwinError):
 
 
 class FittingError(RobotModelError):
-    """What a cell adds to a robot does not fit it.
+    """A change that a cell makes to a robot does not fit it.
 
     Attributes:
         key: what is at fault: ``tool``, ``flange``, ``limits`` or ``joints``.
@@ -93,7 +93,7 @@ class InfeasibleStepError(TwinError):
 
 
 class UndecidedError(TwinError):
-    """A search ended at its limit with neither an answer nor a proof that there is none.
+    """A search reached its limit with neither an answer nor a proof that there is none.
 
     Attributes:
         visited: number of partial structures that were looked at.
@@ -143,7 +143,7 @@ class RequestError(TwinError):
 
 
 class ArgumentError(RequestError, TypeError):
-    """An argument of a function is not there, or has a wrong type."""
+    """An argument of a function is missing or has a wrong type."""
 
 
 class OutputError(TwinError):
@@ -151,26 +151,26 @@ class OutputError(TwinError):
 
 
 def join_lines(message: str) -> str:
-    """Return a message of several lines in one, where what is told has room for no more."""
+    """Return a message of several lines as one line."""
     lines = (" ".join(line.split()) for line in message.splitlines())
     return "; ".join(filter(None, lines)).replace(":; ", ": ")
 
 
 def escape_control_characters(text: str) -> str:
-    """Return a text with every character that a terminal would obey replaced by a question mark."""
+    """Return a text with every terminal control character replaced by a question mark."""
     if not isinstance(text, str):
         raise TypeError(f"{text!r} is no text")
     return "".join(c if c.isprintable() or c in "\n\t" else "?" for c in text)
 
 
 def format_names(names: Sequence[str], most: int = 6) -> str:
-    """Return names for a message, and how many are left out where there are too many."""
+    """Return a list of names for a message, with the number omitted where there are too many."""
     shown = ", ".join(names[:most])
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
 def format_faults(faults: Sequence[str], most: int = 6, *, what: str = "") -> str:
-    """Return faults for a message, a line each, and how many are left out, and of what."""
+    """Return faults for a message, one per line, with the number omitted."""
     more = len(faults) - most
     return "\n".join(
         [*faults[:most], *([f"and {more} more{what}"] if more > 0 else [])]

@@ -1,4 +1,4 @@
-"""Expectations of a scenario on a run: places of objects, what holds them there, and processes.
+"""Expectations of a scenario on a run: final places of objects, their supports, and processes.
 
 The audit takes nothing of this from the plan that it judges.
 """
@@ -23,15 +23,15 @@ whatever it touches."""
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Place where an object is to stand at the end.
+    """Place where an object must be at the end.
 
     Attributes:
-        words: what it is, for people.
+        words: description for messages.
         pose: of the object's centre in the world.
         kind: of the object.
         object: its name; None if any of its kind will do, turned by half a turn or not, or any of some.
         any_of: names of those any of which will do, if that is not all of the kind.
-        held: whether another robot must hold what it is put on or under meanwhile.
+        held: whether another robot must hold its counterpart meanwhile.
         temporary: whether it only helps there, and is no part of what is built.
         name: of the step that puts it there, where others refer to it.
         after: names of the steps that must be complete before that.
@@ -50,17 +50,17 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class ExpectedProcess:
-    """A process that is to be done once.
+    """A process that must be done once.
 
     Attributes:
-        words: what it is, for people.
+        words: description for messages.
         process: its name, the kind of its task.
         owner: object in whose frame ``pose`` is, None for the world.
         pose: of the place.
         path: poses in the frame of the place that the tool comes to, in order.
         frame: tool frame that does.
-        robots: who may do it, None for anyone.
-        tool: that a robot which changes its tools must have on it, None for any.
+        robots: the robots that may do it, None for any.
+        tool: mounted tool that is required of a robot with several, None for any.
         hold: object that another robot holds meanwhile, None for nothing.
         name: of the step, where others refer to it.
         after: names of the steps that must be complete before it.
@@ -83,14 +83,14 @@ class ExpectedProcess:
 
 @dataclass(frozen=True, eq=False)
 class ExpectedRest:
-    """A part lies somewhere on its way, or while something is done to it without a robot.
+    """Intermediate rest of a part: on its path, or during a process without a robot.
 
     Attributes:
-        words: what it is, for people.
+        words: description for messages.
         part: its name.
         pose: where it lies, in the world.
         process: what is done to it there meanwhile, the kind of the task; None for nothing.
-        machine: who does it, None for nobody.
+        machine: the machine that does it, None for none.
         name: of the step, where others refer to it.
         after: names of the steps that must be complete before it.
         step: its number, from 1.
@@ -108,15 +108,15 @@ class ExpectedRest:
 
 @dataclass(frozen=True, eq=False)
 class ChangedTool:
-    """A tool that a robot takes from its rack and leaves there.
+    """A tool that a robot takes from its rack and returns to it.
 
     Attributes:
         name: of the tool, and of the object that it is.
         robot: whose tool it is.
-        mount: pose of it in the flange frame where the robot has it on it.
+        mount: pose of it in the flange frame when it is mounted.
         rack: pose of it in the world where it lies in its rack.
-        grip: how it holds; None where nobody says.
-        first: whether the robot has it on it at the start.
+        grip: kind of grip; None where not stated.
+        first: whether it is mounted at the start.
     """
 
     name: str
@@ -129,7 +129,7 @@ class ChangedTool:
 
 @dataclass(frozen=True)
 class Expectations:
-    """Expectations of a scenario on the end of a run, and on the way there.
+    """Expectations of a scenario on the end of a run and on its intermediate states.
 
     Attributes:
         places: of all that is put somewhere; any order.
@@ -149,7 +149,7 @@ class Expectations:
         rests: where parts lie on their way and are worked at without a robot, in order for each.
         doors: objects that machines hold, so that they rest on nothing.
         tools: that robots change; their racks hold them.
-        keeps: by part, the name of the step until which is complete its robot keeps hold of it.
+        keeps: by part, the name of the step until which is complete its robot keeps holding it.
         lags: least time that passes from the end of a step to the begin of a later one, by the names of the
             later and the earlier one [s].
         statics: friction and joints by which named objects in their places must always stand;
@@ -174,7 +174,7 @@ class Expectations:
     statics: StandingRules | None = None
 
     def renamed(self, names: Mapping[str, str]) -> Expectations:
-        """Return the same of objects that have come to the places of others, by the names of those."""
+        """Return the expectations with objects renamed where others came to their places."""
         if all(name == own for name, own in names.items()):
             return self
 
@@ -209,7 +209,7 @@ class Expectations:
         )
 
     def order(self) -> Iterator[tuple[str, str]]:
-        """Yield pairs of steps of which the first begins after the end of the second."""
+        """Yield pairs of steps of which the first must begin after the end of the second."""
         named = [(place.name, place.after) for place in self.places]
         named += [(process.name, process.after) for process in self.processes]
         for name, after in named:

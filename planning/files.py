@@ -1,4 +1,4 @@
-"""Files: read of bounded size, whatever names them (``package://`` too); written whole or not at all."""
+"""File access: bounded reads, ``package://`` names, and atomic writes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from planning.errors import OutputError, TwinError
 from planning.json_files import parse_json
 
 _PIECE = 1 << 20
-"""Bytes read at once: what grows while it is read is noticed after so many."""
+"""Block size of reads in bytes: growth of a file is noticed after each block."""
 
 LARGEST = 64 << 20
 """Most bytes that a file of settings or of a robot is believed to have."""
@@ -118,7 +118,7 @@ def read_object(path: Path, what: str) -> dict[str, Any]:
 
 
 def require_own_files(folder: Path, names: Iterable[str]) -> None:
-    """Refuse files of a folder that lie elsewhere, or are neither files nor folders.
+    """Check that a folder contains only files and folders, none of them linked elsewhere.
 
     A folder may come from someone else: through a symbolic link that leads out of it other files
     would be read, written to or moved, and a named pipe would be waited for.
@@ -151,7 +151,7 @@ def require_own_files(folder: Path, names: Iterable[str]) -> None:
 
 
 def read_npz(content: bytes, *, kinds: str, most: int) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of an npz file; what they would take is looked at before it is taken.
+    """Return the arrays of an npz file; their size is checked before memory is allocated.
 
     Args:
         content: of the file.
@@ -189,7 +189,7 @@ def read_npz(content: bytes, *, kinds: str, most: int) -> dict[str, npt.NDArray[
 
 
 def is_file(path: Path) -> bool:
-    """Tell whether there is a file; False for paths that no file system takes."""
+    """Tell whether a file exists; False for paths that no file system accepts."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -198,7 +198,7 @@ def is_file(path: Path) -> bool:
 
 @contextmanager
 def replace_atomically(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside ``path`` to write to; it takes its place at the end.
+    """Provide a temporary path next to ``path`` to write to, and rename it at the end.
 
     When writing fails the temporary file goes and what was at ``path`` stays.
 
@@ -218,7 +218,7 @@ def replace_atomically(path: Path) -> Iterator[Path]:
 
 
 def digest_parts(arrays: Mapping[str, npt.NDArray[Any]]) -> Iterator[bytes]:
-    """Yield what a hash of named arrays is made of: names, types, shapes and contents."""
+    """Yield the bytes to hash for named arrays: names, types, shapes and contents."""
     for name in sorted(arrays):
         yield f"{name} {arrays[name].dtype} {arrays[name].shape}".encode()
         yield np.ascontiguousarray(arrays[name]).tobytes()
@@ -251,7 +251,7 @@ def resolve_file_name(name: str, folder: Path, error: type[TwinError]) -> Path:
 
 
 def ros_folders() -> list[Path]:
-    """Return the folders in which ROS has its packages, where it is set up."""
+    """Return the ROS package folders, where ROS is set up."""
     ros = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(":") if p]
     ament = os.environ.get("AMENT_PREFIX_PATH", "").split(":")
     return ros + [Path(prefix, "share") for prefix in ament if prefix]

@@ -1,4 +1,4 @@
-"""Decorators of compiled functions, and notice of their compilation."""
+"""Decorators of compiled functions, and progress reports of their compilation."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ _UNREADABLE = (
 _numbers = count()
 
 ZERO = cast(int, np.int64(0))
-"""A nought to hand to kernels, or to add to what is no int64: they are compiled anew for every
+"""A nought to hand to kernels, or to add to what is no int64: they are recompiled for every
 literal and for every type that they are given."""
 
 
 @cache
 def files_of_kernels(root: Path, module: str) -> frozenset[Path]:
-    """Return the files whose code may be compiled into the kernels of a module: its own, and others'.
+    """Return the source files that may be compiled into the kernels of a module, its own included.
 
     These are the files that declare kernels, or tell numba how to compile, and that the module imports,
     directly or by others of them. A kernel is compiled into those that call it, from whichever file;
@@ -85,10 +85,11 @@ def stamp_of_kernels(root: Path, module: str) -> str:
 
 
 class _Cache(FunctionCache):
-    """Cache of compiled code on disk; what is out of date or unreadable is compiled anew.
+    """Disk cache of compiled code; stale or unreadable entries are recompiled.
 
     The folder belongs to the installation, or to the user: numba unpickles the files in it. Where it
-    cannot be written to, code is compiled anew by every process. Cached files name types and functions by their modules: some may be gone in another version.
+    cannot be written to, code is recompiled by every process. Cached files name types and functions by
+    their modules: some may be gone in another version.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -116,12 +117,12 @@ class _Cache(FunctionCache):
 
 @cache
 def _warn_of_no_cache(reason: str) -> None:
-    """Log once for each reason that compiled code is not kept."""
+    """Log once per reason that compiled code is not cached."""
     _log.warning("compiled code cannot be kept, the next start is slow: %s", reason)
 
 
 class _NoEngine:
-    """The engine of code that is never executed by itself: there is nothing to tell it."""
+    """Null execution engine for code that is only linked into other code."""
 
     def set_env(self, name: str, environment: object) -> None:
         """Do nothing."""
@@ -138,11 +139,11 @@ class _InnerLibrary(JITCodeLibrary):
         return _NoEngine()
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Return 0: there is no machine code of its own."""
+        """Return 0: it has no machine code of its own."""
         return 0
 
     def serialize_using_object_code(self) -> Any:
-        """Return what is kept of it on disk."""
+        """Return its form in the disk cache."""
         return self.serialize_using_bitcode()  # type: ignore[no-untyped-call]
 
     def _optimize_final_module(self) -> None:
@@ -171,7 +172,7 @@ def kernel(function: Function) -> Function:
 
 
 def inner_kernel(function: Function) -> Function:
-    """Compile a function that only kernels call, into those: that is half as much to compile."""
+    """Compile a function that only kernels call, as part of those, which halves the compilation."""
     return _compiled(
         function,
         no_cpython_wrapper=True,
@@ -193,7 +194,7 @@ def _compiled(function: Function, **options: Any) -> Function:
 
 @inner_kernel
 def copy_row(out: Any, values: Any) -> None:
-    """Write so many values to an array, both of one dimension, as the array takes.
+    """Copy values into a one-dimensional array, converted to its type.
 
     numba compiles an assignment of slices with the words of an error for shapes that differ: seconds.
     """
@@ -203,7 +204,7 @@ def copy_row(out: Any, values: Any) -> None:
 
 @inner_kernel
 def argsort_few(values: Any) -> Any:
-    """Return the places of a few numbers from the least to the greatest, equal ones as they stand.
+    """Return the indices that sort a few numbers, stably.
 
     It is an insertion: sorts of numba, for any number of them, take longer to compile than all else here.
     """
@@ -218,7 +219,7 @@ def argsort_few(values: Any) -> Any:
 
 
 class _NoCollection(event.Listener):
-    """Stops the search for garbage while anything is compiled, which makes a lot and leaves little."""
+    """Disables garbage collection during compilation, which allocates much and frees little."""
 
     def __init__(self) -> None:
         self._under_way = 0
@@ -260,7 +261,7 @@ class _CompilationListener(event.Listener):
 def watch_compilation(
     begin: Callable[[], None], end: Callable[[], None]
 ) -> Iterator[None]:
-    """Call back while kernels are compiled, which those in the cache are not.
+    """Call back while kernels are compiled; cached ones are not.
 
     Args:
         begin: called before each, by the thread that needs it.

@@ -1,4 +1,4 @@
-"""Tables of arrays that are handed to kernels by their address.
+"""Structs of arrays that are passed to kernels by address.
 
 Compiled code takes an array field by field. A hundred of them handed through a dozen functions cost
 minutes of compilation, and views of arrays that Python owns are counted atomically. Here kernels take
@@ -43,7 +43,7 @@ _TYPES: dict[tuple[type, tuple[Any, ...]], PackedType] = {}
 
 
 class PackedType(types.Type):
-    """Type of a named tuple of which compiled code knows the address.
+    """Numba type of a named tuple that is passed by address.
 
     Args:
         name: of the named tuple.
@@ -57,7 +57,7 @@ class PackedType(types.Type):
         super().__init__(name=f"{name}.{crc32(layout.encode()):08x}")
 
     def slot(self, field: str) -> tuple[int, types.Type] | None:
-        """Return where a field begins in the header, and its type."""
+        """Return the header offset of a field, and its type."""
         at = 0
         for name, kind in self.fields:
             if name == field:
@@ -71,12 +71,12 @@ def _slots(kind: types.Type) -> int:
 
 
 def _described_address(array: Any) -> int:
-    """Return where the values of an array begin, as it says itself."""
+    """Return the data address of an array from its own interface."""
     return int(array.__array_interface__["data"][0])
 
 
 def _read_address(array: Any) -> int:
-    """Return where the values of an array begin, from where CPython and numpy keep it: 15 times as fast."""
+    """Return the data address of an array from CPython's memory layout: 15 times as fast."""
     return ctypes.c_void_p.from_address(id(array) + _OBJECT_BYTES).value or 0
 
 
@@ -86,7 +86,7 @@ if _read_address(_TRIED) == _described_address(_TRIED):
 
 
 class SharedKernel:
-    """A kernel that others call by an address which a packed tuple has.
+    """A kernel called through an address that a packed tuple holds.
 
     A kernel is compiled into each that calls it. What many call, and what is long, makes the first run
     of a program long: this one is compiled once for each type of tuple.
@@ -108,7 +108,7 @@ class SharedKernel:
         self._known: dict[PackedType, int] = {}
 
     def address(self, own: PackedType) -> int:
-        """Return where its code for a type of packed tuple is; it is compiled where there is none."""
+        """Return the address of its code for a type of packed tuple, compiled on first use."""
         if own not in self._known:
             signature = own, *self._arguments
             self._kernel.compile(signature)
@@ -118,7 +118,7 @@ class SharedKernel:
         return self._known[own]
 
     def call_of(self, field: str) -> Any:
-        """Return what kernels call in its place: with a packed tuple that has it in a field, and a tuple of all else."""
+        """Return the function by which kernels call it, through a field of a packed tuple."""
 
         @intrinsic
         def call(typing: Any, own: Any, others: Any) -> Any:
@@ -189,7 +189,7 @@ class Packed:
             self._header[slot] = function.address(self._numba_type_)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy and pickle the fields: a header is of no use elsewhere."""
+        """Copy and pickle the fields: a header is valid in its own process only."""
         return Packed, (self.fields,)
 
     def __getattr__(self, name: str) -> Any:
@@ -320,6 +320,6 @@ def _stack_rows(typing: Any, rows: Any, columns: Any) -> Any:
 
 
 stack_rows: Any = _stack_rows
-"""Return an array of so many rows and columns, both literals, for as long as a kernel's call lasts.
+"""Return a temporary array of the given rows and columns, both literals, within a kernel call.
 
 It costs nothing, where one of numpy is allocated and counted. It is of no use to whoever called."""

@@ -12,7 +12,7 @@ Result = TypeVar("Result")
 
 
 def usable_cores() -> int:
-    """Return how many processors this process may use."""
+    """Return the number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -24,7 +24,7 @@ def map_in_parallel(
     """Apply a function to all items in parallel; return results in the order of the items.
 
     Args:
-        function: runs in several threads at once; compiled code releases the interpreter's lock.
+        function: runs in several threads concurrently; compiled code releases the interpreter's lock.
         items: what it is called with.
     """
     work = list(items)

@@ -1,4 +1,4 @@
-"""Parquet files of results, read within bounds."""
+"""Bounded reading of Parquet result files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _LENGTHS = {"xyz": 3, "quat_wxyz": 4}
 
 
 def read_parquet(path: Path) -> pa.Table:
-    """Return the table of a Parquet file; its size is known before any of it is decoded.
+    """Return the table of a Parquet file; its size is checked before it is decoded.
 
     Raises:
         OutputError: it cannot be read, is no Parquet file, has more values than ``MOST_CELLS``, or, by
@@ -73,7 +73,7 @@ def read_parquet(path: Path) -> pa.Table:
 
 
 def _is_whole(column: pa.ChunkedArray, length: int) -> bool:
-    """Tell whether every cell of a column has a value, or so many, and every number is finite."""
+    """Tell whether a column has a value (or list of the right length) in every cell, all numbers finite."""
     import pyarrow as pa
     import pyarrow.compute as pc
 

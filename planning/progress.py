@@ -1,4 +1,4 @@
-"""Reports of how far some work has come, for whoever waits for it."""
+"""Progress reports of long computations."""
 
 from __future__ import annotations
 

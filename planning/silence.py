@@ -1,4 +1,4 @@
-"""Keeping the chatter of compiled libraries off the terminal, and HiGHS without its greeting."""
+"""Silencing of compiled libraries on the terminal, and HiGHS without its banner."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pulp
 
 @contextmanager
 def silence_output() -> Iterator[None]:
-    """Discard what compiled code prints: PyBullet prints a greeting when it is imported.
+    """Discard what compiled code prints: PyBullet prints a banner when it is imported.
 
     Python's own output goes through the same two files; nothing else should happen inside.
     """
@@ -43,7 +43,7 @@ def make_quiet_solver() -> Any:
 
 
 class QuietHighs(pulp.HiGHS):  # type: ignore[misc]  # PuLP does not say its type
-    """HiGHS as PuLP drives it, on one thread and the same every time; it prints nothing.
+    """HiGHS through PuLP, single-threaded, deterministic and silent.
 
     Args:
         options: further ones of ``pulp.HiGHS``.
@@ -53,6 +53,6 @@ class QuietHighs(pulp.HiGHS):  # type: ignore[misc]  # PuLP does not say its typ
         super().__init__(msg=False, threads=1, random_seed=0, **options)
 
     def createAndConfigureSolver(self, lp: pulp.LpProblem) -> None:  # noqa: N802, PuLP's name
-        """Make the solver of a program."""
+        """Create the solver of a program."""
         with silence_output():
             super().createAndConfigureSolver(lp)

@@ -9,7 +9,7 @@ from time import perf_counter, process_time
 
 
 class Stopwatch:
-    """Adds up times by name; a block within another one counts for its own name alone.
+    """Accumulates times by name; a nested block counts for its own name only.
 
     Attributes:
         seconds: wall-clock seconds by name.
@@ -23,7 +23,7 @@ class Stopwatch:
 
     @contextmanager
     def time(self, name: str) -> Iterator[None]:
-        """Add the time that the block takes to a name."""
+        """Add the duration of the block to a name."""
         wall, cpu = perf_counter(), process_time()
         around, self._within = self._within, [0.0, 0.0]
         try:

@@ -26,7 +26,7 @@ _Where = dict[int, tuple[int, int]]
 
 
 def build_nodes(plan: MotionPlan) -> TemporalPlanGraph:
-    """Return the graph of a plan without type-2 edges: safe only one task after another.
+    """Return the graph of a plan without type-2 edges: safe only in sequential execution.
 
     Each waypoint of a transit but the first becomes a pose node, a skill one node. Pose nodes
     that do not move, waits of the input plan, are dropped (APEX-MR IV-C).
@@ -62,7 +62,7 @@ def build_nodes(plan: MotionPlan) -> TemporalPlanGraph:
 def _nodes_of_robot(
     own: list[tuple[Task, TaskMotion]], chain: int
 ) -> tuple[list[NodeChain], list[tuple[float, NodeHandling]]]:
-    """Return the nodes of each task of a robot, and what changes hands in them, and when [s]."""
+    """Return the nodes of each task of a robot, and the handlings in them, with their times [s]."""
     parts: list[NodeChain] = []
     handlings: list[tuple[float, NodeHandling]] = []
     last: Task | None = None
@@ -117,7 +117,7 @@ def _name(task: Task) -> str:
 
 
 def _poses(task: Task, path: Array, time: Array) -> tuple[NodeChain, _Where]:
-    """Return a node for every waypoint that the robot moves to or handles something at."""
+    """Return a node for every waypoint that the robot moves to or handles an object at."""
     handled = {h.waypoint for h in task.handlings}
     keep = np.zeros(len(path), dtype=np.bool_)
     keep[1:] = np.any(path[1:] != path[:-1], axis=1)
@@ -135,7 +135,7 @@ def _poses(task: Task, path: Array, time: Array) -> tuple[NodeChain, _Where]:
 
 
 def _skill(task: Task, path: Array, time: Array) -> tuple[NodeChain, _Where]:
-    """Return a node for each motion of a skill, and for each stretch in which a tool closes or opens.
+    """Return a node for each motion of a skill, and for each interval in which a tool closes or opens.
 
     What changes hands between two of them does so at the end of the first.
     """

@@ -31,8 +31,8 @@ def build_tpg(
     """Return the temporal plan graph of a motion plan, reduced and checked.
 
     Args:
-        plan: sequential or not; its planned times decide who goes first where.
-        progress: called as the conflict search goes on, see ``find_motion_edges``.
+        plan: sequential or not; its planned times decide the precedence of conflicting nodes.
+        progress: called during the conflict search, see ``find_motion_edges``.
 
     Raises:
         PlanInvariantError: the plan is not consistent, or a robot or object that stands is in
@@ -47,13 +47,13 @@ def connect_nodes(
     *,
     progress: Progress = no_progress,
 ) -> TemporalPlanGraph:
-    """Return the graph of nodes that have planned times, reduced and checked.
+    """Return the graph of nodes with planned times, reduced and checked.
 
     Args:
         nodes: a graph whose edges are not looked at.
-        known: edges that hold beside those of dependencies, shape (e, 4), and their causes: what they
+        known: edges in addition to those of dependencies, shape (e, 4), and their causes: what they
             imply is not searched again.
-        progress: called as the conflict search goes on, see ``find_motion_edges``.
+        progress: called during the conflict search, see ``find_motion_edges``.
 
     Raises:
         PlanInvariantError: a robot or object that stands is in the way of a motion planned
@@ -70,7 +70,7 @@ def connect_nodes(
     graph = nodes.with_edges(
         np.concatenate([settled, motion_edges]), np.concatenate(causes)
     )
-    # What precedes what is worked out anew, from the edges that are left.
+    # What precedes what is computed again, from the edges that are left.
     same = ("ranks", "history", "spans", "occupancies")
     check_invariant(graph.derive(graph.tpg, *same), searched=True)
     return graph.tpg
@@ -81,7 +81,7 @@ def find_motion_edges(
     task_edges: Indices,
     progress: Progress = no_progress,
 ) -> Indices:
-    """Return the type-2 edges that motion conflicts ask for, not reduced, shape (e, 4).
+    """Return the type-2 edges that motion conflicts require, not reduced, shape (e, 4).
 
     For each ordered pair of robots and each node v of the one, the last node u of the other that
     is earlier in the total order and conflicts with v must be complete before v starts.

@@ -49,16 +49,16 @@ class Pattern:
 
     @property
     def copies(self) -> int:
-        """Number of copies, of which the last one may be cut short."""
+        """Number of copies, of which the last one may be truncated."""
         return -(-self.products // self.period)
 
     @property
     def reach(self) -> int:
-        """Number of copies over which tasks wait for each other at most, at least 1."""
+        """Largest number of copies between tasks that wait for each other, at least 1."""
         return int(max(1, *self.lags[:, 2])) if len(self.lags) else 1
 
     def object_of(self, name: str, copy: int) -> str:
-        """Return the name that something has in a copy, counted from 0."""
+        """Return the name of an object in a copy, counted from 0."""
         if name not in self.objects:
             return name
         part, product = self.objects[name]
@@ -165,7 +165,7 @@ class _Copies:
             )
 
     def _chain(self, chain: NodeChain) -> NodeChain:
-        """Return a chain again and again, the last time as far as it goes."""
+        """Return a repeated chain, truncated in the last copy."""
         last = self.pattern.copies - 1
         left = self.index[last, chain.task] >= 0
         rest = int(np.count_nonzero(left))
@@ -212,7 +212,7 @@ class _Copies:
             )
 
     def _objects(self, handled: set[str]) -> Iterator[CellObject]:
-        """Yield the objects of all copies: of all but the first one they come up later."""
+        """Yield the objects of all copies: those after the first one arrive later."""
         known: set[str] = set()
         for copy in self._copies():
             for item in self.tpg.cell.objects:

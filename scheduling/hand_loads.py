@@ -1,4 +1,4 @@
-"""Loads in the hands of robots, from moment to moment: tools and parts."""
+"""Payloads of robots over time: tools and parts."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from scheduling.graph.total_order import planned_ranks
 
 @dataclass(frozen=True, eq=False)
 class HandLoad:
-    """Tool and parts that a robot has in its hand.
+    """Tool and parts in the hand of a robot.
 
     Attributes:
         tool: the tool on its flange, of a robot that changes its tools; None for none, and for a
             robot that keeps its own.
-        parts: what it holds besides, each with its pose in the flange frame.
+        parts: held parts, each with its pose in the flange frame.
     """
 
     tool: RackTool | None = None
@@ -29,7 +29,7 @@ class HandLoad:
 
 
 class HandLoads:
-    """Tool and parts in the hand of one robot, from moment to moment.
+    """Tool and parts in the hand of one robot over time.
 
     Args:
         tpg: the graph.
@@ -61,7 +61,7 @@ class HandLoads:
             self._loads.append(HandLoad(worn[0] if worn else None, tuple(parts)))
 
     def after(self, node: int, waypoint: int) -> HandLoad:
-        """Return what the robot has in its hand from a waypoint of a node on, to the next one.
+        """Return the payload of the robot from a waypoint of a node to the next one.
 
         Args:
             node: of its chain.
@@ -71,7 +71,7 @@ class HandLoads:
         return self._loads[k] if k >= 0 else HandLoad()
 
     def runs(self, node: int, waypoints: int) -> list[tuple[int, int, HandLoad]]:
-        """Return the parts of a node in which the load stays the same.
+        """Return the intervals of a node with a constant payload.
 
         Args:
             node: of the chain.
@@ -88,7 +88,7 @@ class HandLoads:
 
 
 def hand_loads(tpg: TemporalPlanGraph) -> tuple[HandLoads, ...]:
-    """Return what the robots have in their hands, one entry a chain; machines hold nothing."""
+    """Return the payloads of the robots, one entry per chain; machines hold nothing."""
     spans: list[list[ObjectSpan]] = [[] for _ in tpg.chains]
     for span in trace_objects(tpg, planned_ranks(tpg.chains)).spans:
         if span.carried:

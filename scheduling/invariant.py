@@ -33,7 +33,7 @@ def check_invariant(graph: DerivedTpg, *, searched: bool = False) -> None:
 
     The exact decision calls close what is within its tolerance of the clearance. That only
     adds an edge where edges are drawn; here it would refuse a good plan, so the tolerance is
-    taken off the clearance.
+    subtracted from the clearance.
 
     Args:
         graph: the graph.
@@ -91,7 +91,7 @@ def _check_holds(graph: DerivedTpg) -> None:
 
 
 def _check_robots_without_nodes(graph: DerivedTpg) -> None:
-    """Check (b) for robots that stand all the time."""
+    """Check (b) for robots without nodes, which always stand."""
     tpg = graph.tpg
     for robot in tpg.cell.robots:
         if robot.name in tpg.chain_index:
@@ -108,7 +108,7 @@ def _check_robots_without_nodes(graph: DerivedTpg) -> None:
 
 
 def _check_objects_in_order(graph: DerivedTpg) -> None:
-    """Check that what happens to an object happens in order, whatever is delayed."""
+    """Check that the handlings of an object are ordered under any delays."""
     for rest in graph.history.rests:
         for u, v in ((rest.after, rest.before), (rest.stood, rest.after)):
             if u is None or v is None:

@@ -1,7 +1,7 @@
 """Times of nodes within the robots' limits of speed, acceleration and jerk.
 
 The nodes of a temporal plan graph are pieces of paths; here they get the times that robots need
-for them when nobody makes them wait. What robots do when somebody does is up to the engines, by
+for them without waits. Waits are up to the engines, by
 the same functions of ``planning.timing.stretch``.
 """
 
@@ -42,7 +42,7 @@ _TURN = 1e-7
 
 
 def assign_node_times(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Return a graph whose nodes take the times that their robots' limits ask for.
+    """Return a graph whose nodes have the durations that their robots' limits require.
 
     Order, paths and edges stay as they are. Chains of robots without limits, and of machines, too.
     """
@@ -56,12 +56,12 @@ def assign_node_times(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 
 
 def is_driven(tpg: TemporalPlanGraph) -> bool:
-    """Tell whether some robot of a graph keeps to limits of acceleration."""
+    """Tell whether some robot of a graph has limits of acceleration."""
     return any(chain.drive is not None for chain in tpg.chains)
 
 
 def with_full_speed_times(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Return a graph in which pose nodes take as long as at the speed that they may be passed at.
+    """Return a graph with the durations of pose nodes at the speed at which they may be passed.
 
     No node may take less than it does at least. That is what durations are drawn of; the engines
     make nodes longer where robots speed up or slow down.
@@ -80,7 +80,7 @@ def with_full_speed_times(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 def skill_motion(
     tpg: TemporalPlanGraph, k: int, node: int, limits: MotionLimits
 ) -> SmoothPath:
-    """Return how a robot moves along the reference path of one of its skill nodes.
+    """Return the motion of a robot along the reference path of one of its skill nodes.
 
     Args:
         tpg: the graph.
@@ -94,13 +94,13 @@ def skill_motion(
 
 
 def node_path(chain: NodeChain, node: int) -> Array:
-    """Return the path of a node with the configuration that it starts from, shape (w, n)."""
+    """Return the path of a node from its start configuration, shape (w, n)."""
     own = chain.waypoints[chain.first[node] : chain.first[node + 1]]
     return np.vstack([chain.stands_at(node), own])
 
 
 def _timed(tpg: TemporalPlanGraph, k: int, pace: Pace) -> NodeChain:
-    """Return a chain with the times that its robot's limits ask for."""
+    """Return a chain with the durations that its robot's limits require."""
     chain = tpg.chains[k]
     acts = chain_actuations(tpg, k)
     begins = np.flatnonzero(np.diff(stretch_numbers(tpg, k), prepend=-1))
@@ -133,7 +133,7 @@ def _timed(tpg: TemporalPlanGraph, k: int, pace: Pace) -> NodeChain:
 def _without_actuation_times(
     chain: NodeChain, acts: Collection[int]
 ) -> Iterator[Indices]:
-    """Yield the nodes of each skill in which tools close or open, and take no time of their own."""
+    """Yield the nodes of each skill that are actuations without a duration of their own."""
     for task in np.unique(chain.task[list(acts)]).tolist():
         nodes = np.flatnonzero(chain.task == task)
         if not chain.duration[nodes[np.isin(nodes, list(acts))]].any():
@@ -175,13 +175,13 @@ def stretch_numbers(tpg: TemporalPlanGraph, k: int) -> Indices:
 
 
 def _directions(ways: Array) -> Array:
-    """Return unit directions of ways, shape (w, n)."""
+    """Return unit directions of displacements, shape (w, n)."""
     lengths = np.linalg.norm(ways, axis=1)
     return np.asarray(ways / np.maximum(lengths, _STILL)[:, None])
 
 
 def nominal_durations(drive: Drive) -> Array:
-    """Return how long nodes take of which none has to wait within its stretch; 0 if in none [s]."""
+    """Return node durations without waits within a stretch; 0 if in none [s]."""
     return _nominal(drive.cruise, drive.cap, drive.ramp, drive.lag, drive.rests)
 
 

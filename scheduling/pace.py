@@ -1,4 +1,4 @@
-"""How fast robots may pass their nodes with what they have in their hands.
+"""Speed limits of robots along their nodes with their current payload.
 
 A stretch is passed as slowly as its fastest point asks for, and with accelerations that joints bear all
 along it; a skill, whose path is followed by one clock, is slowed down as a whole.
@@ -49,7 +49,7 @@ _ROUNDING_S = 1e-9
 
 @dataclass(frozen=True)
 class Slowing:
-    """By how much a motion is slower than the limits of its joints allow, and for what.
+    """Factors by which a motion is slower than its joint limits allow, with their causes.
 
     Attributes:
         factor: how many times as long it takes.
@@ -61,12 +61,12 @@ class Slowing:
 
 
 class Pace:
-    """How fast one robot may pass the nodes of its chain.
+    """Timing of the nodes of one robot's chain.
 
     Args:
         robot: of the cell.
         limits: that it keeps to.
-        loads: what it has in its hand.
+        loads: its payloads.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Pace:
     def stretch(
         self, node: int, start: Array, displacement: Array
     ) -> tuple[Stretch, Slowing]:
-        """Return how a stretch is passed.
+        """Return the timing of a stretch.
 
         Args:
             node: its first.
@@ -105,7 +105,7 @@ class Pace:
         return found, slowing
 
     def full_speed_seconds(self, node: int, start: Array, displacement: Array) -> float:
-        """Return how long a straight line takes at the full speed of a way with rounded corners [s].
+        """Return the time of a straight line at the full speed of a path with rounded corners [s].
 
         At that speed the tool is not too fast anywhere on it, and joints can still bear that the robot
         speeds up and slows down.
@@ -126,7 +126,7 @@ class Pace:
         return seconds
 
     def rounded(self, node: int, path: BlendedPath) -> RoundedStretch | None:
-        """Return how a polyline with rounded corners is passed, None where that cannot be.
+        """Return the timing of a polyline with rounded corners, None where it is infeasible.
 
         Args:
             node: the first of the way.
@@ -137,7 +137,7 @@ class Pace:
     def rounded_slowing(
         self, node: int, path: BlendedPath, found: RoundedStretch
     ) -> Slowing:
-        """Return by how much a polyline with rounded corners takes longer than joints allow.
+        """Return the slowdown of a polyline with rounded corners against joint limits alone.
 
         Args:
             node: the first of the way.
@@ -165,7 +165,7 @@ class Pace:
         return _slower(factor, BY_EFFORT + joint)
 
     def _bounds(self, node: int, path: BlendedPath) -> PathBounds | None:
-        """Return what bounds a way with rounded corners besides limits of joints, None for nothing."""
+        """Return the bounds of a path with rounded corners besides joint limits, None for none."""
         load = self._loads.after(node, 0)
         cap = self._tool_speed(load)
         if not np.isfinite(cap) and not self._weighed:
@@ -183,7 +183,7 @@ class Pace:
         return PathBounds(most, self._dynamics_with(load).along_rounded(path, bent))
 
     def skill(self, node: int, motion: SmoothPath) -> Slowing:
-        """Return by how much a skill is slowed down.
+        """Return the slowdown of a skill.
 
         Args:
             node: of the skill.
@@ -209,7 +209,7 @@ class Pace:
         return slowing
 
     def _dynamics_with(self, load: HandLoad) -> ArmDynamics:
-        """Return the dynamics of the robot with what it has in its hand."""
+        """Return the dynamics of the robot with its payload."""
         if load not in self._dynamics:
             model = self._robot.model if load.tool is None else load.tool.model
             held = [
@@ -226,7 +226,7 @@ class Pace:
         return min(self.limits.tool_speed, self.limits.loaded_tool_speed)
 
     def _tool_seconds(self, load: HandLoad, start: Array, displacement: Array) -> float:
-        """Return how long a straight line takes for the tool not to be too fast, 0 for no limit [s]."""
+        """Return the least time of a straight line by the tool speed limit, 0 for no limit [s]."""
         cap = self._tool_speed(load)
         if not np.isfinite(cap):
             return 0.0
@@ -235,7 +235,7 @@ class Pace:
         )
 
     def _tip(self, load: HandLoad) -> Array:
-        """Return the point of the tool in the last joint's frame; without a tool, of the flange."""
+        """Return the tool point in the last joint's frame; without a tool, that of the flange."""
         model = self._robot.model if load.tool is None else load.tool.model
         frame = model.frames.get("tool")
         pose = model.flange if frame is None else model.flange @ frame
@@ -247,7 +247,7 @@ def _slower(factor: float, cause: int) -> Slowing:
 
 
 def _borne(slowing: Slowing, borne: TorqueScaling, factor: float) -> Slowing:
-    """Return what limits of effort make of a motion that is slowed down already.
+    """Return a slowed motion within effort limits.
 
     Args:
         slowing: by how much, and for what.
@@ -262,7 +262,7 @@ def _borne(slowing: Slowing, borne: TorqueScaling, factor: float) -> Slowing:
 
 
 def paces(tpg: TemporalPlanGraph) -> Iterator[Pace | None]:
-    """Yield the pace of each chain's robot; None where it keeps to no limits, and for machines."""
+    """Yield the pace of each chain's robot; None for robots without limits, and for machines."""
     robots = [tpg.cell.robot(chain.robot) for chain in tpg.chains]
     # Where nothing but limits of joints bounds motions it does not matter what is in hands.
     bounded = any(_is_bounded(robot) for robot in tpg.cell.robots)
@@ -272,7 +272,7 @@ def paces(tpg: TemporalPlanGraph) -> Iterator[Pace | None]:
 
 
 def _is_bounded(robot: PlacedRobot) -> bool:
-    """Tell whether anything but limits of joints bounds the motions of a robot."""
+    """Tell whether the motions of a robot have bounds besides joint limits."""
     limits = robot.limits
     if limits is None:
         return False

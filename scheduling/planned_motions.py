@@ -1,4 +1,4 @@
-"""An assembly with its planned motions: what every coordination starts from."""
+"""An assembly with its planned motions: the input of every coordination method."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from scheduling.copies import Pattern
 
 @dataclass(frozen=True)
 class PlannedMotions:
-    """An assembly with its motions: what every coordination starts from.
+    """An assembly with its planned motions: the input of every coordination method.
 
     Attributes:
         cell: the workcell.
         assembly: what is built, such as a ``LegoAssembly``; the plan of a construction.
-        task_plan: who does what; empty where that is decided along with the motions.
+        task_plan: the assignment; empty where that is decided along with the motions.
         motion_plan: how everyone moves.
         settings: how tasks were turned into motions.
         work: what task and motion plan were made from, where others can be made from it.
-        pattern: how the plan goes on for further products, None where it is that of all.
+        pattern: continuation of the plan for further products, None where it covers all.
         ahead: the work of more steps, None where all are planned.
     """
 

@@ -1,18 +1,17 @@
-"""The graph of many products, from the graph of a pattern: edges and proof of few copies.
+"""The graph of many products, repeated from a pattern: edges and proof of a few copies.
 
-Whether two nodes conflict depends on their paths and on what is carried, and these are the same in
-every copy; who may touch whom is allowed within one copy alone. So a node that conflicts with
-one of an earlier copy conflicts with the same one of every earlier copy, and the last of them is
-in the copy just before: an edge reaches back no further than one copy, and a wait that the plan
-asks for no further than it says. Edges into a copy are therefore those into the one before it,
-shifted, as soon as all that they reach back to is there. This is not taken for granted: the graph
-of some copies is built and proved as any other, and its edges must repeat.
+Whether two nodes conflict depends on their paths and loads, which are the same in every copy; contacts are
+allowed within one copy alone. So a node that conflicts with one of an earlier copy conflicts with the same
+one of every earlier copy, and the last of them is in the copy just before: an edge reaches back no further
+than one copy, and a planned wait no further than it states. Edges into a copy are therefore those into the
+one before it, shifted, as soon as all their sources exist. This is verified: the graph of some copies is
+built and proved as any other, and its edges must repeat.
 
-The invariant then holds for any number of copies. Take a node v of copy m and a robot or an object
-that stands for a while in copy n, with which v conflicts. With n = m it was proved in the graph of
-few copies, and so it was with n = m - 1 and n = m + 1: v is ordered after the end of that stand in
-the copy before, and ahead of its beginning in the copy after. Nodes of one robot are in order,
-copy after copy; hence v comes after that stand in all earlier copies and ahead of it in all later.
+The invariant then holds for any number of copies. Take a node v of copy m and a robot or an object that
+stands for a while in copy n, with which v conflicts. With n = m it was proved in the graph of few copies,
+and so it was with n = m - 1 and n = m + 1: v is ordered after the end of that stand in the copy before, and
+ahead of its beginning in the copy after. Nodes of one robot are in order, copy after copy; hence v comes
+after that stand in all earlier copies and ahead of it in all later.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ def repeat_graph(
     tpg: TemporalPlanGraph,
     pattern: Pattern,
 ) -> TemporalPlanGraph:
-    """Return the graph of all products of a pattern, reduced and proved.
+    """Return the graph of all products of a pattern, reduced and proved safe.
 
     Args:
         tpg: of the pattern.
@@ -66,7 +65,7 @@ def repeat_graph(
 
 
 class _Edges:
-    """Type-2 edges of some copies, by the copy that they lead into.
+    """Type-2 edges of some copies, by the copy of their target.
 
     Args:
         edges: shape (e, 4).
@@ -89,7 +88,7 @@ class _Edges:
         return edges, self.cause[own]
 
     def repeat(self, copy: int) -> bool:
-        """Tell whether edges into a copy are those into the one before it, shifted by one."""
+        """Tell whether the edges into a copy equal those into the one before it, shifted by one."""
         before, why = self.into(copy - 1, 1)
         edges, cause = self.into(copy)
         return np.array_equal(before, edges) and np.array_equal(why, cause)
@@ -98,7 +97,7 @@ class _Edges:
 def _whole(
     tpg: TemporalPlanGraph, pattern: Pattern, few: _Edges, copies: int
 ) -> TemporalPlanGraph:
-    """Return the graph of all copies, whose edges are those of few, shifted."""
+    """Return the graph of all copies, with shifted edges of a few."""
     parts = [few.into(copy) for copy in range(copies - 1)]
     steady = copies - 2
     parts += [few.into(steady, by) for by in range(1, pattern.copies - copies + 1)]
@@ -112,7 +111,7 @@ def _whole(
 
 
 def _require_waits(tpg: TemporalPlanGraph) -> None:
-    """Require that edges follow the planned order and keep all dependencies of tasks."""
+    """Check that edges follow the planned order and keep all task dependencies."""
     order, _ = transitive_reduction(planned_ranks(tpg.chains), tpg.edges)
     nodes = {own.task: own for chain in task_nodes(tpg.chains) for own in chain}
     for a, b in tpg.dependencies.tolist():

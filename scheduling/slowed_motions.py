@@ -1,4 +1,4 @@
-"""Motions that limits of tool speed and of effort slow down, counted by robot."""
+"""Motions slowed down by limits of tool speed and of joint effort, counted by robot."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from scheduling.graph.temporal_plan_graph import (
 
 
 def slowed_motions(tpg: TemporalPlanGraph) -> dict[str, dict[str, Any]]:
-    """Return by robot how many of its stretches and skills are slowed, and by what.
+    """Return by robot the number of its slowed stretches and skills, with the causes.
 
     Robots of which nothing is slowed are left out.
     """
@@ -41,7 +41,7 @@ def slowed_motions(tpg: TemporalPlanGraph) -> dict[str, dict[str, Any]]:
 
 
 def first_nodes_of_motions(chain: NodeChain) -> Indices:
-    """Return the first node of each stretch, and each skill that moves; none without limits."""
+    """Return the first node of each stretch and of each moving skill; none without limits."""
     drive = chain.drive
     if drive is None:
         return np.empty(0, dtype=np.int64)
@@ -68,7 +68,7 @@ def _slowed_by(
 
 
 def describe_overloaded_joints(tpg: TemporalPlanGraph) -> tuple[str, ...]:
-    """Return in words which joints do not bear what they have to hold, however slow they are."""
+    """Return in words the joints that cannot hold their load at any speed."""
     found = []
     for chain in tpg.chains:
         drive, drives = chain.drive, tpg.cell.robot(chain.robot).model.drives

@@ -1,4 +1,4 @@
-"""Times of the nodes of one stretch within limits, and the path of its robot."""
+"""Timing of the nodes of one stretch within limits, and the path of its robot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scheduling.pace import Pace, Slowing
 
 
 class Bend(NamedTuple):
-    """Corners of a chain that are rounded by one curve, see ``RoundedCorners``.
+    """Corners of a chain that share one curve, see ``RoundedCorners``.
 
     Attributes:
         begin, stop: its nodes, ``range(begin, stop)``.
@@ -32,7 +32,7 @@ class Bend(NamedTuple):
     corner: Array
 
     def velocity(self, start: Array, end: Array) -> Array:
-        """Return the speeds on its legs, shape (k + 1, n).
+        """Return the joint velocities on its legs, shape (k + 1, n).
 
         Args:
             start: where its first node begins, shape (n,).
@@ -44,7 +44,7 @@ class Bend(NamedTuple):
 
 
 def stretch_drive(pace: Pace, chain: NodeChain, begin: int, stop: int) -> Drive:
-    """Return how fast the nodes of a stretch can be passed; its ``ramp`` is 0 if it does not move.
+    """Return the timing limits of the nodes of a stretch; its ``ramp`` is 0 if it does not move.
 
     Args:
         pace: of the robot.
@@ -83,7 +83,7 @@ def stretch_drive(pace: Pace, chain: NodeChain, begin: int, stop: int) -> Drive:
 def straight_drive(
     cruise: Array, slowing: Slowing, ramp: float = 0.0, lag: float = 0.0
 ) -> Drive:
-    """Return how nodes are passed that are one motion from rest to rest, without corners."""
+    """Return the timing limits of nodes of one motion from rest to rest, without corners."""
     count = len(cruise)
     rests = np.arange(1, count + 1) == count
     return Drive(
@@ -98,7 +98,7 @@ def straight_drive(
 
 
 def blended_path(chain: NodeChain, begin: int, stop: int, cruise: Array) -> BlendedPath:
-    """Return the way along the nodes of a stretch.
+    """Return the blended path along the nodes of a stretch.
 
     Args:
         chain: its robot's nodes.
@@ -146,7 +146,7 @@ def chain_bends(
 
 
 def node_ends(chain: NodeChain, begin: int, stop: int) -> Array:
-    """Return where nodes ``range(begin, stop)`` begin, and the last one ends."""
+    """Return the start configurations of nodes ``range(begin, stop)``, and the end of the last one."""
     ends = chain.waypoints[chain.first[begin + 1 : stop + 1] - 1]
     return np.vstack([chain.stands_at(begin)[None], ends])
 

@@ -1,4 +1,4 @@
-"""Capsules that bound a convex hull, several where one would be loose.
+"""Bounding capsules of a convex hull, several where one would be loose.
 
 The hull is cut by a grid of planes into convex cells. Each cell's corners, those on the
 cuts included, lie in one capsule; a capsule is convex, so it holds the whole cell, and the
@@ -24,7 +24,7 @@ _ROUNDING = 1e-9
 """Added to every radius [m]: more than all rounding in the cuts at metre scale."""
 
 _MOST_BOX_TILES = 40
-"""Capsules of a box, beside each other along its middle axis."""
+"""Capsules of a box, side by side along its middle axis."""
 
 _MANY = 10_000
 """Segments between corners on both sides of a cut, of which more are not looked at one by one."""
@@ -42,7 +42,7 @@ def capsule_cover(
 ) -> Capsules:
     """Bound a convex hull by capsules.
 
-    Of all grids with up to ``most`` cells the one is taken that stands out least for its size:
+    Of all grids with up to ``most`` cells the one is chosen that exceeds it least for its size:
     ``n`` capsules must pay by a cover ``n ** thrift`` times as tight, down to ``tolerance``.
 
     Args:
@@ -61,7 +61,7 @@ def capsule_cover(
 def capsule_covers(
     hulls: Sequence[Array], *, thrift: float = 0.5
 ) -> tuple[Capsules, ...]:
-    """Bound convex hulls by capsules, each as capsule_cover does; remembered from run to run.
+    """Bound convex hulls by capsules, each as capsule_cover does; cached on disk.
 
     Args:
         hulls: corners of each, shape (v, 3) [m].
@@ -261,7 +261,7 @@ def _edges_across(points: Array, height: Array) -> tuple[Array, Array]:
 
 
 def _capsule(points: Array, normals: Array, support: Array) -> _Segment:
-    """Return the capsule along the longest axis that holds ``points`` and stands out least."""
+    """Return the capsule along the longest axis that contains ``points`` and exceeds them least."""
     long = int(np.argmax(np.ptp(points, axis=0)))
     others = [i for i in range(3) if i != long]
     centre = _circle_centre(points[:, others])

@@ -1,4 +1,4 @@
-"""Differences between two cells, by name: a plan fits the cell that it was made for only."""
+"""Differences between two cells, by name: a plan fits only the cell that it was made for."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SAME = 1e-9  # poses and sizes that differ by less are equal but for rounding [
 
 
 def cell_differences(planned: Workcell, given: Workcell) -> list[str]:
-    """Return what is different in a cell than in the one that a plan was made for.
+    """Return the names of what differs between a cell and the one that a plan was made for.
 
     Objects that come up later, the next bricks of feeding stations, are the plan's own. Where a plan
     that begins in the middle has objects, and robots that are out, is for it to say.

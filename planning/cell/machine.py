@@ -1,8 +1,8 @@
-"""Models of what never moves: carriers without travel, and machines.
+"""Models of immovable things: carriers without travel, and machines.
 
-A machine is something whose tasks take time and wait for others, as those of a robot do. It has
-no body: what it brings, works at or takes are objects at rest, and the user's fixtures stand for
-its frame. So is its door, for as long as it works.
+A machine is a pseudo-robot whose tasks take time and wait for others, as those of a robot do. It has no
+body: the things that it brings, processes or removes are objects at rest, and the user's fixtures represent
+its frame. Its door is an object, too, for as long as it works.
 """
 
 from __future__ import annotations
@@ -52,5 +52,5 @@ MODEL = immovable_model("machine")
 
 
 def machine_robot(name: str) -> PlacedRobot:
-    """Return the machine of a name."""
+    """Return the machine with a given name."""
     return PlacedRobot(name, MODEL, read_only_copy(np.eye(4)), MODEL.home)

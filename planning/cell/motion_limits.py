@@ -10,10 +10,10 @@ from planning.cell.robot_model import RobotModel
 from planning.transforms import Array
 
 TURNING_ACCELERATION, SLIDING_ACCELERATION = 5.0, 2.0
-"""Taken where neither the description nor the scenario says one [rad/s^2, m/s^2]."""
+"""Default where neither description nor scenario states one [rad/s^2, m/s^2]."""
 
 BUILD_UP_S = 0.05
-"""Time in which an acceleration builds up, where nobody says a limit of jerk [s]."""
+"""Rise time of an acceleration where no jerk limit is stated [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class MotionLimits:
 
 
 def limits_of(model: RobotModel) -> MotionLimits:
-    """Return the limits of a robot type, with what is usual where its description says nothing."""
+    """Return the motion limits of a robot type, with defaults where its description has none."""
     usual = np.where(
         model.chain.prismatic, SLIDING_ACCELERATION, TURNING_ACCELERATION
     ).astype(np.float64)

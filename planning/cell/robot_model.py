@@ -47,13 +47,13 @@ class LinkPart:
 
 @dataclass(frozen=True)
 class ToolGrip:
-    """Way in which a tool holds things: between fingers, or by suction.
+    """How a tool grips: between fingers, or by suction.
 
     Attributes:
         opening: least and largest distance of the fingers, along the y axis of the tool frame;
             None for suction [m].
         tool: name of the tool, for messages.
-        force: with which either finger presses on what it holds; None where nobody says [N].
+        force: closing force of either finger; None where not stated [N].
     """
 
     opening: tuple[float, float] | None = None
@@ -75,7 +75,7 @@ class DriveLimits:
         jerk: of each joint, shape (n,) [rad/s^3 or m/s^3].
         effort: of each joint, shape (n,) [N m or N].
         payload: the most that the robot may carry, its tool included [kg].
-        tool_mass: of its tool, as far as the description tells it [kg].
+        tool_mass: mass of its tool, as far as the description states it [kg].
     """
 
     acceleration: Array
@@ -86,7 +86,7 @@ class DriveLimits:
 
     @property
     def spare(self) -> float:
-        """What the robot may carry beside its tool [kg]."""
+        """Remaining payload in addition to the tool [kg]."""
         return max(0.0, self.payload - self.tool_mass)
 
 
@@ -125,8 +125,8 @@ class RobotModel:
         home: a collision-free configuration, shape (n,).
         flange_link: the link of the description whose frame the flange is.
         grip: how its tool holds; None where the description does not tell.
-        drives: what its drives can do; None where nothing is known.
-        inertias: of its links and its tool, as its description has them; None where nothing is known.
+        drives: limits of its drives; None where unknown.
+        inertias: of its links and its tool, from its description; None where unknown.
     """
 
     name: str

@@ -1,6 +1,6 @@
-"""Shapes of parts and fixtures: forms in their places, and the convex pieces that stand for them.
+"""Shapes of parts and fixtures: placed forms, and the convex pieces that approximate them.
 
-Polyhedra stand for round forms. Every face touches the form, so they stand out of it at their
+Polyhedra approximate round forms. Every face touches the form, so they stand out of it at their
 edges only. They have as many sides as it takes to stand out by no more than a tenth of a
 millimetre, between 16 and 48: the round side of a bar of 5 mm radius is exceeded by 0.10 mm, of
 one of 15 mm by 0.09 mm, and of any beyond 47 mm by 0.21 percent of the radius. The half spheres
@@ -34,7 +34,7 @@ _UPRIGHT: Transform = read_only_copy(np.eye(4))
 
 
 Placed = tuple[str, ConvexBody, Transform]
-"""A convex piece of something at rest: the name of what it belongs to, and its pose."""
+"""A convex piece of a resting object: the object's name, the piece, and its pose."""
 
 _SHAPES: BoundedCache[Shape] = BoundedCache(2000)
 
@@ -93,7 +93,7 @@ class Capsule:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles, and the convex pieces that stand for them wherever distances count.
+    """Triangles, and the convex pieces used in their place for distances.
 
     Attributes:
         vertices: of the triangles, shape (v, 3) [m].
@@ -163,10 +163,10 @@ def _of_capsule(form: Capsule) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """A form in its place in a shape.
+    """A form at its pose in a shape.
 
     Attributes:
-        form: what it is, exactly; for pictures, and for those who measure on their own.
+        form: its exact form, for pictures and independent measurements.
         pose: of the form in the frame of the shape.
     """
 
@@ -234,7 +234,7 @@ class Shape:
         return read_only_copy(weights @ centres / weights.sum())
 
     def placed(self, name: str, pose: Transform) -> list[Placed]:
-        """Return the pieces of what has this shape, each with its name, at a pose."""
+        """Return the convex pieces of an object with this shape at a pose, each with its name."""
         return [(name, piece, pose) for piece in self.pieces]
 
     def bounds(self, pose: Transform) -> tuple[Array, Array]:
@@ -267,7 +267,7 @@ def _box_shape(name: str, size: tuple[float, float, float]) -> Shape:
 
 
 def shape_of(name: str, elements: Sequence[Element]) -> Shape:
-    """Return the shape that is made of some forms in their places.
+    """Return the shape made of several placed forms.
 
     What was asked before is the same shape: what is known of it, such as its grips, is known of all cells
     that have it.

@@ -1,4 +1,4 @@
-"""Straight lines through a shape: where they run inside of it, and the surface normals there."""
+"""Straight lines through a shape: the intervals inside it, and the surface normals there."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _JOINED = 1e-5
 
 @dataclass(frozen=True)
 class InnerStretch:
-    """A stretch of a line that runs inside of a shape.
+    """Interval of a line inside a shape.
 
     Attributes:
         begin, end: where, along the line [m].
@@ -52,7 +52,7 @@ class SolidLines:
         return every[:, :3], every[:, 3], first
 
     def spans(self, starts: Array, direction: Array) -> tuple[Array, Array]:
-        """Return where lines run inside of each piece, shapes (lines, pieces) [m].
+        """Return the intervals of lines inside each piece, shapes (lines, pieces) [m].
 
         Args:
             starts: a point of each line, from which is measured, shape (lines, 3).
@@ -65,7 +65,7 @@ class SolidLines:
         return enter, leave
 
     def stretches(self, start: Array, direction: Array) -> list[InnerStretch]:
-        """Return the stretches of one line inside of the shape, in order."""
+        """Return the intervals of one line inside the shape, in order."""
         low, high, enters, leaves = self._cut(start[None], direction)
         normals, offsets, first = self._planes
         enter, leave = enters[0], leaves[0]
@@ -83,7 +83,7 @@ class SolidLines:
         return found
 
     def tops(self, starts: Array, direction: Array) -> Array:
-        """Return where lines first meet the shape, infinite where they do not, shape (lines,)."""
+        """Return where lines first hit the shape, infinite where they miss it, shape (lines,)."""
         enter, leave = self.spans(starts, direction)
         return np.asarray(np.where(leave > enter, enter, np.inf).min(axis=1))
 

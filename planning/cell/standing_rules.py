@@ -1,4 +1,4 @@
-"""Rules by which bodies at rest must stand: friction, tilt, and what is joined."""
+"""Rules for the static stability of bodies at rest: friction, tilt, and joints between them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Joint:
-    """Two bodies joined where they touch, such as by a weld or a screw, or across a gap.
+    """Two bodies joined at their contact, such as by a weld or a screw, or across a gap.
 
     Attributes:
         first, second: names of the bodies, either of which may be of the ground.
@@ -32,7 +32,7 @@ class Joint:
 
     @property
     def endless(self) -> bool:
-        """True if it bears whatever comes."""
+        """True if it bears any load."""
         return math.isinf(self.force) and math.isinf(self.torque)
 
 

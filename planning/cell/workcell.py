@@ -16,7 +16,7 @@ CONTACT_DEPTH = 0.003
 
 @dataclass(frozen=True)
 class PoseError:
-    """How far a frame may be from where it is taken to be.
+    """Bound on the deviation of a frame from its nominal pose.
 
     Its origin is anywhere within ``m``, and it is turned about any axis by up to ``rad``. So a point
     at distance d from the origin is within m + d * rad: by less only as an arc is longer than its
@@ -31,16 +31,16 @@ class PoseError:
     rad: float = 0.0
 
     def __bool__(self) -> bool:
-        """Tell whether there is any."""
+        """Tell whether the error is not zero."""
         return self.m > 0.0 or self.rad > 0.0
 
     def displacement(self, distance: float) -> float:
-        """Return how far it takes a point at a distance from the origin, at most [m]."""
+        """Return the largest displacement of a point at a distance from the origin [m]."""
         return self.m + self.rad * distance
 
 
 NO_ERROR = PoseError()
-"""Of a frame that is where it is taken to be."""
+"""Error of a frame that is exactly at its nominal pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class PlacedRobot:
         tool: name of its tool, None where none is named; of a robot that changes its tools, the
             one that it carries at the start.
         tools: those that it changes; none for a robot that keeps its own.
-        limits: what it keeps to wherever it moves; None where it is at full speed at once.
+        limits: its motion limits; None where it reaches full speed immediately.
         base_error: how far its base may be from ``base``: what calibration leaves.
     """
 
@@ -75,7 +75,7 @@ class Fixture:
 
     Attributes:
         name: unique among fixtures and objects.
-        shape: what it is.
+        shape: its shape.
         pose: of the frame of its shape in the world; of a box, that is its centre.
         frames: places on it where processes are done, by name, each in the frame of its shape.
         colour: (r, g, b), 0 to 255, for pictures; None for a grey.
@@ -95,12 +95,12 @@ class Fixture:
 
 @dataclass(frozen=True, eq=False)
 class CellObject:
-    """Something that can be handled, or that is part of the scenery until the end.
+    """An object that can be handled, or that stays as scenery.
 
     Attributes:
         name: unique among fixtures and objects.
         kind: its type, such as ``"2x4"``; objects of one kind are interchangeable.
-        shape: what it is.
+        shape: its shape.
         start: pose of the frame of its shape in the world where it first is; of a box, that is
             its centre.
         mass: [kg].
@@ -133,9 +133,9 @@ class RackTool:
         item: the tool as an object of the cell, in the frame of its root link.
         mount: pose of it in the flange frame of the robot that carries it.
         rack: pose of it in the world where it lies in its rack.
-        approach: straight way of the robot into the rack and out of it [m].
+        approach: straight path of the robot into the rack and out of it [m].
         seconds: that it takes to lock it on a flange, or to let go of it [s].
-        model: the robot with this tool on it as a part of its body.
+        model: the robot with this tool mounted as a part of its body.
     """
 
     item: CellObject
@@ -157,7 +157,7 @@ class Clearances:
 
     Attributes:
         robot_robot: between two robots, with their tools and all that they carry [m].
-        robot_object: between a robot, or what it carries, and anything else [m].
+        robot_object: between a robot, or its load, and anything else [m].
         contact_tolerance: how deep a tool may graze a brick at rest within a LEGO skill. The
             default is the gap by which a brick is shorter than its studs times the pitch, 0.1 mm
             on each side: the play that bricks leave each other on their studs [m].
@@ -173,13 +173,13 @@ class Clearances:
 
 @dataclass(frozen=True)
 class Begun:
-    """What was done before plans of a cell begin that begin neither at HOME nor with all at its start.
+    """Progress made before a plan that begins neither at HOME nor with all objects at their start.
 
     Attributes:
         after: what was executed, for people.
         done: tasks that were done of each kind of process or skill, as often as they were.
         out: robots that are out: their HOME is where they stand.
-        steps: numbers of the steps of which all is done but ways to go.
+        steps: numbers of the steps of which all is done but transits.
     """
 
     after: str
@@ -190,10 +190,10 @@ class Begun:
 
 @dataclass(frozen=True)
 class Workcell:
-    """Static description of a cell: all that does not change while it works.
+    """Static description of a cell: everything that does not change during operation.
 
     Attributes:
-        robots: who does the work.
+        robots: the robots that do the work.
         fixtures: what never moves.
         objects: what is handled, and what lies there until the end.
         clearances: least distances that are kept.
@@ -221,7 +221,7 @@ class Workcell:
         raise KeyError(f"no robot {name!r}; robots: {[r.name for r in self.robots]}")
 
     def is_machine(self, name: str) -> bool:
-        """Tell whether it is a machine that has a name, and no robot."""
+        """Tell whether a name is that of a machine, not of a robot."""
         return any(item.name == name for item in self.machines)
 
     def object(self, name: str) -> CellObject:

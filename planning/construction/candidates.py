@@ -1,8 +1,8 @@
 """Candidates for the next placement: parts by eq. (6), robots by eq. (7) (Hartmann et al. IV-D).
 
-A part is picked and placed once, and every robot of a group has it in hand once (IV-D3, V-A3): so
-the robots in the order in which they have it say all of a skeleton, the sequence of actions. The
-first one picks, each hands over to the next, the last one places and retracts.
+Every robot of a group holds the part exactly once (IV-D3, V-A3), so the order of the robots determines the
+skeleton, the sequence of actions: the first one picks, each hands over to the next, the last one places and
+retracts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Skeleton = tuple[str, ...]
 """Robots in the order in which they have a part in hand."""
 
 ROOM = 1.0
-"""Robots that place parts nearer to each other than this are in each other's way [m]."""
+"""Robots that place parts nearer to each other than this block each other [m]."""
 
 _PACE = 0.8
 """Rough speed of fetching and bringing a part [m/s]."""
@@ -31,7 +31,7 @@ _ALIKE = 1.0
 """Parts that can be in place within this time of each other are equally good [s]."""
 
 _FIRST = 3.0
-"""So much later a part may come for every part that must follow it, one on the other [s]."""
+"""Bonus of a part for every part stacked on it, as a delay [s]."""
 
 
 def robot_groups(
@@ -60,7 +60,7 @@ def skeletons(
     More than two robots have a part in hand only where its place cannot be reached with fewer.
 
     Args:
-        bounds: who reaches what.
+        bounds: reachability of the parts.
         building: the state before.
         part: what is placed.
         most: robots that work on it together, one after another; as many as it takes, and at least
@@ -78,7 +78,7 @@ def skeletons(
 def earliest_placement_time(
     problem: ConstructionProblem, part: str, placed: Mapping[str, float]
 ) -> float:
-    """Return the time before which a part must not be placed [s].
+    """Return the earliest time at which a part may be placed [s].
 
     Args:
         problem: with the part graph.
@@ -97,14 +97,13 @@ def rank_parts(
     free: float = np.inf,
     tool: Array | None = None,
 ) -> list[str]:
-    """Return the parts that may be placed next, the best first.
+    """Return the parts that may be placed next, best first.
 
-    Those with most placed neighbours come first (eq. 6), of these the ones that can be in place
-    soonest: what rests on a part that is placed late has to wait, and what lies far away takes
-    its time to be fetched. Ties are drawn. Where others are still at work when the next robot
-    becomes free, the soonest come before those with most neighbours, a part with a high pile to
-    come on it before one with a low pile; and before all that parts beside which nobody works:
-    robots that build side by side wait for each other. One robot alone keeps to eq. (6).
+    Parts with most placed neighbours come first (eq. 6), of these the ones that can be in place earliest:
+    supports placed late delay the parts on them, and distant parts take longer to fetch. Ties are broken at
+    random. Where other robots are still at work when the next one becomes free, the earliest come before
+    those with most neighbours, a part under a high stack before one under a low stack; and first of all
+    parts away from working robots, since neighbours wait for each other. A single robot keeps to eq. (6).
 
     Args:
         problem: with the part graph.
@@ -159,7 +158,7 @@ def rank_next(
     closed: Mapping[str, Collection[frozenset[str]]],
     rng: np.random.Generator,
 ) -> list[str]:
-    """Return the parts that may be placed next, see ``rank_parts``, by the robot that is free first."""
+    """Return the parts that the earliest free robot may place next, see ``rank_parts``."""
     world = building.world
     robot = min(problem.team, key=world.free_from)
     free = world.free_from(robot)

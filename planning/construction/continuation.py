@@ -1,4 +1,4 @@
-"""Constructions that go on from the middle: the parts that are left, one after another, from where everything is.
+"""Resuming a construction from an intermediate state: the remaining parts, one after another.
 
 Robots stand anywhere at rest, some parts stand in their places, and robots may have others in their hands, by
 which they put them in place first.
@@ -45,7 +45,7 @@ _SAME = 1e-6
 """Configurations and poses that differ by less are the same."""
 
 _EFFORTS = 2
-"""How often it is tried to keep hold of a part that would fall, each time harder."""
+"""Number of tries to hold a part that would fall, with rising effort."""
 
 _TEAMS = 8
 """Teams that are tried for a part, before another one is."""
@@ -53,13 +53,13 @@ _TEAMS = 8
 
 @dataclass(frozen=True)
 class ConstructionResumePoint:
-    """Where a construction goes on.
+    """State from which a construction is resumed.
 
     Attributes:
         configurations: of all robots, by name.
         placed: parts that are in their places, in their order.
         held: parts in hands.
-        kept: parts that would fall and are kept hold of in their places, by whom, and what has come by which
+        kept: parts that would fall and are held in their places, by whom, and what has come by which
             they stand; nothing as long as nothing has, then the part is the last one that was placed.
     """
 
@@ -69,7 +69,7 @@ class ConstructionResumePoint:
     kept: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def building(self, problem: ConstructionProblem) -> BuildState:
-        """Return the state of the search there."""
+        """Return the search state at the resume point."""
         robots = {
             name: RobotTimeline(name, np.zeros(1), q[None])
             for name, q in self.configurations.items()
@@ -93,18 +93,18 @@ def plan_remaining_construction(
     middle: ConstructionResumePoint,
     effort: PlannerSettings,
 ) -> BuildState:
-    """Return the state in which all is placed that can be, and every robot that is not out is at HOME.
+    """Return the state with every placeable part in place and every available robot at HOME.
 
     Args:
         problem: all parts that stand or are to.
-        middle: where it goes on.
+        middle: where it is resumed.
         effort: of the search.
     """
     return _Rest(problem, middle, effort).building
 
 
 class _Rest:
-    """Searches what is left, and takes nothing back."""
+    """Greedy search over the remaining parts, without backtracking."""
 
     def __init__(
         self,
@@ -127,7 +127,7 @@ class _Rest:
             self.building = after
 
     def _hold_of(self, name: str, at: Attachment) -> Hold | None:
-        """Return how a part is held; None where it is none of the problem's."""
+        """Return how a part is held; None for an object that is no part of the problem."""
         parts = {part.name: part for part in self.problem.parts}
         if name not in parts or at.holder not in self.problem.team:
             return None
@@ -139,7 +139,7 @@ class _Rest:
         return None
 
     def _left(self, building: BuildState) -> BuildState:
-        """Return the state in which robots have left parts that stand by now; others stay with theirs."""
+        """Return the state in which robots have released parts that now stand; others keep theirs."""
         for name, keeping in building.kept.items():
             part, free = self.problem.part(name), keeping.robot in self.problem.team
             done = None
@@ -152,13 +152,13 @@ class _Rest:
         return building
 
     def _out_of_the_way(self, building: BuildState) -> BuildState:
-        """Return the state in which robots go HOME with what they hold, until there is something to do."""
+        """Return the state in which robots wait at HOME, with the parts they hold, until they have work."""
         legs = LegPlanner(self.effort.subproblem.rrt, self.rng, self.solver.watch)
         for name in self.problem.team:
             robot = self.problem.cell.robot(name)
             here, part = building.world.robots[name].path[-1], self.busy.get(name)
             if part in building.kept:
-                continue  # it keeps hold of that
+                continue  # it keeps holding that
             if np.abs(here - robot.home).max() > _SAME:
                 allowed = NOTHING if part is None else grip_contact(name, part)
                 leg = legs.leg(building, name, (), allowed=allowed, work=False)
@@ -166,7 +166,7 @@ class _Rest:
         return building
 
     def _next(self) -> BuildState | None:
-        """Return the state with one more part in its place, None where none can be placed."""
+        """Return the state with one more part in place, None where none can be placed."""
         names = self._ranked()
         kept = [k for k, own in self.building.kept.items() if not own.last]
         if kept:
@@ -193,7 +193,7 @@ class _Rest:
         return self._done(next(filter(None, alternatives), None))
 
     def _done(self, found: Solution | None) -> BuildState | None:
-        """Return the state after a solution; whose part is in its place by then has its hand free."""
+        """Return the state after a solution; robots whose part is in its place have a free hand."""
         if found is None:
             return None
         after, before = found.building, self.building.kept
@@ -204,11 +204,11 @@ class _Rest:
 
     @property
     def _ways(self) -> dict[str, Hold]:
-        """How parts are held that are in hands."""
+        """Return the holds of the parts that robots have in their hands."""
         return {name: hold for name, (_, hold) in self.holds.items()}
 
     def _teams(self, building: BuildState, part: Part) -> Iterator[Skeleton]:
-        """Yield who may place a part: who has it in the hand goes on with it."""
+        """Yield the robots that may place a part: one that already holds it continues with it."""
         if part.name in self.busy.values() and part.name not in self.holds:
             return
         holder, _ = self.holds.get(part.name, (None, None))

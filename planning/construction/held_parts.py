@@ -1,4 +1,4 @@
-"""Parts that would fall: who places one keeps hold of it until another robot has placed the next."""
+"""Parts that would fall: the robot that places one holds it until the next part is placed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from planning.steps.skill import grip_contact
 from planning.transforms import Array
 
 Teams = Callable[[BuildState, Part], Iterable[Skeleton]]
-"""Returns who may place a part in a state, in order of preference."""
+"""Returns the robots that may place a part in a state, in order of preference."""
 
 
 def plan_held_part(
@@ -34,17 +34,17 @@ def plan_held_part(
     holds: Mapping[str, Hold] | None = None,
     effort: int = 0,
 ) -> Solution | None:
-    """Plan a part that would fall, the one that keeps it standing, and how its robot then leaves it.
+    """Plan a part that would fall, the part that secures it, and the retreat of its robot.
 
     Args:
         solver: of sub-problems.
         building: the state before, in which no part may come that stands at once.
-        teams: who may place a part; all whom no lower bound rules out where not given.
+        teams: robots that may place a part; by default all that no lower bound rules out.
         holds: how parts are held that are in hands already.
         effort: how much harder than usual is tried.
 
     Returns:
-        The state with both in place, None where nobody can do it.
+        The state with both in place, None where no robot can do it.
     """
     problem, own = solver.problem, holds or {}
     teams = teams or (lambda now, part: skeletons(solver.bounds, now, part))
@@ -76,7 +76,7 @@ def plan_securing_part(
     holds: Mapping[str, Hold],
     effort: int = 0,
 ) -> Solution | None:
-    """Plan a part that keeps another one standing, and how the robot leaves that one which keeps hold of it.
+    """Plan a part that secures a held one, and the retreat of the robot that held it.
 
     Args:
         solver: of sub-problems.
@@ -111,7 +111,7 @@ def plan_securing_part(
 
 
 def release_path(problem: ConstructionProblem, robot: str, q: Array) -> Array | None:
-    """Return on which way a robot leaves a part that it keeps hold of, shape (w, n), None if it cannot.
+    """Return the path by which a robot retreats from a part that it holds, shape (w, n), None if it cannot.
 
     Args:
         problem: says how far.
@@ -128,13 +128,13 @@ def release_path(problem: ConstructionProblem, robot: str, q: Array) -> Array | 
 def release_part(
     solver: SubproblemSolver, building: BuildState, part: Part, last: Part
 ) -> BuildState | None:
-    """Return the state in which a robot has let go of a part and left, None where it cannot.
+    """Return the state in which a robot has released a part and retreated, None where it cannot.
 
     Args:
         solver: of sub-problems.
-        building: the state before, in which it keeps hold of the part.
-        part: what it lets go of.
-        last: the part that is in place by then.
+        building: the state before, in which it keeps holding the part.
+        part: the released part.
+        last: the part placed last.
     """
     keeping = building.kept[part.name]
     robot, path = keeping.robot, keeping.way

@@ -1,8 +1,8 @@
 """Keyframes, configurations at mode switches with time windows, and their solver (Hartmann et al. IV-B).
 
-Configurations are drawn at random and made exact by damped least squares; each is tried against
-the world as it is at a drawn time. Of those that pass, all times at which the whole skill is
-free are worked out, so that the path planner may arrive at any of them.
+Configurations are sampled and refined by damped least squares; each is checked against the world at a
+sampled time. For those that pass, all times at which the whole skill is free are computed, so that the path
+planner may arrive at any of them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 """Turns of the tool about its z axis in which a grip is tried [rad]."""
 
 _LIFT = 0.05
-"""Longest straight way of two pads to a part that changes hands, and from it [m].
+"""Longest straight path of two pads to a part that changes hands, and from it [m].
 
 It is shorter than pads are: what is above the giver's pad must be clear of the part also where
 that already is in the other hand, since robots may do any of a skill at any time of it.
@@ -40,7 +40,7 @@ Phase = tuple[SpaceTimeChecker, SpaceTimeChecker]
 
 @dataclass(frozen=True)
 class Keyframe:
-    """A motion for one skill, and the time windows in which it can begin.
+    """Motion of one skill, and the time windows in which it can begin.
 
     Attributes:
         motion: of the skill, the configuration at the switch in the middle of it.
@@ -64,7 +64,7 @@ class Keyframe:
 
 @dataclass(frozen=True)
 class Meeting:
-    """A handover of the part: the giver's keyframe and the taker's configuration.
+    """A handover of the part: the giver's keyframe and the receiver's configuration.
 
     Attributes:
         giver: the skill of the robot that brings the part to the other one's pad.
@@ -83,9 +83,9 @@ class Keyframes:
 
     Attributes:
         holds: how each robot that has the part holds it, in order.
-        picks: ways to pick it, the most promising first.
-        places: ways to place it, likewise.
-        handovers: for each handover ways to do it, likewise; empty where one robot does all.
+        picks: candidates to pick it, the most promising first.
+        places: candidates to place it, likewise.
+        handovers: candidates of each handover, likewise; empty where one robot does all.
     """
 
     holds: tuple[Hold, ...]
@@ -98,8 +98,8 @@ class EarliestTimes(NamedTuple):
     """Earliest times at which a part may be picked and placed.
 
     Attributes:
-        pick: it must not be picked before: others lie on it [s].
-        place: it must not be placed before: what it rests on has to be there [s].
+        pick: earliest pick, after the parts stacked on it [s].
+        place: earliest placement, after its supports [s].
     """
 
     pick: float
@@ -112,7 +112,7 @@ class KeyframeSolver:
 
     Attributes:
         scenes: checks of the sub-problem.
-        bounds: who reaches what.
+        bounds: reachability of the parts.
         earliest_times: when the part may be picked and placed.
         settings: effort.
         rng: what is drawn from.
@@ -125,10 +125,10 @@ class KeyframeSolver:
     rng: np.random.Generator
 
     def in_hand(self, robots: tuple[str, ...], hold: Hold) -> Iterator[Keyframes]:
-        """Yield keyframes of what a robot has in its hand, and puts in place or hands over.
+        """Yield keyframes for a part already in a robot's hand: place it or hand it over.
 
         Args:
-            robots: who has it in hand, in order; at most two.
+            robots: the robots that hold it, in order; at most two.
             hold: how the first of them has it.
         """
         if len(robots) == 1:
@@ -147,7 +147,7 @@ class KeyframeSolver:
                     yield Keyframes(holds, (), places, (meetings,))
 
     def alone(self, robot: str) -> Iterator[Keyframes]:
-        """Yield keyframes of one robot that picks and places, for one hold after another.
+        """Yield keyframes of one robot that picks and places, one per hold.
 
         The place is looked at first: where nothing can be put down nothing need be picked.
         """
@@ -163,7 +163,7 @@ class KeyframeSolver:
                 yield Keyframes((hold,), picks, places)
 
     def handed_over(self, *team: str) -> Iterator[Keyframes]:
-        """Yield keyframes of a robot that picks, others that take over, and the last that places.
+        """Yield keyframes of a robot that picks, others that take over, and the last one, which places.
 
         The lower bounds come first again: place, then pick, then where all can meet.
         """
@@ -190,7 +190,7 @@ class KeyframeSolver:
                 )
 
     def _holds(self, team: tuple[str, ...]) -> Iterator[tuple[Hold, ...]]:
-        """Yield how each of several robots may hold the part so that pads have room beside each other."""
+        """Yield combinations of holds of several robots whose pads have room next to each other on the part."""
         part, bounds = self.scenes.part, self.bounds
         middle = [range(len(part.grips))] * (len(team) - 2)
         first, last = (
@@ -208,7 +208,7 @@ class KeyframeSolver:
         holds: tuple[Hold, Hold],
         having: tuple[Array, float],
     ) -> tuple[Meeting, ...]:
-        """Return keyframes of a handover, the earliest first.
+        """Return keyframes of a handover, earliest first.
 
         Args:
             robots: giver and taker.
@@ -224,7 +224,7 @@ class KeyframeSolver:
         holds: tuple[Hold, Hold],
         having: tuple[Array, float],
     ) -> Iterator[Meeting]:
-        """Yield ways to hand the part over.
+        """Yield candidate handovers of the part.
 
         The giver moves the part against the taker's pad, and then its own pad away.
         """
@@ -278,7 +278,7 @@ class KeyframeSolver:
                 yield Meeting(Keyframe(motion, windows), q_taker)
 
     def picks(self, robot: str, hold: Hold) -> tuple[Keyframe, ...]:
-        """Return keyframes of the pick, the earliest first."""
+        """Return keyframes of the pick, earliest first."""
         scenes, part = self.scenes, self.scenes.part
         phase = (
             scenes.empty(robot, at_goal=False),
@@ -290,7 +290,7 @@ class KeyframeSolver:
         return tuple(sorted(picks, key=lambda k: k.earliest))
 
     def places(self, robot: str, hold: Hold) -> tuple[Keyframe, ...]:
-        """Return keyframes of the place, the earliest first."""
+        """Return keyframes of the place, earliest first."""
         scenes, goal, earliest = self.scenes, self.scenes.part.goal, self.earliest_times
         phase = (
             scenes.held(robot, hold, at_goal=True),
@@ -306,7 +306,7 @@ class KeyframeSolver:
 
     @cached_property
     def _free_place(self) -> Array:
-        """Spans from which on nothing that is fixed runs into the part in its place."""
+        """Return the time spans in which the part, in its place, is clear of all fixed motion."""
         checker, q = self.scenes.lying
         begin = max(self.earliest_times.place, checker.start)
         # It counts as lying there from the beginning of the skill that places it.
@@ -321,7 +321,7 @@ class KeyframeSolver:
         phase: Phase,
         earliest: float,
     ) -> Iterator[Keyframe]:
-        """Yield ways to touch the part where it lies: straight along the tool, or into its place."""
+        """Yield skill motions that touch the part at rest: along the tool axis, or into its place."""
         problem, part = self.scenes.problem, self.scenes.part
         placed = problem.cell.robot(robot)
         tool = problem.tool_pose(part, at, *hold)
@@ -349,7 +349,7 @@ class KeyframeSolver:
                     yield Keyframe(motion, windows)
 
     def _drawn_time(self, soon: float) -> float:
-        """Draw the time for which a configuration is tried first."""
+        """Draw the time at which a configuration is tried first."""
         return soon + float(self.rng.uniform(0.0, self.settings.spread_s))
 
     def _windows(self, motion: SkillMotion, phase: Phase, earliest: float) -> Array:

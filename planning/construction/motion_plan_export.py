@@ -1,4 +1,4 @@
-"""Export of a space-time plan as the motion plan that everything after it takes.
+"""Export of a space-time plan as the motion plan used by all later stages.
 
 Robots move at the same time in such a plan. Its motions are cut at the cells of time, and finer
 where robots are close, until no two pieces that share time come too close, each anywhere on its
@@ -45,11 +45,10 @@ _FINER = 3
 def motion_plan(problem: ConstructionProblem, building: BuildState) -> MotionPlan:
     """Return a finished construction as tasks with timed paths.
 
-    Between skills a robot has one transit; its way out of the others' way is a transit, too, as
-    far as new work did not cut it short.
+    Between skills a robot has one transit; a retreat is a transit, too, as far as new work did not cut it short.
 
     Args:
-        problem: what was built by whom.
+        problem: the construction problem.
         building: everything planned.
 
     Raises:
@@ -88,14 +87,14 @@ def _tasks(building: BuildState, line: RobotTimeline) -> Iterator[PlannedTask]:
         carried = work.object if work.holder == robot else None
         keeping = building.kept.get(str(work.object))
         if keeping is not None and (work.kind, work.robot) == ("place-down", robot):
-            # It stands until then; on its way back it leaves the part that it kept hold of.
+            # It stands until then; on its retreat it leaves the part that it held.
             at, carried = keeping.end, work.object
     done = own[-1] if own else _nothing(building, robot)
     yield from _transit(line, (at, line.end), "HOME", done, carried)
 
 
 def _in_hand(building: BuildState, robot: str) -> str | None:
-    """Return what a robot has in its hand when the plan begins."""
+    """Return the object that a robot holds when the plan begins."""
     begins = {
         k: own.changes[0] for k, own in building.world.objects.items() if own.changes
     }
@@ -104,7 +103,7 @@ def _in_hand(building: BuildState, robot: str) -> str | None:
 
 
 def _nothing(building: BuildState, robot: str) -> PlannedTask:
-    """Return what a robot has done that only goes out of others' way."""
+    """Return the placeholder task of a robot that has only moved out of the others' way."""
     line = building.world.robots[robot]
     return PlannedTask(robot, TRANSIT, line.time[:1], line.path[:1], 1, "HOME")
 
@@ -116,7 +115,7 @@ def _transit(
     work: PlannedTask,
     carried: str | None,
 ) -> Iterator[PlannedTask]:
-    """Yield the transit of a span of time, none where the robot stands all the time."""
+    """Yield the transit of a time span, none where the robot stands throughout."""
     start, end = span
     if end - start < SAME:
         return
@@ -150,7 +149,7 @@ def _skill(line: RobotTimeline, work: PlannedTask) -> PlannedTask:
 
 
 def _last_at(line: RobotTimeline, t: float) -> Array:
-    """Return where a robot is at the end of what happens at time ``t``."""
+    """Return the configuration of a robot after everything that happens at time ``t``."""
     k = int(np.searchsorted(line.time, t, side="right"))
     if k and line.time[k - 1] == t:
         return np.asarray(line.path[k - 1])
@@ -160,7 +159,7 @@ def _last_at(line: RobotTimeline, t: float) -> Array:
 def placement_order(
     problem: ConstructionProblem, building: BuildState
 ) -> dict[str, tuple[str, ...]]:
-    """Return which parts must be in place before which."""
+    """Return the precedence pairs of parts: which must be in place before which."""
     out: dict[str, tuple[str, ...]] = {}
     before: dict[str, float] = {}
     for name, end in building.placed.items():
@@ -185,7 +184,7 @@ def export_motion_plan(
             where there is none it stands.
         rests_on: for an object those that must be in place before it is put down.
         covers: for an object those that must be taken before it is.
-        kept: objects that are kept hold of in their places, or were, with what must be in place before
+        kept: objects that are held in their places, or were, with what must be in place before
             who does leaves.
 
     Raises:
@@ -241,7 +240,7 @@ class _Cut(NamedTuple):
 
 
 def _cut(world: FixedWorld, tasks: Sequence[PlannedTask]) -> dict[str, _Cut]:
-    """Cut the motions of all robots until those at the same time stay apart."""
+    """Cut the motions of all robots until simultaneous pieces keep their clearances."""
     cell = world.cell
     cuts: dict[str, set[float]] = {robot.name: set() for robot in cell.robots}
     while True:
@@ -283,7 +282,7 @@ def _halve(
     cuts: dict[str, set[float]],
     tasks: Sequence[PlannedTask],
 ) -> None:
-    """Cut two pieces that come too close; the longer one where they differ."""
+    """Halve two pieces that come too close; only the longer one where their durations differ."""
     names = list(cut)
     found: list[tuple[int, float, str]] = []
     words = []
@@ -315,7 +314,7 @@ def _halve(
 def _tasks_of(
     pieces: MotionPieces, tasks: Sequence[PlannedTask], own: Sequence[int]
 ) -> Indices:
-    """Return the tasks that pieces belong to, for a stand those before and after it."""
+    """Return the tasks that pieces belong to; for a hold, those before and after it."""
     if not own:
         return np.full((len(pieces.start), 2), -1, dtype=np.int64)
     ends = np.array([tasks[k].end for k in own])
@@ -334,7 +333,7 @@ def _tasks_of(
 
 
 def _moves(pieces: MotionPieces) -> npt.NDArray[np.bool_]:
-    """Return which pieces are motions, and no stands, shape (p,).
+    """Return which pieces are motions rather than holds, shape (p,).
 
     Cells of time begin at multiples of their length, and a motion may end a rounding error after one: the stand
     after it then begins as far off. It is a stand all the same, which belongs to the tasks before and after it.
@@ -346,7 +345,7 @@ def _moves(pieces: MotionPieces) -> npt.NDArray[np.bool_]:
 def _motions(
     world: FixedWorld, tasks: Sequence[PlannedTask], cut: Mapping[str, _Cut]
 ) -> list[TaskMotion]:
-    """Return the path of every task, a waypoint at the end of every piece."""
+    """Return the path of every task, with a waypoint at the end of every piece."""
     out = []
     last = {name: line.path[0] for name, line in world.robots.items()}
     for task in tasks:
@@ -381,7 +380,7 @@ def _object_order(tasks: Sequence[PlannedTask]) -> set[tuple[int, int]]:
             edges.add((last[h.object], k))
         last[h.object] = k
         if h.holder is not None and h.holder != tasks[k].robot:
-            # Whoever takes it stands and waits; it goes on when it has it.
+            # The receiver stands and waits; it continues when it has the object.
             partner = [n for n, t in enumerate(tasks) if t.robot == h.holder]
             before = [n for n in partner if tasks[n].end <= tasks[k].start + SAME]
             later = [n for n in partner if tasks[n].start >= tasks[k].end - SAME]

@@ -26,12 +26,12 @@ class ConstructionPlan:
     """A planned construction.
 
     Attributes:
-        problem: what is built by whom.
+        problem: the construction problem.
         building: all timelines, and the work that they are made of.
         seconds: wall-clock seconds by component: keyframes, path and its postprocessing.
         cpu: processor seconds, likewise.
-        rewound: how many placements were taken back.
-        failures: what did not work on the way.
+        rewound: number of placements undone.
+        failures: failures during the search.
     """
 
     problem: ConstructionProblem
@@ -43,7 +43,7 @@ class ConstructionPlan:
 
     @property
     def makespan(self) -> float:
-        """Time at which the last robot has done its work [s]."""
+        """Time at which the last robot has finished [s]."""
         return max(work.end for work in self.building.work)
 
 
@@ -55,9 +55,9 @@ def plan_construction(
     """Plan a construction in space and time.
 
     Args:
-        problem: what is built by whom.
+        problem: the construction problem.
         settings: effort.
-        progress: told how many parts are planned, of how many.
+        progress: called with how many parts are planned, of how many.
 
     Raises:
         ConstructionError: no plan was found.
@@ -72,7 +72,7 @@ def plan_with_solver(
     settings: SearchSettings,
     progress: Progress,
 ) -> ConstructionPlan:
-    """Search with some solver of sub-problems; see plan_construction."""
+    """Search with a given solver of sub-problems; see plan_construction."""
     search = ConstructionSearch(solver, settings, progress)
     building = search.run()
     return ConstructionPlan(
@@ -86,19 +86,19 @@ def plan_with_solver(
 
 
 class ConstructionSearch:
-    """Plans part after part, fixed once planned, and takes placements back where it must.
+    """Depth-first search over placements, with backtracking where a part cannot be placed.
 
-    A part that nobody can place is kept from its place by others: those placed last are taken
-    back until it can be placed. The parts that were in its way are remembered, and do not come
-    together again before it as long as others can. For no part is that done without end.
+    A part that no robot can place is blocked by others: the last placements are undone until it can be
+    placed. The blocking parts are recorded, and are not all placed before it again as long as there are
+    other candidates. The number of backtracks per part is bounded.
 
     Args:
         solver: of sub-problems.
         settings: effort of the search.
-        progress: told how many parts are planned, of how many.
+        progress: called with how many parts are planned, of how many.
 
     Attributes:
-        rewound: how many placements have been taken back.
+        rewound: number of placements undone.
         failures: attempts of all robots that could not place a part, in order.
         spent: how much has been tried: attempts, those that try hard thrice.
     """
@@ -138,15 +138,15 @@ class ConstructionSearch:
         return done[-1]
 
     def next_parts(self, building: BuildState) -> list[Part]:
-        """Return the parts that may be placed next, the best first."""
+        """Return the parts that may be placed next, best first."""
         ranked = rank_next(self.problem, building, self._walls, self._rng)
         if not ranked:
-            # What has been remembered leaves nothing: go on, and see what can be placed.
+            # The recorded blockers exclude every part: ignore them, and see what can be placed.
             ranked = rank_next(self.problem, building, {}, self._rng)
         return [self.problem.part(name) for name in ranked]
 
     def _backtrack(self, done: list[BuildState], part: Part) -> list[BuildState]:
-        """Return the states up to one in which a part is in its place that could not be placed.
+        """Return the states up to one from which a part that failed can be placed.
 
         Raises:
             ConstructionError: it cannot be placed before any of the others, either; or others
@@ -222,12 +222,12 @@ class ConstructionSearch:
         own: Sequence[int],
         most_loss: float,
     ) -> Solution | None:
-        """Return the best of a few placements by paths that take little search, None for none.
+        """Return the best of a few placements by paths that need little search, None for none.
 
         The first robot places the first part. Where it would lose time with that, because
         others are in its way or what the part rests on comes late, it may place another one;
         of a few the one with which it loses least. Where there are few parts for many robots
-        all wait for the first: others are asked whether they have it there sooner.
+        all wait for the first: other robots are tried, in case they are sooner.
 
         Args:
             building: the state before.
@@ -256,7 +256,7 @@ class ConstructionSearch:
     def _place_soonest(
         self, building: BuildState, part: Part, seed: Sequence[int], most_loss: float
     ) -> Solution | None:
-        """Return the way by which a part is in its place soonest, None for none.
+        """Return the candidate that has a part in place earliest, None for none.
 
         The first robot does it, unless others are in its way and it would be late: then others
         are asked, too, as long as they may be sooner.
@@ -310,7 +310,7 @@ class ConstructionSearch:
         return None
 
     def _solve(self, building: BuildState, attempt: Attempt) -> Solution | None:
-        """Plan how a part is brought to its place; None where that failed."""
+        """Plan the transport of a part to its place; None where that failed."""
         self.spent += 1 if attempt.low_effort else 3
         return self.solver.solve(building, attempt)
 
@@ -332,11 +332,11 @@ class PlacementRound(NamedTuple):
 
 @dataclass
 class PlacementRounds:
-    """Rounds of a few placements, planned again where robots lose much time.
+    """Rounds of a few placements, replanned where robots lose much time.
 
-    One robot is planned after another, so who comes first may stand in the way of all others:
-    more with the first parts, when all robots set out together, and with the last ones, when some
-    have nothing left to do. Other random numbers often lose half as much.
+    Robots are planned one after another, so an early one may block all others: most of all with the first
+    parts, when all robots start together, and with the last ones, when some are idle. Other random numbers
+    often lose half as much time.
 
     Attributes:
         search: plans a placement.
@@ -347,12 +347,12 @@ class PlacementRounds:
     settings: SearchSettings
 
     def __post_init__(self) -> None:
-        """Set how many attempts may go into planning again."""
+        """Set the number of attempts that may go into replanning."""
         parts, robots = len(self.search.problem.parts), len(self.search.problem.team)
         self._spare = self.settings.again * parts / robots
 
     def next(self, start: BuildState) -> PlacementRound:
-        """Return the next placements, as good as a few tries make them.
+        """Return the next placements: the best of a few tries.
 
         Args:
             start: the state before.
@@ -379,7 +379,7 @@ class PlacementRounds:
     def _plan(
         self, start: BuildState, size: int, turn: int, most_loss: float
     ) -> PlacementRound:
-        """Return a round, broken off when so much time is lost."""
+        """Return a round, aborted when the time lost exceeds a limit."""
         states: list[BuildState] = []
         now, lost, total = start, 0.0, len(self.search.problem.parts)
         while len(now.placed) < min(len(start.placed) + size, total):

@@ -1,4 +1,4 @@
-"""Collision checkers of one sub-problem, one per phase: what is held, and what may touch."""
+"""Collision checkers of one sub-problem, one per phase: attached parts and allowed contacts."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class HandingScene:
     pair: MovingPair
 
     def free(self, giver: Array, taker: Array, t: float) -> bool:
-        """Tell whether both may be where they are, shapes (n,), at time ``t``."""
+        """Tell whether both configurations are free, shapes (n,), at time ``t``."""
         return (
             self.giver.configuration_free(giver, t)
             and self.taker.configuration_free(taker, t)
@@ -47,7 +47,7 @@ class HandingScene:
         )
 
     def apart(self, path: Array, taker: Array) -> bool:
-        """Tell whether the giver keeps clear of the other robot, which stands, on a path."""
+        """Tell whether the giver's path is clear of the other robot, which stands."""
         return all(
             self.pair.split(a, b, taker, taker, 1) is not None
             for a, b in straight_runs(path)
@@ -56,14 +56,14 @@ class HandingScene:
 
 @dataclass(eq=False)
 class StepScenes:
-    """Checkers for one part among fixed timelines, made when they are first asked for.
+    """Checkers for one part among fixed timelines, created on first use.
 
     Attributes:
         problem: parts and team.
         world: everything that is fixed; who works on the part stands at the end of its
             timeline.
         part: the part.
-        team: who works on it.
+        team: the robots that work on it.
     """
 
     problem: ConstructionProblem
@@ -73,7 +73,7 @@ class StepScenes:
     _made: dict[tuple[object, ...], SpaceTimeChecker] = field(default_factory=dict)
 
     def empty(self, robot: str, *, at_goal: bool) -> SpaceTimeChecker:
-        """Return the check of a pad at the part: in the supply, or as it leaves it in its place."""
+        """Return the checker for an empty pad at the part: in the supply, or after release."""
         world = self.world
         if at_goal:
             world = with_part_at_rest(world, self.part.name, self.part.goal)
@@ -81,7 +81,7 @@ class StepScenes:
         return self._checker((robot, at_goal), world, robot, {}, allowed)
 
     def held(self, robot: str, hold: Hold, *, at_goal: bool) -> SpaceTimeChecker:
-        """Return the check of the part as it is lifted from the supply, or put down."""
+        """Return the checker for the held part as it is lifted from the supply, or put down."""
         problem = self.problem
         touched = problem.goal_contacts if at_goal else problem.start_contacts
         allowed = grip_contact(robot, self.part.name) | touched[self.part.name]
@@ -90,7 +90,7 @@ class StepScenes:
         return self._checker(key, self.world, robot, held, allowed)
 
     def handing(self, giver: str, taker: str, holder: str, hold: Hold) -> HandingScene:
-        """Return the checks of two robots whose pads both touch the part.
+        """Return the checkers of two robots whose pads both touch the part.
 
         Args:
             giver, taker: the robots.
@@ -108,7 +108,7 @@ class StepScenes:
                 robot,
                 held,
                 allowed,
-                # Who works on the part before or after is not where it stands now.
+                # Robots that work on the part before or after will stand elsewhere.
                 [other for other in self.team if other != robot],
             )
             for robot in (giver, taker)
@@ -138,7 +138,7 @@ class StepScenes:
 
     @cached_property
     def lying(self) -> tuple[SpaceTimeChecker, np.ndarray]:
-        """The check of the part alone, lying in its place, and the configuration for it.
+        """The checker of the part alone, in its place, and the configuration for it.
 
         What has been planned for later must not run into it. Whoever works on the part is
         left out.
@@ -162,6 +162,6 @@ class StepScenes:
 
 
 def _ghost(shape: Shape, part: Part) -> PlacedRobot:
-    """Return a robot that is nothing but the part in its place."""
+    """Return a pseudo-robot that consists only of the part in its place."""
     model = immovable_model(_GHOST, shape.pieces)
     return PlacedRobot(_GHOST, model, part.goal, model.home)

@@ -71,7 +71,7 @@ class LegPlanner:
     watch: Stopwatch
 
     def with_delay(self, spare: float) -> LegPlanner:
-        """Return a planner of legs that may arrive late, by most of a given time [s]."""
+        """Return a leg planner that may arrive late, by at most a given time [s]."""
         enough = max(self.settings.good_enough_s, 0.7 * spare)
         return replace(self, settings=self.settings._replace(good_enough_s=enough))
 
@@ -92,20 +92,20 @@ class LegPlanner:
 
         Args:
             building: the state before.
-            robot: who goes.
-            goals: ways to do the skill; none to go HOME.
+            robot: the robot.
+            goals: candidates of the skill; none to go HOME.
             allowed: unordered pairs of entities that may touch.
             hints, linger: see ``space_time_rrt``.
             latest: no later arrival is of use [s].
-            most_loss: nor one with which so much time is lost [s].
-            work: False for a way out of others' way.
+            most_loss: greatest loss of time [s].
+            work: False for a retreat out of others' way.
         """
         with self.watch.time("path"):
             checker = SpaceTimeChecker(building.world, robot, allowed=allowed)
             here = checker.start_configuration()
             goals = goals or [_stand_at_home(checker)]
             far = max(checker.least_duration(here, goal.start) for goal in goals)
-            # Whoever is later than this at the farthest goal has lost too much.
+            # A later arrival at the farthest goal loses too much time.
             latest = min(latest, checker.start + far + most_loss)
             found = space_time_rrt(
                 checker,
@@ -126,14 +126,14 @@ class LegPlanner:
         return Leg(building, goal, found.arrival, found.earliest, lost)
 
     def retreat(self, building: BuildState, robot: str) -> BuildState | None:
-        """Return the state in which a robot has gone HOME, out of the others' way."""
+        """Return the state in which a robot has retreated to HOME, out of the others' way."""
         hints = approach_hints(building.world, robot)
         leg = self.leg(building, robot, (), hints=hints, work=False)
         return None if leg is None else leg.building
 
 
 def _stand_at_home(checker: SpaceTimeChecker) -> Keyframe:
-    """Return a stand at HOME for good."""
+    """Return a final hold at HOME."""
     home, here = checker.home, checker.start_configuration()
     soon = checker.start + checker.least_duration(here, home)
     windows = arrival_windows([(checker, home)], np.inf, soon)
@@ -141,13 +141,13 @@ def _stand_at_home(checker: SpaceTimeChecker) -> Keyframe:
 
 
 def retreat_hints(world: FixedWorld, robot: str) -> Array:
-    """Return places on a robot's way out of others' way, shape (w, n)."""
+    """Return waypoint hints for a robot's retreat, shape (w, n)."""
     line = world.robots[robot]
     return _places(line, line.busy_until, line.end)
 
 
 def approach_hints(world: FixedWorld, robot: str) -> Array:
-    """Return places on a robot's way to its last skill, which may be a way back, shape (w, n)."""
+    """Return waypoint hints from a robot's last approach, usable for its return, shape (w, n)."""
     line = world.robots[robot]
     if not line.skills:
         return _places(line, 0.0, 0.0)
@@ -156,7 +156,7 @@ def approach_hints(world: FixedWorld, robot: str) -> Array:
 
 
 def _places(line: RobotTimeline, since: float, until: float) -> Array:
-    """Return places on a robot's path: waypoints, and some in between, shape (w, n)."""
+    """Return configurations on a robot's path: waypoints, and some in between, shape (w, n)."""
     corners = line.time[(line.time > since) & (line.time < until)]
     times = np.unique(np.concatenate([corners, np.arange(since, until, _SPACING)]))
     path = [line.at(float(t)) for t in times]
@@ -169,13 +169,13 @@ class Attempt:
 
     Attributes:
         part: what is placed; it is placeable.
-        robots: who does it, in order.
+        robots: the robots that do it, in order.
         seed: of all random numbers.
         effort: how much harder than usual is tried, from 0.
-        low_effort: only paths that take little search are looked for.
-        latest: the part must be in its place by then [s].
-        lost: a way with which robots lose as much time as that is of no use [s].
-        keep: who places the part keeps hold of it.
+        low_effort: only paths that are easy to find are searched.
+        latest: latest time at which the part is in its place [s].
+        lost: greatest useful loss of time [s].
+        keep: whether the robot that places the part keeps holding it.
         hold: how the first robot has it in the hand already; None where it is to be picked.
     """
 
@@ -192,7 +192,7 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Solution:
-    """A part that has been brought to its place.
+    """A part brought to its place: the resulting state and its quality.
 
     Attributes:
         building: the state after it.
@@ -212,7 +212,7 @@ class SubproblemSolver:
     """Plans one part for one group of robots after another.
 
     Attributes:
-        bounds: who reaches what.
+        bounds: reachability of the parts.
         settings: effort for one sub-problem.
         watch: what takes how long.
     """
@@ -227,7 +227,7 @@ class SubproblemSolver:
         return self.bounds.problem
 
     def solve(self, building: BuildState, attempt: Attempt) -> Solution | None:
-        """Plan how a part is brought to its place; None where that failed."""
+        """Plan the transport of a part to its place; None where that failed."""
         settings = self.attempt_settings(attempt)
         part, team = attempt.part, attempt.robots
         rng = np.random.default_rng(attempt.seed)
@@ -289,11 +289,11 @@ class SubproblemSolver:
         legs: LegPlanner,
         hints: Array,
     ) -> Solution | None:
-        """Return the state after all actions with given keyframes, leg by leg.
+        """Return the state after all actions of given keyframes, leg by leg.
 
         Args:
             building: the state before.
-            attempt: what is placed by whom.
+            attempt: the part and its robots.
             keyframes: of the skills.
             legs: plans the paths.
             hints: places on a way out for the first robot, shape (h, n).
@@ -346,7 +346,7 @@ class SubproblemSolver:
         hints: Array,
         latest: float,
     ) -> tuple[BuildState, float, float] | None:
-        """Return the state with the part in the first robot's hand, how late it is and what is lost [s]."""
+        """Return the state with the part in the first robot's hand, its delay and the time lost [s]."""
         problem, part = self.problem, attempt.part
         robot, hold = attempt.robots[0], keyframes.holds[0]
         leg = legs.with_delay(self._spare(robot, keyframes)).leg(
@@ -369,7 +369,7 @@ class SubproblemSolver:
         return building, late, lost
 
     def _spare(self, robot: str, keyframes: Keyframes) -> float:
-        """Return how much later than possible a part may be picked and still be in time [s]."""
+        """Return the slack of a pick: how much later than its earliest time it may be [s]."""
         if len(keyframes.holds) > 1:
             return 0.0  # another robot places it
         velocity = self.problem.cell.robot(robot).model.velocity
@@ -390,7 +390,7 @@ class SubproblemSolver:
         number: int,
         legs: LegPlanner,
     ) -> BuildState | None:
-        """Return the state in which the taker has the part and the giver is out of its way.
+        """Return the state in which the receiver has the part and the giver has moved clear.
 
         The giver comes first and waits; the taker comes as soon as it can, and then the part
         changes hands at once.

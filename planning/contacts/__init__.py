@@ -1,4 +1,4 @@
-"""What lies on what: contacts of parts where they lie, and what must come before what because of them.
+"""Contacts of parts where they rest, and the precedence that follows from them.
 
-Assemblies of parts and constructions use it.
+Imports cell and geometry; parts and constructions import it.
 """

@@ -1,4 +1,4 @@
-"""How deep things are in each other: measured on their forms, not on the polyhedra that planning sees.
+"""Penetration depths of parts, measured on their exact forms, not on the planner's polyhedra.
 
 A round form is round here, and of a mesh its triangles count, not the convex pieces that fill its
 hollows. A hole of a mesh whose wall is the polygon of a round bore is that bore to a round peg.
@@ -32,16 +32,16 @@ from planning.geometry.touching import PlacedObject, nearby_entities
 from planning.transforms import Array, Transform, inverse, read_only_copy, translation
 
 ROUNDING = 1e-5
-"""Deepest that things may be in each other of which nothing is said: rounding of poses [m]."""
+"""Default allowed penetration depth: rounding of poses [m]."""
 
 DEEPEST = 0.05
-"""Deepest that things may be said to be in each other [m]."""
+"""Greatest penetration depth that can be allowed [m]."""
 
 _NODE = 0.001
 """Nothing is pressed deeper into anything: bars that meet in a node are [m]."""
 
 _STEP = 0.005
-"""A straight way is looked at so often [m]."""
+"""Sampling distance of a straight path [m]."""
 
 _THROUGH = 0.9
 """A surface that comes so near to the middle of a form, as a share, goes through it."""
@@ -56,7 +56,7 @@ SNUG = 0.003
 """A wall no further from a peg than this is looked at [m]."""
 
 _END = 1e-4
-"""Faces beside a peg reach farther along it than to its very ends, by this [m]."""
+"""Least overhang of the faces next to a peg beyond its ends [m]."""
 
 _WALL = 0.05
 """Faces of a bore are turned from its axis by no less than nearly a right angle: cosine."""
@@ -70,10 +70,10 @@ _WIDEST_GAP = math.radians(30.1)
 
 @dataclass(frozen=True)
 class Overlaps:
-    """Depths to which things may be in each other where they belong.
+    """Allowed penetration depths of parts in their places.
 
     Attributes:
-        said: of pairs of names, such as a pin and its hole or bars that meet in a node [m].
+        said: allowed depths of pairs of names, such as a pin and its hole or bars that meet in a node [m].
         joined: pairs that are joined, for messages.
         in_nodes: how deep what is joined may be in each other [m].
     """
@@ -83,13 +83,13 @@ class Overlaps:
     in_nodes: float = 0.0
 
     def most(self, first: str, second: str) -> float:
-        """Return how deep two things may be in each other [m]."""
+        """Return the allowed penetration depth of two things [m]."""
         return self.said.get(frozenset((first, second)), 0.0) + ROUNDING
 
     def is_too_deep(
         self, name: str, part: PlacedObject, others: Mapping[str, PlacedObject]
     ) -> dict[str, float]:
-        """Return what a part is deeper in than it may be, and how deep [m].
+        """Return the things that a part penetrates deeper than allowed, with the depths [m].
 
         Args:
             name: of the part.
@@ -104,13 +104,13 @@ class Overlaps:
         return found
 
     def words(self, first: str, second: str, deep: float) -> str:
-        """Return in words how deep two things are in each other, may be, and what would let them be."""
+        """Return in words the depth of two things, the allowed one, and the remedy."""
         most = self.most(first, second)
         told = f"{format_depth(deep)}, and may by {format_depth(most)}"
         return told + self.remedy(first, second, deep)
 
     def remedy(self, first: str, second: str, deep: float) -> str:
-        """Return in words what a scenario would have to say for two things to be so deep in each other."""
+        """Return in words the scenario entry that would allow two things to penetrate so deep."""
         digits = 6 if deep < 1e-4 else 5
         press = math.ceil(round(deep * 10**digits, 3)) / 10**digits
         if press > DEEPEST:
@@ -132,7 +132,7 @@ class Overlaps:
 
 
 def format_depth(depth: float) -> str:
-    """Return a depth for people: below a millimetre to three digits."""
+    """Return a depth for messages: below a millimetre to three digits."""
     return f"{depth * 1e3:.3g} mm" if depth < 1e-3 else f"{depth * 1e3:.1f} mm"
 
 
@@ -141,14 +141,14 @@ def shapes_overlap_depth(
     other: PlacedObject,
     ways: Iterable[tuple[Transform, Array, float]],
 ) -> float:
-    """Return how deep the pieces that stand for two things are in each other on straight ways [m].
+    """Return the penetration depth of the convex pieces of two shapes along straight paths [m].
 
     Round ones are round; that is what proofs and audits of plans measure.
 
     Args:
         item: what is moved.
         other: what rests.
-        ways: places of the first, directions in which it comes there, and how far.
+        ways: end poses of the first, directions of its approach, and distances.
     """
     deepest = 0.0
     for pose, direction, length in ways:
@@ -166,7 +166,7 @@ def _depth_on_way(
     direction: Array,
     length: float,
 ) -> float:
-    """Return how deep the pieces of a thing are in those of another one on a straight way to a pose [m]."""
+    """Return the penetration depth of a thing in another one along a straight path to a pose [m]."""
     deepest = 0.0
     met = [Element(e.form, other[1] @ e.pose) for e in other[0].shape.elements]
     for away in np.linspace(0.0, length, int(np.ceil(length / _STEP)) + 1):
@@ -185,7 +185,7 @@ def sweeps_through(
     approach: float,
     most: float = ROUNDING,
 ) -> bool:
-    """Tell whether a part that comes to its place on a straight way is deeper than ``most`` in another one."""
+    """Tell whether a part on its straight insertion path penetrates another one deeper than ``most``."""
     item, pose = placed
     for away in np.linspace(0.0, approach, int(np.ceil(approach / _STEP)) + 1)[1:]:
         before = (item, translation(*(-away * insertion)) @ pose)
@@ -196,7 +196,7 @@ def sweeps_through(
 
 
 def overlap_depth(one: PlacedObject, other: PlacedObject) -> float:
-    """Return how deep two things are in each other [m].
+    """Return the penetration depth of two things [m].
 
     That is how far the one would have to go to be free; of a mesh, by how much the other would have to
     be thinner all over where its surface does not go through it. Not positive where they are free.
@@ -208,7 +208,7 @@ def overlap_depth(one: PlacedObject, other: PlacedObject) -> float:
 
 
 def _depth(one: Shape, other: Shape, between: Transform) -> float:
-    """Return the depth of two shapes, given the pose of the second in the frame of the first."""
+    """Return the penetration depth of two shapes, given the pose of the second in the frame of the first."""
     return max(
         forms_overlap_depth(
             first, Element(second.form, read_only_copy(between @ second.pose))
@@ -218,7 +218,7 @@ def _depth(one: Shape, other: Shape, between: Transform) -> float:
 
 
 def forms_overlap_depth(first: Element, second: Element) -> float:
-    """Return how deep two forms are in each other; of two meshes, their triangles tell where they are free [m]."""
+    """Return the penetration depth of two forms; for meshes, triangles tell whether they are free [m]."""
     hulls = pieces_overlap_depth(first, second)
     if hulls <= ROUNDING:
         return hulls
@@ -232,7 +232,7 @@ def forms_overlap_depth(first: Element, second: Element) -> float:
 
 
 def _in_mesh(item: Element, mesh: Element, hulls: float) -> float:
-    """Return how deep a form is in a mesh, given how deep in its pieces [m]."""
+    """Return the penetration depth of a form in a mesh, given that in its convex pieces [m]."""
     assert isinstance(mesh.form, Mesh)
     if isinstance(item.form, Cylinder):
         bore = bore_around(item.form, item.pose, mesh)
@@ -251,7 +251,7 @@ def _in_mesh(item: Element, mesh: Element, hulls: float) -> float:
 
 
 def _in_surface(item: Element, mesh: Element, hulls: float) -> float:
-    """Return how deep the surface of a mesh is in a form, or how deep the form is where it goes through."""
+    """Return the depth of a mesh surface in a form, or of the form where it passes through the surface."""
     assert isinstance(mesh.form, Mesh)
     corners = mesh.form.vertices[mesh.form.faces]
     near = np.argwhere(_box_gaps(item, mesh) <= 0.0).tolist()
@@ -310,7 +310,7 @@ def _hull_solid(body: ConvexBody) -> ConvexSolid:
 
 
 def mesh_bodies(form: Mesh) -> tuple[ConvexBody, ...]:
-    """Return the convex pieces of a mesh in its own frame, of which the hulls alone are looked at."""
+    """Return the convex pieces of a mesh in its own frame, of which only the hulls are used."""
     none = Capsules(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
     return _BODIES.get(
         form, lambda: tuple(ConvexBody("piece", hull, none) for hull in form.hulls)
@@ -318,7 +318,7 @@ def mesh_bodies(form: Mesh) -> tuple[ConvexBody, ...]:
 
 
 def pieces_overlap_depth(one: Element, other: Element) -> float:
-    """Return the greatest depth of a piece of one form in one of another, round ones exact [m].
+    """Return the greatest penetration depth of pieces of two forms, round ones exact [m].
 
     Not positive where they are free: then it is how far they are apart, or less.
     """
@@ -332,7 +332,7 @@ def pieces_overlap_depth(one: Element, other: Element) -> float:
 def _pair_depths(
     one: Element, other: Element, pairs: Iterable[list[int]]
 ) -> Iterator[float]:
-    """Yield how deep pieces are in each other, pair by pair [m]."""
+    """Yield the penetration depths of pieces, pair by pair [m]."""
     request = coal.DistanceRequest()
     own, met = exact_shapes(one), exact_shapes(other)
     for i, k in pairs:
@@ -341,7 +341,7 @@ def _pair_depths(
 
 
 def _box_gaps(one: Element, other: Element) -> Array:
-    """Return how far boxes around the pieces of two forms are apart, negative where they overlap [m]."""
+    """Return the gaps of the boxes around the pieces of two forms, negative where they overlap [m]."""
     (low, high), (other_low, other_high) = _boxes(one), _boxes(other)
     gaps = np.maximum(low[:, None] - other_high, other_low - high[:, None])
     return np.asarray(gaps.max(axis=2))
@@ -401,7 +401,7 @@ class Bore:
 
     @property
     def off(self) -> float:
-        """How far its axis is from that of the peg [m]."""
+        """Distance of its axis from that of the peg [m]."""
         return float(np.linalg.norm(self.centre))
 
 

@@ -1,4 +1,4 @@
-"""Play of parts in their places across their ways in, and how likely a part meets its place."""
+"""Play of parts in their places across the insertion direction, and the probability of a fit."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LIFT = 1e-4
 """Play is measured so far out of the place: what the part rests on does not hold it there [m]."""
 
 _DIRECTIONS = 32
-"""Directions around the way in, in which the play is measured."""
+"""Directions around the insertion path, in which the play is measured."""
 
 _EXACT = 1e-6
 """Play that no formula gives is found to within this [m]."""
@@ -40,13 +40,13 @@ mean distance from the mean position plus three of its standard deviations, of a
 
 @dataclass(frozen=True)
 class Play:
-    """Play of a part in its place across its way in.
+    """Play of a part in its place across its insertion direction.
 
     Attributes:
         free: how far it can go in each direction around the way until it meets something, shape (d,);
             infinite beyond ``SNUG`` [m].
-        beside: names of what holds it.
-        pressed: how deep it is in what it is pressed into, 0 where it has play [m].
+        beside: names of the things that guide it.
+        pressed: interference of a press fit, 0 where it has play [m].
     """
 
     free: Array
@@ -60,7 +60,7 @@ class Play:
 
     @property
     def words(self) -> str:
-        """What it is, for people: ``0.21 mm on all sides``."""
+        """Description for people: ``0.21 mm on all sides``."""
         if self.pressed > 0.0:
             return f"pressed in by {format_depth(self.pressed)}"
         if not np.isfinite(self.free).all():
@@ -70,7 +70,7 @@ class Play:
         return f"{'' if even else 'at least '}{_fine(self.least)} on all sides"
 
     def chance(self, repeatability: float) -> float | None:
-        """Return the probability that a part meets its place; None where it is pressed in, whatever guides it.
+        """Return the probability that a part fits into its place; None for a press fit.
 
         Positions are normally distributed around the nominal one, alike in every direction.
 
@@ -93,14 +93,14 @@ def _fine(distance: float) -> str:
 def play_in_place(
     part: PlacedObject, others: Mapping[str, PlacedObject], insertion: Array
 ) -> Play | None:
-    """Return the play of a part in its place, None where nothing guides it in.
+    """Return the play of a part in its place, None where nothing guides it.
 
     It is guided where no quarter of all directions is free by more than ``SNUG``: not in a corner.
 
     Args:
         part: in its place.
         others: what is there, by name.
-        insertion: direction of its way in, of length one.
+        insertion: direction of its insertion path, of length one.
     """
     item, pose = part
     lifted = translation(*(-_LIFT * insertion)) @ pose
@@ -129,7 +129,7 @@ def play_in_place(
 def _free(
     shape: Shape, pose: Transform, other: PlacedObject, insertion: Array
 ) -> Array:
-    """Return how far a part can go across its way in until it meets one thing, shape (d,) [m]."""
+    """Return the free travel of a part across its insertion direction until it meets one thing, shape (d,) [m]."""
     out = np.full(_DIRECTIONS, np.inf)
     thing, there = other
     for own, met in product(shape.elements, thing.shape.elements):
@@ -149,7 +149,7 @@ def _free(
 def _free_in_bore(
     peg: Element, mesh: Element, insertion: Array, sign: float
 ) -> Array | None:
-    """Return how far a round peg can go in the bore of a mesh along its axis, None where it is in none."""
+    """Return the free travel of a round peg in the bore of a mesh, None where it is in none."""
     if not isinstance(peg.form, Cylinder) or not isinstance(mesh.form, Mesh):
         return None
     axis = peg.pose[:3, 2]
@@ -168,7 +168,7 @@ def _free_in_bore(
 
 
 def _free_of_surface(one: Element, other: Element, insertion: Array) -> Array | None:
-    """Return how far a mesh can go until its surface meets that of another, shape (d,) [m].
+    """Return the free travel of a mesh until its surface meets that of another, shape (d,) [m].
 
     Returns:
         None where one of the two is no mesh, or they meet at once.
@@ -181,7 +181,7 @@ def _free_of_surface(one: Element, other: Element, insertion: Array) -> Array | 
 
 
 def _free_by_steps(one: Element, other: Element, insertion: Array) -> Array:
-    """Return how far a form can go until it meets another one, by halving, shape (d,) [m]."""
+    """Return the free travel of a form until it meets another one, by bisection, shape (d,) [m]."""
 
     def deep(direction: Array) -> float:
         moved = Element(one.form, read_only_copy(translation(*direction) @ one.pose))
@@ -194,7 +194,7 @@ def _free_by_steps(one: Element, other: Element, insertion: Array) -> Array:
             found = deep(probe * direction)
             if found <= _FREE:
                 low = probe
-            else:  # on the way back it is free no sooner
+            else:  # on the retreat it is free no sooner
                 high = max(probe - found, low)
             straight = low == 0.0 and probe == SNUG
             probe = high - _EXACT if straight else 0.5 * (low + high)
@@ -203,7 +203,7 @@ def _free_by_steps(one: Element, other: Element, insertion: Array) -> Array:
 
 
 def _across(insertion: Array) -> Array:
-    """Return directions across a way, evenly around it, shape (d, 3)."""
+    """Return directions perpendicular to a displacement, evenly around it, shape (d, 3)."""
     least = np.eye(3)[np.argmin(np.abs(insertion))]
     x = np.cross(insertion, least)
     x /= np.linalg.norm(x)

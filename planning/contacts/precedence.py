@@ -1,8 +1,8 @@
-"""What comes before what: the graph of parts in their places, and the order that keeps it.
+"""Precedence of parts: the contact graph of parts in their places, and an order that keeps it.
 
-The part graph says what touches what in place and which part may be placed when (V-A1, eq. 6).
-``StepPrecedence`` is filled with edges by who knows why one step comes before another, and gives
-the order nearest to a list that keeps all of them, or the steps that wait for each other.
+The part graph has the contacts of parts in their places, and tells which part may be placed when (V-A1, eq.
+6). ``StepPrecedence`` collects precedences between steps with their reasons, and gives the order nearest to
+a list that keeps all of them, or the cycle of steps that wait for each other.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from planning.geometry.touching import (
 from planning.transforms import Array, translation
 
 _SINK = 0.01
-"""A part is let sink by so much to find what it rests on [m]."""
+"""Virtual sinking of a part to find its supports [m]."""
 
 _RESTS = 0.5
 """It rests on what then comes closer by more than this share of it."""
@@ -43,9 +43,9 @@ class PartGraph:
         neighbours: part to the parts that it touches.
         ground: part to the fixtures that it touches; parts that stand on nothing fixed are
             left out.
-        carriers: part to the neighbours that it rests on, and to those whose way in would lead
+        carriers: part to the neighbours that it rests on, and to those whose insertion path would lead
             through it: they come before it.
-        covers: part to the parts that lie on it in the supply: they must be taken first. Parts
+        covers: part to the parts stacked on it in the supply, which must be picked first. Parts
             that nothing lies on may be left out.
     """
 
@@ -84,7 +84,7 @@ class PartGraph:
         return tuple(part for part in self.neighbours if part not in reached)
 
     def never_placeable(self, *, carried: bool = True) -> tuple[str, ...]:
-        """Return the parts that wait for each other, whatever is placed before: see placeable."""
+        """Return the parts that wait for each other in a cycle: see placeable."""
         placed: set[str] = set()
         while new := self.placeable(placed, carried=carried):
             placed.update(new)
@@ -92,7 +92,7 @@ class PartGraph:
 
     @cached_property
     def piled_on(self) -> Mapping[str, int]:
-        """Part to how many others must follow it, one resting on the other."""
+        """Height of the stack on each part: how many others rest on it, one on the other."""
         out = dict.fromkeys(self.carriers, 0)
         for part in reversed(list(TopologicalSorter(self.carriers).static_order())):
             for below in self.carriers[part]:
@@ -108,7 +108,7 @@ def build_part_graph(
     covers: Mapping[str, frozenset[str]] | None = None,
     overlaps: Overlaps | None = None,
 ) -> PartGraph:
-    """Find what touches what where every part is in its place.
+    """Find the contacts of parts when every part is in its place.
 
     A part rests on a neighbour that it would come at least half as much nearer to as it sinks.
 
@@ -149,16 +149,16 @@ def with_insertions(
     insertions: Mapping[str, Array],
     approach: float,
 ) -> PartGraph:
-    """Return the graph in which a part also waits for those whose way in leads through it.
+    """Return the graph in which a part also waits for those whose insertion path it would block.
 
-    Planning exempts from collisions what touches in place: it would not see that the way there
-    leads through what it touches. Two that are in each other's way wait for each other, which
-    ``never_placeable`` finds.
+    Planning allows contact between parts that touch in place, so it would not notice an insertion path
+    through a neighbour. Two parts that block each other wait for each other, which ``never_placeable``
+    finds.
 
     Args:
         graph: the part graph.
         parts: every part in its place, by name.
-        insertions: direction of the straight way in of each part, shape (3,).
+        insertions: direction of the straight path in of each part, shape (3,).
         approach: length of that way [m].
     """
     carriers = dict(graph.carriers)
@@ -174,7 +174,7 @@ def with_insertions(
 
 
 def parts_stacked_on(parts: Mapping[str, PlacedObject]) -> dict[str, frozenset[str]]:
-    """Return for parts in the supply what lies on them, those on which nothing does left out.
+    """Return for parts in the supply the parts stacked on them, where there are any.
 
     Args:
         parts: every part where it lies at the start, by name.
@@ -198,7 +198,7 @@ def _below(
     near: Mapping[str, float],
     touch: float,
 ) -> frozenset[str]:
-    """Return the parts near to a part to which it would come much nearer if it sank."""
+    """Return the parts that a part rests on: those that it would come much nearer to if it sank."""
     item, pose = placed
     sunk = (item, translation(0.0, 0.0, -_SINK) @ pose)
     close = {key: others[key] for key in near if key in others}
@@ -208,7 +208,7 @@ def _below(
 
 @dataclass(frozen=True)
 class StepPrecedence:
-    """What comes before what among steps.
+    """Precedence between steps.
 
     Attributes:
         words: what the steps are, for people.
@@ -216,7 +216,7 @@ class StepPrecedence:
             list.
         any_of: for each step, steps of which one at least comes before it; none where it needs
             none.
-        closing: by step whose part is kept hold of, the steps one of which lets go of it: it
+        closing: by step whose part is held, the steps one of which lets go of it: it
             comes as soon as it can.
     """
 
@@ -231,16 +231,16 @@ class StepPrecedence:
             self.before[then].setdefault(first, why)
 
     def with_required(self, first: int, then: int, why: str) -> StepPrecedence:
-        """Return the same and that one step comes before another."""
+        """Return the same precedence with one more pair of steps."""
         out = replace(self, before=tuple(dict(own) for own in self.before))
         out.require(first, then, why)
         return out
 
     def order(self) -> tuple[int, ...] | None:
-        """Return the order nearest to the list, None where steps wait for each other.
+        """Return the order nearest to the list, None for a cycle.
 
         The first step that can be done is done first, so no other order that keeps everything
-        comes before it in the order of numbers; but while a part is kept hold of, what leads to
+        comes before it in the order of numbers; but while a part is held, what leads to
         letting go of it.
         """
         done = self._doable()
@@ -273,7 +273,7 @@ class StepPrecedence:
         )
 
     def _doable(self) -> tuple[int, ...]:
-        """Return the steps that can be done one after another, as far as that goes."""
+        """Return the steps of a greedy schedule, as far as it is feasible."""
         out: list[int] = []
         done: set[int] = set()
         while True:
@@ -292,7 +292,7 @@ class StepPrecedence:
             done.add(step)
 
     def _to_let_go(self, done: set[int]) -> list[set[int]]:
-        """Return what leads to letting go of each part that is kept hold of, the least first."""
+        """Return the steps that lead to the release of each held part, fewest first."""
         chains = [
             _reached([end], lambda k: self.before[k].keys() - done)
             for placed, ends in self.closing.items()
@@ -305,7 +305,7 @@ class StepPrecedence:
 def _reached(
     start: Iterable[Item], after: Callable[[Item], Collection[Item]]
 ) -> set[Item]:
-    """Return what is reached from some things, them included, by what comes after each."""
+    """Return everything reachable from some nodes, themselves included, by the successors of each."""
     found = set(start)
     front = list(found)
     while front:

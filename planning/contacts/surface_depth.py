@@ -1,4 +1,4 @@
-"""How deep a surface of triangles reaches into a convex solid, and whether a point is inside of it.
+"""Depth of a triangle surface in a convex solid, and whether a point is inside the surface.
 
 The depth of a point in a convex solid is a concave function. Over a triangle it is bounded from
 above by its tangents; triangles are halved where that bound is above what was found.
@@ -40,11 +40,11 @@ class ConvexSolid:
     high: Array
 
     def depths(self, points: Array) -> Array:
-        """Return how deep points are in it, negative outside, shape (n,) [m]."""
+        """Return the depths of points in the solid, negative outside, shape (n,) [m]."""
         return np.asarray((self.offsets - points @ self.normals.T).min(axis=1))
 
     def bounds(self, triangles: Array, centres: Array) -> Array:
-        """Return what no point of each triangle is deeper than, shape (n,) [m]."""
+        """Return an upper bound of the depth of each triangle, shape (n,) [m]."""
         out = self.offsets - triangles @ self.normals.T
         return np.asarray(out.max(axis=1).min(axis=1))
 
@@ -62,14 +62,14 @@ class RoundSolid(ConvexSolid):
     reach: float
 
     def depths(self, points: Array) -> Array:
-        """Return how deep points are in it, negative outside, shape (n,) [m]."""
+        """Return the depths of points in the solid, negative outside, shape (n,) [m]."""
         around = self.radius - np.linalg.norm(self._away(points), axis=-1)
         if not len(self.offsets):
             return np.asarray(around)
         return np.asarray(np.minimum(around, super().depths(points)))
 
     def bounds(self, triangles: Array, centres: Array) -> Array:
-        """Return what no point of each triangle is deeper than, shape (n,) [m]."""
+        """Return an upper bound of the depth of each triangle, shape (n,) [m]."""
         away = self._away(centres)
         length = np.linalg.norm(away, axis=1)
         slope = -away / np.maximum(length, 1e-12)[:, None]

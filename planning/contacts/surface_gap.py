@@ -1,4 +1,4 @@
-"""Distance of the surfaces of two meshes, by their triangles, and how far one can go until they meet."""
+"""Distance of the surfaces of two meshes, by their triangles, and free travel until they meet."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TREES: BoundedCache[Any] = BoundedCache(64)
 
 
 def surface_gap(one: Element, other: Element) -> float:
-    """Return the distance of two meshes, 0 where they meet, one is in the other, or one is no mesh [m]."""
+    """Return the distance of two meshes, 0 where they meet, one contains the other, or one is no mesh [m]."""
     if not isinstance(one.form, Mesh) or not isinstance(other.form, Mesh):
         return 0.0
     gap = _distance(one, other, one.pose)
@@ -30,7 +30,7 @@ def surface_gap(one: Element, other: Element) -> float:
 
 
 def free_distance(one: Element, other: Element, direction: Array, most: float) -> float:
-    """Return how far a mesh can go straight until it meets another one, never more; infinite beyond ``most`` [m].
+    """Return a lower bound of a mesh's straight travel until it meets another; infinite beyond ``most`` [m].
 
     Conservative advancement: a step as long as the surfaces are apart passes no contact.
     """
@@ -74,7 +74,7 @@ def _tree(form: Any) -> Any:
 
 
 def _in(one: Element, other: Element) -> bool:
-    """Tell whether a mesh is inside of another one whose surface it does not meet."""
+    """Tell whether a mesh is inside another one whose surface it does not meet."""
     assert isinstance(one.form, Mesh)
     assert isinstance(other.form, Mesh)
     seen = inverse(other.pose) @ one.pose

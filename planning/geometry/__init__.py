@@ -1,4 +1,4 @@
-"""Collision checks: capsules propose, convex hulls decide, what is undecided is halved.
+"""Collision checks: capsules as broad phase, convex hulls as narrow phase, bisection of what is undecided.
 
 Imports cell and kinematics; everything that plans or checks motion imports it.
 """

@@ -1,4 +1,4 @@
-"""Collision checks of whole motions amid what stands, compiled.
+"""Collision checks of whole motions amid static obstacles, compiled.
 
 Capsules propose pairs of bodies on ever shorter stretches of a motion; pairs whose hulls are
 proved apart there are dropped. What cannot be proved is left to the exact decision.
@@ -46,11 +46,11 @@ _PROBE = 0.35
 """Joint travel (largest joint) between the configurations looked at before a whole motion [rad]."""
 
 _GROUP = 16
-"""So many boxes are passed by at once where a body is far from all of them."""
+"""Size of groups of boxes that are skipped together where a body is far from all."""
 
 
 class CompiledScene(NamedTuple):
-    """A robot and what it may not come close to, for compiled code.
+    """A robot and its obstacles, for compiled code.
 
     Attributes:
         own: bodies of the robot on a stretch of its motion.
@@ -82,7 +82,7 @@ class CompiledScene(NamedTuple):
 
 @inner_kernel
 def _group_boxes(bounds: Array) -> Array:
-    """Return the least and greatest corners of groups of boxes that follow one another."""
+    """Return the bounding boxes of consecutive groups of boxes."""
     count = bounds.shape[0]
     groups = (count + _GROUP - 1) // _GROUP
     out = np.empty((groups, 6))
@@ -99,7 +99,7 @@ def _group_boxes(bounds: Array) -> Array:
 def _pairs_with_boxes(
     scene: CompiledScene, groups: Array, room: float, out: Indices
 ) -> int:
-    """Write (BOX, own body, box) of every close pair; -1 asks for a shorter stretch first.
+    """Write (BOX, own body, box) of every close pair; -1 requests a shorter stretch first.
 
     Args:
         scene: the robot and what stands around it.
@@ -153,7 +153,7 @@ def _pairs_within(scene: CompiledScene, count: int, out: Indices) -> int:
 def pose_joints_above(
     whole: HullTable, above: HullTable, root: int, scratch: Scratch
 ) -> None:
-    """Pose a stretch as it is seen from a joint: only the joints above it move.
+    """Pose a stretch relative to a joint: only the joints above it move.
 
     Those below are at zero, so that what was seen on another motion is seen alike.
 
@@ -174,7 +174,7 @@ def pose_joints_above(
 
 @inner_kernel
 def _keep_unproved(scene: CompiledScene, pairs: Indices, count: int, stop: bool) -> int:
-    """Move the pairs that are not proved apart to the front; return how many there are.
+    """Move the pairs that are not proved apart to the front; return their number.
 
     With ``stop`` set, HIT as soon as one of them is proved too close.
     """
@@ -221,7 +221,7 @@ def _search(
     hi: float,
     stop: bool,
 ) -> tuple[int, Array, Indices]:
-    """Return what is undecided on a stretch of a motion, HIT as the number of a proved conflict.
+    """Return the undecided pairs on a stretch of a motion, HIT as the number of a proved conflict.
 
     It is halved until every stretch either clears all capsules or moves none of those
     that do not by more than the resolution.
@@ -264,7 +264,7 @@ def _search(
 
 @inner_kernel
 def _probes(q_a: Array, q_b: Array) -> int:
-    """Return how many configurations of a motion are looked at before all of it: a power of two."""
+    """Return how many configurations of a motion are probed before all of it: a power of two."""
     most, count = 0.0, 1
     for j in range(len(q_a)):
         most = max(most, abs(q_b[j] - q_a[j]))
@@ -275,7 +275,7 @@ def _probes(q_a: Array, q_b: Array) -> int:
 
 @inner_kernel
 def _share(probe: int) -> float:
-    """Return where on a motion a configuration is: the end first, and then ever finer in between."""
+    """Return the position of a probe on a motion: the end first, then ever finer in between."""
     share, step = 0.0 if probe > 0 else 1.0, 0.5
     while probe > 0:
         share += step * (probe % 2)
@@ -293,14 +293,14 @@ def find_undecided(
     begin: int,
     stop: bool,
 ) -> tuple[int, Array, Indices]:
-    """Look at some configurations of a motion, then at all of it, until something is undecided.
+    """Probe some configurations of a motion, then check all of it, until a pair is undecided.
 
     Args:
         scene: the robot and what stands around it.
         q_a, q_b: ends of the motion, shape (n,).
         probing: whether to look at configurations, where a conflict is found sooner.
         whole: whether to look at the motion as a whole at last.
-        begin: how many looks have been taken already.
+        begin: number of probes already done.
         stop: whether one pair that is proved too close is enough to know.
 
     Returns:

@@ -16,7 +16,7 @@ _FEW = 32
 
 @inner_kernel
 def deviation_bound_with_base(table: HullTable, solid: int, poses: Array) -> float:
-    """Return how far an error of its robot's base, and what it deviates, takes any point of a body, at most [m].
+    """Return the largest displacement of any point of a body by base error and deviation [m].
 
     Args:
         table: the bodies.
@@ -42,14 +42,14 @@ def deviation_bound_with_base(table: HullTable, solid: int, poses: Array) -> flo
 def deviation_bound(
     table: HullTable, solid: int, travel: Array, aside: Array, poses: Array
 ) -> tuple[float, float, float]:
-    """Return how far any point of a body strays on a motion, at most.
+    """Return a bound on how far any point of a body deviates from straight lines on a motion.
 
     Args:
         table: the bodies.
         solid: the body.
         travel: how far each joint goes, none of them further than half of it from ``poses``,
             shape (n,).
-        aside: how far each joint is from a straight line at most, shape (n,).
+        aside: by how much each joint is from a straight line at most, shape (n,).
         poses: joint poses in the middle.
 
     Returns:

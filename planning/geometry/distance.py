@@ -11,14 +11,14 @@ from planning.transforms import Array
 Vector = tuple[float, float, float]
 
 FAR, BETWEEN, CLOSE, TOO_CLOSE = 1, 0, -1, -2
-"""What is known of two hulls: see ``classify_gap``."""
+"""Classification of two hulls, see ``classify_gap``."""
 
 _STEPS = 24
 ROUNDING = 1e-9
 """Added to every distance that must be proved [m]."""
 
 _CERTAIN = 1e-7
-"""By so much hulls are closer than asked for, or overlap, before that is held for certain [m]."""
+"""Margin by which hulls must be too close, or overlap, to count as certain [m]."""
 
 _FLAT = 1e-22
 """Squared height of a tetrahedron against its edges from which on rounding decides its sides."""
@@ -76,7 +76,7 @@ def segment_distance(u: Vector, v: Vector, w: Vector) -> float:
 
 @inner_kernel
 def _seen_from_box(p0: Array, p1: Array, pose: Array, line: Array) -> None:
-    """Write where a segment begins and where it leads to, in the frame of a box, shape (3, 2)."""
+    """Write the start and the vector of a segment in the frame of a box, shape (3, 2)."""
     for r in range(3):
         x0 = y0 = 0.0
         for c in range(3):
@@ -117,7 +117,7 @@ def segment_box(p0: Array, p1: Array, pose: Array, half: Array) -> float:
 
 @inner_kernel
 def _squared_gap(line: Array, half: Array) -> float:
-    """Return the squared distance of a segment, seen from a box, and the box.
+    """Return the squared distance of a box and a segment in the frame of that box.
 
     The distance to a box is convex along the segment and its derivative is linear between the
     parameters at which the segment crosses a face plane: bracket the zero among those.
@@ -165,7 +165,7 @@ def _outside(line: Array, half: Array, t: float) -> float:
 
 @inner_kernel
 def are_boxes_apart(a: Array, i: int, b: Array, j: int, gap: float) -> bool:
-    """Tell whether two boxes along the axes are further apart than a gap.
+    """Tell whether two axis-aligned boxes are further apart than a gap.
 
     Args:
         a, i: least and greatest corners of boxes, shape (.., 6) [m], and one of them.
@@ -198,7 +198,7 @@ def classify_gap(
     enough: float,
     direction: Array,
 ) -> int:
-    """Tell how far apart two hulls are.
+    """Classify the distance of two hulls.
 
     Args:
         a, a_count: corners of the one hull, the first ``a_count`` rows of shape (.., 3).
@@ -255,7 +255,7 @@ def classify_gap(
         simplex[size, 0], simplex[size, 1], simplex[size, 2] = w0, w1, w2
         size, vx, vy, vz = _nearest(simplex, size + 1, vx, vy, vz)
         if size == 4:
-            # Asked for less than nothing, they may overlap a little.
+            # With a negative limit, they may overlap a little.
             if clearance >= 0.0 and _well_inside(simplex):
                 return TOO_CLOSE
             break
@@ -266,7 +266,7 @@ def classify_gap(
 def _nearest(
     simplex: Array, size: int, vx: float, vy: float, vz: float
 ) -> tuple[int, float, float, float]:
-    """Return how many corners of a simplex its point nearest to the origin needs, and the point.
+    """Return the point of a simplex nearest to the origin, and the number of corners that span it.
 
     The corners that it needs come first afterwards; where the origin is inside all four stay,
     and the point is the one given. The newest corner is the last one. Every face, edge and
@@ -356,7 +356,7 @@ def _inside(simplex: Array) -> bool:
 
 @inner_kernel
 def _well_inside(simplex: Array) -> bool:
-    """Tell whether the origin is inside a tetrahedron beyond what rounding could do."""
+    """Tell whether the origin is inside a tetrahedron beyond rounding errors."""
     for s in range(4):
         p = simplex[(s + 1) % 4]
         q = simplex[(s + 2) % 4]

@@ -1,8 +1,8 @@
 """Exact decision whether two moving convex hulls come closer than a clearance.
 
-coal measures the distance of the hulls at the middle of both motions. How far any point can get
-from there is bounded, so one measurement settles every pair that is clearly apart or clearly too
-close; what is left is split in two, down to a tolerance below which closeness is assumed.
+coal measures the distance of the hulls at the middle of both motions. The displacement of any point from
+there is bounded, so one measurement settles every pair that is clearly apart or clearly too close;
+undecided motions are bisected, down to a tolerance below which closeness is assumed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _RESTING: BoundedCache[Solid] = BoundedCache(50_000)
 
 @cache
 def hull_shape(body: ConvexBody) -> Any:
-    """Return coal's convex shape of a body, built once a body."""
+    """Return coal's convex shape of a body, cached per body."""
     model = coal.BVHModelOBBRSS()
     model.beginModel(0, len(body.vertices))
     model.addVertices(np.asarray(body.vertices, dtype=np.float64))
@@ -76,7 +76,7 @@ class Solid:
         return np.stack([self._placed(capsules.start), self._placed(capsules.end)], 1)
 
     def deviation_bound_with_base(self, pose: Any) -> float:
-        """Return how far an error of its robot's base, and what it deviates, takes any point of it, at most [m].
+        """Return the largest displacement of any of its points by base error and deviation [m].
 
         Args:
             pose: coal's, of the body in the world.
@@ -95,12 +95,12 @@ class Solid:
 
     @cached_property
     def at_rest(self) -> Any:
-        """Coal's pose of a body that nothing carries."""
+        """Coal's pose of a body at rest."""
         return coal.Transform3s(self.local[:3, :3], self.local[:3, 3])
 
     @cached_property
     def where_planned(self) -> Solid:
-        """The same on a base that is where it is planned to be, and nowhere off its path."""
+        """The same body without errors: base at its planned pose, no deviation from the path."""
         if self.carrier is None or (self._base_is_sure and not self.deviates):
             return self
         carrier = self.carrier._replace(error=np.zeros(2))
@@ -111,7 +111,7 @@ class Solid:
 
 
 def resting_solid(name: str, body: ConvexBody, pose: Transform) -> Solid:
-    """Return a body at rest at ``pose`` in the world: it stands there in very many scenes."""
+    """Return a body at rest at ``pose`` in the world, cached because many scenes share it."""
     return _RESTING.get((name, body, pose.tobytes()), lambda: Solid(name, body, pose))
 
 
@@ -126,7 +126,7 @@ def _carry(
     root: int,
     out: Array,
 ) -> float:
-    """Write a carried body's pose at the middle of a motion; bound its motion seen from root."""
+    """Write a carried body's pose at the middle of a motion; bound its motion relative to root."""
     n = q_a.shape[0]
     poses, middle = np.empty((n + 1, 4, 4)), np.empty(n)
     for j in range(n):
@@ -168,7 +168,7 @@ def _carry(
 def place_at_middle(
     solid: Solid, q_a: Array, q_b: Array, root: int = -1
 ) -> tuple[Any, float]:
-    """Return coal's pose of a body at the middle of a motion and how far it strays from there.
+    """Return coal's pose of a body at the middle of a motion and its largest deviation from there.
 
     Args:
         solid: the body.
@@ -189,7 +189,7 @@ def place_at_middle(
 
 def hull_distance(a: Solid, pose_a: Any, b: Solid, pose_b: Any) -> float:
     """Return the signed distance of two hulls at coal poses; negative is penetration [m]."""
-    # Threads may measure at once, so each needs a result of its own.
+    # Threads may measure concurrently, so each needs a result of its own.
     result = coal.DistanceResult()
     return float(coal.distance(a.shape, pose_a, b.shape, pose_b, _REQUEST, result))
 

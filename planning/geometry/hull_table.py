@@ -15,7 +15,7 @@ from planning.packed import packed
 from planning.transforms import Array, Indices
 
 AT_REST = -2
-"""Stands for the joint of a body that rests in the world."""
+"""Placeholder for the joint of a body that rests in the world."""
 
 
 class HullTable(NamedTuple):
@@ -50,12 +50,12 @@ class HullTable(NamedTuple):
     most_corners: int
 
     def on_a_motion(self) -> HullTable:
-        """Return the same bodies on one segment of its own."""
+        """Return the same bodies on one segment of their own."""
         n = self.q_a.shape[1]
         return packed(self._replace(q_a=np.zeros((1, n)), q_b=np.zeros((1, n))))
 
     def seen_from_base(self) -> HullTable:
-        """Return the same bodies as their own robot sees them: no error of its base parts them."""
+        """Return the same bodies relative to their own robot's base, without its error."""
         if not (self.robot.error.any() or self.deviates.any()):
             return packed(self)
         robot = packed(self.robot._replace(error=np.zeros(2)))
@@ -110,7 +110,7 @@ def standing_hulls(solids: Sequence[Solid]) -> HullTable:
 def place_corners(
     table: HullTable, solid: int, poses: Array, out: Array, offset: int
 ) -> int:
-    """Write the corners of a body in the world from row ``offset`` on; return where they end."""
+    """Write the corners of a body in the world from row ``offset`` on; return the next free row."""
     first, last = table.corner_first[solid], table.corner_first[solid + 1]
     corners, p = table.corners, table.joint[solid] + 1
     end = offset + last - first

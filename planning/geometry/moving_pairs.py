@@ -1,4 +1,4 @@
-"""Two things that move, each anywhere on its motion: capsules propose, hulls decide, compiled."""
+"""Two moving carriers, each anywhere on its motion: capsules first, then hulls, compiled."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def are_pieces_apart(
     pairs: Indices,
     scratch: Scratch,
 ) -> bool:
-    """Tell whether bodies are proved to keep their distances, each anywhere on its piece.
+    """Tell whether bodies are proved to keep their clearances, each anywhere on its piece.
 
     Args:
         a, b: the bodies.
@@ -129,7 +129,7 @@ def are_pairs_apart(
     limits: Array,
     scratch: Scratch,
 ) -> bool:
-    """Tell whether the first of some pairs are proved to keep their distances.
+    """Tell whether the first of some pairs are proved to keep their clearances.
 
     Args:
         pairs, count: see ``write_near_pairs``, and how many count.
@@ -149,7 +149,7 @@ def are_pairs_apart(
 
 
 class MovingPair:
-    """Checks two robots, and what they hold, against each other.
+    """Checks two robots, with their loads, against each other.
 
     Args:
         cell: the static cell.
@@ -195,7 +195,7 @@ class MovingPair:
     def split(
         self, a_from: Array, a_to: Array, b_from: Array, b_to: Array, parts: int
     ) -> Array | None:
-        """Cut a composite motion into parts in which the robots cannot come close.
+        """Cut a composite motion into parts, in each of which the robots are proved to keep clear.
 
         Args:
             a_from, a_to: ends of the first robot's motion, shape (n,).
@@ -213,7 +213,7 @@ class MovingPair:
         return ends[:count] if count >= 0 else None
 
     def clear(self, a_at: Array, b_at: Array) -> bool:
-        """Tell whether both robots may stand where they are, shapes (n,)."""
+        """Tell whether both configurations are free of mutual collision, shapes (n,)."""
         return self.split(a_at, a_at, b_at, b_at, 1) is not None
 
 
@@ -261,7 +261,7 @@ def _is_clear(pair: _Pair, lo: float, hi: float) -> bool:
 
 @kernel
 def _split(pair: _Pair, parts: int, ends: Array) -> int:
-    """Write where parts end; return how many there are, -1 when the robots come too close."""
+    """Write where parts end; return their number, -1 when the robots come too close."""
     stack = np.empty((_HALVINGS + 2, 2))
     smallest = 1.0 / len(ends)
     count = 0

@@ -1,6 +1,6 @@
-"""The bodies that move with a robot, collected once for each load that it carries.
+"""The bodies that move with a robot, collected once for each load.
 
-How far they may be from where the path has them while a skill is under force control is said here, too.
+Also the bound on their position error while a skill is under force control.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ cannot go there."""
 
 @dataclass(frozen=True)
 class RobotBodies:
-    """Bodies that move with a robot: its parts, then the pieces of the objects it holds.
+    """Bodies that move with a robot: its links, then the pieces of the objects it holds.
 
     Attributes:
         solids: for exact decisions; a part is named ``"<robot>/<group>:<body>"``.
@@ -66,7 +66,7 @@ class RobotBodies:
     parts: int
 
     def numbered(self, numbers: Mapping[str, int]) -> Indices:
-        """Return the number of each body's entity."""
+        """Return the entity number of each body."""
         return np.array([numbers[name] for name in self.entities], dtype=np.int64)
 
     @cached_property
@@ -75,14 +75,14 @@ class RobotBodies:
         return indices_by_name(self.entities)
 
     def limits_within(self, allowed: AllowedPairs) -> Array:
-        """Return ``self_limits`` where parts may touch something held, as pairs of entities say."""
+        """Return ``self_limits`` with the allowed contacts between own parts and held objects."""
         limits = self.self_limits.copy()
         mark_allowed_contacts(limits, *self._parts_and_held, allowed)
         return limits
 
     @cached_property
     def _parts_and_held(self) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
-        """The bodies of each entity that are parts of the robot, and those of what it holds."""
+        """The bodies of each entity, split into robot parts and held objects."""
         own = self.of_entity
         return (
             {e: [k for k in own[e] if k < self.parts] for e in own},
@@ -91,12 +91,12 @@ class RobotBodies:
 
 
 def entity_name(robot: str, group: str) -> str:
-    """Return the name by which allowed contacts speak of a robot's arm or tool."""
+    """Return the entity name of a robot's arm or tool in allowed contacts."""
     return f"{robot}/{group}"
 
 
 def entity_numbers(robots: Iterable[str], things: Iterable[str]) -> dict[str, int]:
-    """Return the numbers of entities by their names: arm and tool of each robot, then things.
+    """Return the numbers of entities by name: arm and tool of each robot, then things.
 
     Args:
         robots: names of the robots.
@@ -107,7 +107,7 @@ def entity_numbers(robots: Iterable[str], things: Iterable[str]) -> dict[str, in
 
 
 def cell_entities(cell: Workcell) -> dict[str, int]:
-    """Return the number of every entity of a cell: of robots, fixtures, objects."""
+    """Return the number of every entity of a cell: robots, fixtures, objects."""
     things = [f.name for f in cell.fixtures] + [item.name for item in cell.objects]
     return entity_numbers((robot.name for robot in cell.robots), things)
 
@@ -115,7 +115,7 @@ def cell_entities(cell: Workcell) -> dict[str, int]:
 def limits_of_entities(
     numbers: Mapping[str, int], least: float, allowed: AllowedPairs
 ) -> Array:
-    """Return the least distance of two entities, SKIP where they may touch, shape (e, e) [m].
+    """Return the least distances of entities, SKIP where they may touch, shape (e, e) [m].
 
     Args:
         numbers: of the entities.
@@ -131,7 +131,7 @@ def limits_of_entities(
 
 
 def indices_by_name(names: Iterable[str]) -> dict[str, list[int]]:
-    """Return at which places each name stands."""
+    """Return the indices at which each name occurs."""
     found: dict[str, list[int]] = {}
     for k, name in enumerate(names):
         found.setdefault(name, []).append(k)
@@ -215,10 +215,10 @@ def objects_held_by(
 def position_error_bound(
     robot: PlacedRobot, path: Array, error: PoseError, solids: Sequence[Solid]
 ) -> Array:
-    """Return how far each body may be from its place anywhere on a path, shape (solids,) [m].
+    """Return a bound on the position error of each body anywhere on a path, shape (solids,) [m].
 
     Args:
-        robot: who goes along it.
+        robot: the robot that follows it.
         path: configurations, shape (s, n).
         error: of the flange.
         solids: bodies of the robot, and what it holds.
@@ -256,7 +256,7 @@ def position_error_bound(
 
 
 def flange_jacobians(robot: PlacedRobot, frames: Array) -> Array:
-    """Return what a unit of each joint does to the flange, ways above turns, shape (s, 6, n).
+    """Return the Jacobians of the flange, translation above rotation, shape (s, 6, n).
 
     Args:
         robot: the robot.
@@ -273,27 +273,27 @@ def _axes(robot: PlacedRobot, frames: Array) -> Array:
 
 
 def _ways(robot: PlacedRobot, frames: Array, points: Array) -> Array:
-    """Return what each joint does to points that all of them carry, shape (s, 3, n)."""
+    """Return the translational Jacobians of points that all joints carry, shape (s, 3, n)."""
     axes, slides = _axes(robot, frames), np.asarray(robot.model.chain.prismatic)
     turned = np.cross(axes, points[:, None] - frames[:, 1:, :3, 3])
     return np.swapaxes(np.where(slides[:, None], axes, turned), 1, 2)
 
 
 def _turns(robot: PlacedRobot, frames: Array) -> Array:
-    """Return about what each joint turns all that it carries, shape (s, 3, n)."""
+    """Return the rotational Jacobians of points that all joints carry, shape (s, 3, n)."""
     slides = np.asarray(robot.model.chain.prismatic)[:, None]
     return np.swapaxes(np.where(slides, 0.0, _axes(robot, frames)), 1, 2)
 
 
 def _stretch(maps: Array) -> Array:
-    """Return the largest singular value of maps of vectors, shape (s, 3, 3), as shape (s,)."""
+    """Return the largest singular values of matrices of shape (s, 3, 3), as shape (s,)."""
     return np.asarray(np.linalg.norm(maps, ord=2, axis=(1, 2)))
 
 
 def with_deviations(
     bodies: RobotBodies, robot: PlacedRobot, path: Array, error: PoseError
 ) -> RobotBodies:
-    """Return the bodies of a robot while it may deviate from a path, see ``position_error_bound``."""
+    """Return the bodies of a robot that may deviate from its path, see ``position_error_bound``."""
     off = position_error_bound(robot, path, error, bodies.solids).tolist()
     solids = tuple(
         replace(solid, deviates=far)

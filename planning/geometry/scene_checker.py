@@ -1,4 +1,4 @@
-"""Collision checks of one robot while everything else stands still."""
+"""Collision checks of one moving robot while everything else is static."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _FINE = 2e-5
 
 
 class BodyPair(NamedTuple):
-    """A body of a robot and what it may come close to, itself carried by the robot or at rest.
+    """A body of a robot and an obstacle, which is carried by the robot or at rest.
 
     Attributes:
         mine, other: the two.
@@ -63,7 +63,7 @@ class BodyPair(NamedTuple):
     together: bool
 
     def gap_at(self, q: Array) -> tuple[float, float]:
-        """Return their signed distance at ``q``, shape (n,), and the least that they may have there [m]."""
+        """Return their signed distance at ``q``, shape (n,), and the clearance required there [m]."""
         pose, limit = place_at_middle(self.mine, q, q)[0], self.limit
         if not self.together:
             limit += self.mine.deviation_bound_with_base(pose)
@@ -79,7 +79,7 @@ class Contact:
         first: the checked robot's body, as entity and body name.
         second: the other one.
         distance: signed distance, negative for penetration [m].
-        limit: least distance that was asked for [m].
+        limit: required least distance [m].
         pair: the bodies themselves.
     """
 
@@ -112,7 +112,7 @@ class Contact:
 
 
 class SceneChecker:
-    """Collision checks of one robot against everything else, which stands still.
+    """Collision checks of one robot against everything else, which is static.
 
     Capsules propose; what hulls in motion are not proved apart, coal decides.
 
@@ -175,13 +175,13 @@ class SceneChecker:
         self._allow(allowed)
 
     def with_allowed(self, allowed: frozenset[frozenset[str]]) -> SceneChecker:
-        """Return the same checker with other pairs that may touch; the two share their memory."""
+        """Return the same checker with other allowed contacts; the two share caches."""
         other = copy(self)
         other._allow(allowed)
         return other
 
     def without(self, objects: Iterable[str]) -> SceneChecker:
-        """Return the same checker as if some objects at rest were not there."""
+        """Return the same checker without some objects at rest."""
         other = copy(self)
         columns = self._boxes.columns
         gone = {k for name in objects for k in columns.get(name, ())}
@@ -192,7 +192,7 @@ class SceneChecker:
         return other
 
     def _allow(self, allowed: frozenset[frozenset[str]]) -> None:
-        """Write the least distances to what stands, and between own bodies.
+        """Write the least distances to obstacles and between own bodies.
 
         What robots hold keeps the clearance of robots from other robots, and what these hold.
         """
@@ -230,8 +230,8 @@ class SceneChecker:
         return self._clear(q_a, q_b, probing=True, whole=False)
 
     def _clear(self, q_a: Array, q_b: Array, *, probing: bool, whole: bool) -> bool:
-        """Tell whether a motion is clear as far as ``find_undecided`` looks at it."""
-        # Writable copies: numba compiles read-only arrays anew.
+        """Tell whether a motion is clear, as far as ``find_undecided`` decides it."""
+        # Writable copies: numba recompiles for read-only arrays.
         q_a, q_b = np.array(q_a, dtype=np.float64), np.array(q_b, dtype=np.float64)
         looks = 0
         while True:
@@ -273,7 +273,7 @@ class SceneChecker:
 
     @property
     def clearance(self) -> float:
-        """Least distance that the robot keeps from objects, and a motion is proved to keep [m]."""
+        """Clearance to objects that the robot keeps, and that motions are proved to keep [m]."""
         return self._to_objects + TOLERANCE
 
     def tool_comes_within(self, path: Array, name: str, limit: float) -> bool:
@@ -334,7 +334,7 @@ class SceneChecker:
         return None
 
     def _only(self, bodies: Sequence[int], column: int, limit: float) -> CompiledScene:
-        """Return the scene in which some own bodies keep away from one box, and nothing else."""
+        """Return the scene in which only some own bodies are checked, against one box."""
         scene = self._scene
         box_limit = np.full_like(scene.box_limit, SKIP)
         box_limit[bodies, column] = limit
@@ -346,7 +346,7 @@ class SceneChecker:
         )
 
     def _pair(self, kind: int, body: int, other: int) -> BodyPair:
-        """Return an own body and what it may come close to."""
+        """Return an own body and its obstacle as a pair."""
         scene, mine = self._scene, self._own.solids[body]
         if kind == BOX:
             limit = float(scene.box_limit[body, other])
@@ -358,7 +358,7 @@ class SceneChecker:
 def _surroundings(
     cell: Workcell, robot: str, state: WorldState
 ) -> tuple[Sequence[Held], StandingBoxes]:
-    """Return what a robot holds, and all boxes at rest or in the hands of the others."""
+    """Return the objects that a robot holds, and all boxes at rest or held by other robots."""
     held, boxes = sort_objects(cell.fixtures, cell.objects, state.attachments)
     for item, at in held:
         if at.holder is not None and at.holder != robot:

@@ -1,4 +1,4 @@
-"""Separating planes of moving convex hulls, compiled: spares the exact decision what is apart."""
+"""Separating planes of moving convex hulls, compiled: a cheap proof that saves exact checks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FROM, _TO, _TRAVEL, _MIDDLE, _STRAIGHT = range(5)
 
 
 class Scratch(NamedTuple):
-    """Room to work in.
+    """Work arrays for one stretch of two occupancies.
 
     Attributes:
         whole_a, whole_b: joint poses at the middle of whole segments, shape (n + 1, 4, 4).
@@ -55,13 +55,13 @@ class Scratch(NamedTuple):
 
 
 def make_scratch(a: HullTable, b: HullTable) -> Scratch:
-    """Return room for the bodies of two occupancies."""
+    """Return work arrays for the bodies of two occupancies."""
     joints = a.q_a.shape[1], b.q_a.shape[1]
     return make_scratch_for(*joints, a.most_corners, b.most_corners)
 
 
 def make_scratch_for(n: int, m: int, a_corners: int, b_corners: int) -> Scratch:
-    """Return room for two occupancies.
+    """Return work arrays for two occupancies.
 
     Args:
         n, m: joints of either.
@@ -123,7 +123,7 @@ def _pose_at(table: HullTable, q: Array, poses: Array) -> None:
 def check_hulls_continuously(
     a: HullTable, i: int, b: HullTable, j: int, clearance: float, scratch: Scratch
 ) -> int:
-    """Tell whether two bodies keep a clearance, each anywhere on its motion, as far as proved.
+    """Tell whether two bodies are proved to keep a clearance, each anywhere on its motion.
 
     Args:
         a, i: an occupancy, and a body of it.
@@ -206,7 +206,7 @@ def check_hulls_continuously(
 def _place_ends(
     table: HullTable, solid: int, joints: Array, poses: Array, out: Array
 ) -> int:
-    """Write a body's corners at both ends of a motion; return how many there are."""
+    """Write a body's corners at both ends of a motion; return their number."""
     if table.joint[solid] == AT_REST:
         return place_corners(table, solid, poses, out, ZERO)
     _pose_at(table, joints[_FROM], poses)

@@ -1,4 +1,4 @@
-"""Tables of what stands around a robot, boxes and other robots, shared by scenes.
+"""Tables of static obstacles around a robot, boxes and other robots, shared by scenes.
 
 An object stands in the same place in very many scenes. All its places are rows of arrays that
 scenes share: a scene is a choice of rows.
@@ -35,20 +35,20 @@ from planning.packed import packed
 from planning.transforms import Array, Indices, Transform, translation
 
 _MOST_PLACES = 50_000
-"""Places in arrays that scenes share; those after so many begin with new ones."""
+"""Capacity of arrays that scenes share; scenes beyond it begin with new ones."""
 
 _STANDS: BoundedCache[list[Placed]] = BoundedCache(2000)
 _ABSENT = -1
 
 _CELLS_AT_A_TIME = 4
-"""So many cells are followed at a time."""
+"""Number of cells cached at a time."""
 
 _FOLLOWED: list[_SortedObjects] = []
 _LOCK = Lock()
 
 
 class _Places:
-    """Growing arrays, a row for every place of every body; rows never change."""
+    """Growing arrays with one row per body and pose; rows never change."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -66,11 +66,11 @@ class _Places:
         self._lock = Lock()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what another process needs."""
+        """Return the state to pickle, without the lock."""
         return {k: v for k, v in vars(self).items() if k != "_lock"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take it over, with a lock of its own."""
+        """Restore the state, with a new lock."""
         vars(self).update(state, _lock=Lock())
 
     @property
@@ -136,7 +136,7 @@ class StandingBoxes:
         fixtures: how many pieces the fixtures have.
         places: arrays that the rows are of.
         of_robots: names of the entities of other robots, and of what these hold.
-        strays: by row, how far an error of its robot's base takes a piece [m].
+        strays: by row, displacement of a piece by the base error of its robot [m].
     """
 
     names: tuple[str, ...]
@@ -148,7 +148,7 @@ class StandingBoxes:
 
     @cached_property
     def columns(self) -> Mapping[str, list[int]]:
-        """At which places the pieces of each name stand."""
+        """Indices of the pieces of each name."""
         return indices_by_name(self.names)
 
     @property
@@ -191,11 +191,11 @@ class StandingBoxes:
         return packed(table)
 
     def first(self, count: int) -> StandingBoxes:
-        """Return the first so many of the boxes, fixtures included."""
+        """Return a number of first boxes, fixtures included."""
         return replace(self, names=self.names[:count], rows=self.rows[:count])
 
     def without(self, names: Iterable[str]) -> StandingBoxes:
-        """Return all but some objects."""
+        """Return all boxes but those of some objects."""
         gone = [k for name in names for k in self.columns.get(name, ())]
         if not gone:
             return self
@@ -204,7 +204,7 @@ class StandingBoxes:
         return self.only(kept[self.fixtures :])
 
     def only(self, keep: Iterable[bool]) -> StandingBoxes:
-        """Return the fixtures and those pieces of the objects that are marked.
+        """Return the fixtures and the marked pieces of objects.
 
         Args:
             keep: one mark a piece.
@@ -224,7 +224,7 @@ class StandingBoxes:
         *,
         of_robot: PlacedRobot | None = None,
     ) -> StandingBoxes:
-        """Return these pieces and more of them.
+        """Return these pieces and further ones.
 
         Args:
             boxes: the others.
@@ -250,13 +250,13 @@ class StandingBoxes:
 
 
 def _strays(robot: PlacedRobot, body: ConvexBody, pose: Transform) -> float:
-    """Return how far an error of a robot's base takes a body that stands with it [m]."""
+    """Return the displacement of a standing body by the base error of its robot [m]."""
     points = body.vertices @ pose[:3, :3].T + (pose[:3, 3] - robot.base[:3, 3])
     return robot.base_error.displacement(float(np.linalg.norm(points, axis=1).max()))
 
 
 def stand_boxes(fixtures: Sequence[Fixture], boxes: Iterable[Placed]) -> StandingBoxes:
-    """Return fixtures, and the pieces of some objects."""
+    """Return the boxes of fixtures and of the pieces of some objects."""
     global _places
     if _places.full:
         _places = _Places()
@@ -279,7 +279,7 @@ def box_limits(
         boxes: what stands around.
         allowed: unordered pairs of entities that may touch.
         to_objects: from what rests [m].
-        to_robots: from other robots and what they hold [m].
+        to_robots: from other robots and their loads [m].
     """
     limits = np.full((len(own.solids), len(boxes.rows)), to_objects)
     for name in boxes.of_robots:
@@ -293,7 +293,7 @@ def box_limits(
 
 
 def standing_robot(robot: PlacedRobot, q: Array) -> list[Placed]:
-    """Return the bodies of a robot, with empty hands, where it stands: each with its entity."""
+    """Return the bodies of a standing robot with empty hands, each with its entity."""
 
     def collect() -> list[Placed]:
         poses = joint_poses_of(robot, q)
@@ -311,7 +311,7 @@ Sorted = tuple[list[Held], StandingBoxes]
 
 
 class _SortedObjects:
-    """The objects that robots hold, and those at rest, as they were asked for last.
+    """Cached split of objects into held ones and those at rest.
 
     Robots move far more often than objects, and of these one or two at a time: only what has
     changed hands since is looked at.
@@ -335,7 +335,7 @@ class _SortedObjects:
     def follows(
         self, fixtures: tuple[Fixture, ...], objects: tuple[CellObject, ...]
     ) -> bool:
-        """Tell whether objects are those known here, and others that have come up since."""
+        """Tell whether objects are those cached here, plus newly arrived ones."""
         return (
             fixtures is self._fixtures
             and objects[: len(self._objects)] == self._objects
@@ -345,7 +345,7 @@ class _SortedObjects:
     def sort(
         self, objects: tuple[CellObject, ...], where: Mapping[str, Attachment]
     ) -> Sorted:
-        """Return the objects that are held, in their order; fixtures and objects at rest."""
+        """Return the held objects, in their order; fixtures and objects at rest."""
         known = len(self._objects)
         for item in objects[known:]:
             pieces = len(item.shape.pieces)
@@ -391,7 +391,7 @@ def sort_objects(
     objects: tuple[CellObject, ...],
     where: Mapping[str, Attachment],
 ) -> Sorted:
-    """Return the objects that are held, and all boxes at rest.
+    """Return the held objects, and all boxes at rest.
 
     Args:
         fixtures: of a cell.

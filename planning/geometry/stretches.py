@@ -1,8 +1,8 @@
-"""Separating planes of whole stretches of motion, compiled: many segments dismissed at once.
+"""Separating planes of whole stretches of motion, compiled: many segments proved apart together.
 
-A stretch is a run of segments. Its joint values stay in a box, and near the straight line from
-its beginning to its end: two bounds of where its bodies can be. What neither proves apart is
-looked at in parts, down to single segments (planning.geometry.separation).
+A stretch is a run of segments. Its joint values stay in a box, and near the straight line from its
+beginning to its end: two bounds on the positions of its bodies. Pairs that neither bound proves apart are
+checked in parts, down to single segments (planning.geometry.separation).
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from planning.packed import packed
 from planning.transforms import Array, Indices
 
 MIXED = -2
-"""Stands for the solid of a body that is not the same on all of a stretch."""
+"""Placeholder for the solid of a body that is not the same on all of a stretch."""
 
 
 class PosedStretch(NamedTuple):
-    """A stretch of an occupancy, posed.
+    """Posed stretch of an occupancy: a run of its segments.
 
     Attributes:
         span: its segments, ``range(first, last)``, how many stretches were posed, and how many
             directions measured, shape (4,).
         half: joint values in the middle of the box, shape (n,).
         travel: difference of greatest and least joint values, shape (n,).
-        aside: how far each joint is from the straight line at most, shape (n,).
+        aside: by how much each joint is from the straight line at most, shape (n,).
         middle, start, end: joint poses in the middle of the box and at both ends, shape
             (n + 1, 4, 4).
         strays: see ``stray``; the first two with what an error of the base adds, shape
             (solids, 3).
-        known: for which stretch ``strays`` was measured, shape (solids,).
+        known: the stretch for which ``strays`` was measured, shape (solids,).
         solid: solid of each body, -1 for none, MIXED where not the same all along, shape
             (bodies,).
         least: lower bound of each body's extent along a direction, shape (bodies,) [m].
@@ -68,7 +68,7 @@ class PosedStretch(NamedTuple):
 
 
 def make_stretch(table: HullTable) -> PosedStretch:
-    """Return room for a stretch of an occupancy."""
+    """Return work arrays for a stretch of an occupancy."""
     n, solids, bodies = table.q_a.shape[1], len(table.joint), table.solid.shape[1]
     stretch = PosedStretch(
         np.zeros(4, dtype=np.int64),
@@ -93,7 +93,7 @@ def make_stretch(table: HullTable) -> PosedStretch:
 
 @inner_kernel
 def _pose_box(table: HullTable, first: int, last: int, out: PosedStretch) -> None:
-    """Write the box of the joint values of some segments and the poses in its middle."""
+    """Write the joint-value box of some segments and the poses at its middle."""
     n = len(out.half)
     out.span[0], out.span[1] = first, last
     out.span[2] += 1
@@ -143,7 +143,7 @@ def pose_stretch(table: HullTable, first: int, last: int, out: PosedStretch) -> 
 
 @inner_kernel
 def measure_deviation(table: HullTable, solid: int, stretch: PosedStretch) -> None:
-    """Write how far a body strays on a stretch, unless that is known."""
+    """Write a bound on the deviation of a body on a stretch, unless it is known."""
     if stretch.known[solid] == stretch.span[2]:
         return
     stretch.known[solid] = stretch.span[2]
@@ -282,7 +282,7 @@ def _least(
 
 @inner_kernel
 def sweep_all_capsules(table: HullTable, stretch: PosedStretch) -> None:
-    """Write the capsules of all bodies that are the same on all of a stretch, posed."""
+    """Write the capsules of all bodies that are the same throughout a posed stretch."""
     for solid in stretch.solid:
         if solid >= 0:
             measure_deviation(table, solid, stretch)
@@ -291,7 +291,7 @@ def sweep_all_capsules(table: HullTable, stretch: PosedStretch) -> None:
 
 @inner_kernel
 def sweep_capsules(table: HullTable, solid: int, stretch: PosedStretch) -> None:
-    """Write the capsules that hold a body on a stretch, posed and measured.
+    """Write the capsules that contain a body on a stretch, posed and measured.
 
     The ends of a capsule stay as near to where they are in the middle as any point does, and
     as near as they are at both ends of the stretch, but for the bend in between.

@@ -1,4 +1,4 @@
-"""Capsules that contain everything a robot sweeps on a straight line in joint space.
+"""Capsules that contain the swept volume of a robot on a straight line in joint space.
 
 Each capsule is placed at the middle of the line and its radius grown by a bound of how far any
 of its points gets from there: joint by joint from the tip, a point within r of the joint's axis
@@ -29,7 +29,7 @@ SKIP = -1.0
 """In a table of limits: this pair is never checked."""
 
 NOWHERE = -1.0
-"""How far bodies stray that do not meet."""
+"""Deviation of bodies that do not meet."""
 
 
 @inner_kernel
@@ -43,7 +43,7 @@ def place_capsules(
     end: Array,
     moved: Array,
 ) -> None:
-    """Write the capsules at the middle of a joint-space segment and how far they stray.
+    """Write the capsules at the middle of a joint-space segment and bounds on their deviation.
 
     Args:
         hulls: bodies that a robot carries.
@@ -104,7 +104,7 @@ def _off_axis(
 
 @kernel
 def bound_travel(hulls: HullTable, q_a: Array, q_b: Array) -> Array:
-    """Return how far any point of the robot travels in each of many segments, at most.
+    """Return a bound on the travel of any point of the robot in each of many segments.
 
     Neighbours are bounded together: how far a capsule gets from a joint's axis while the
     joints are anywhere within the box of their values, times how far the joint goes.
@@ -148,7 +148,7 @@ def bound_travel(hulls: HullTable, q_a: Array, q_b: Array) -> Array:
 
 
 class Sweeps(NamedTuple):
-    """Bounds of what bodies sweep in pieces of motion.
+    """Bounds of the swept volumes of bodies in pieces of motion.
 
     Attributes:
         box: least and greatest corner of what a piece sweeps, shape (p, 6).
@@ -170,7 +170,7 @@ class Sweeps(NamedTuple):
 def empty_sweeps(
     bodies: Sequence[int] | Indices, capsules: Sequence[int] | Indices
 ) -> Sweeps:
-    """Return room for what is swept in pieces, with so many bodies and capsules each."""
+    """Return empty sweeps for a number of pieces, with the given bodies and capsules each."""
     body_first, capsule_first = (
         np.cumsum([0, *counts]).astype(np.int64) for counts in (bodies, capsules)
     )
@@ -187,7 +187,7 @@ def empty_sweeps(
 
 
 class SweepRoom(NamedTuple):
-    """Room to sweep bodies in.
+    """Work arrays for sweeping bodies.
 
     Attributes:
         poses: of joints, shape (n + 1, 4, 4).
@@ -202,7 +202,7 @@ class SweepRoom(NamedTuple):
 
 
 def make_sweep_room(joints: int, capsules: int) -> SweepRoom:
-    """Return room for a robot with so many joints and capsules at most."""
+    """Return work arrays for a robot with a maximum number of joints and capsules."""
     room = SweepRoom(
         np.empty((joints + 1, 4, 4)), np.empty(joints), np.zeros((capsules, joints + 1))
     )
@@ -268,8 +268,8 @@ class SweptBodies(NamedTuple):
 
     Attributes:
         hulls: the bodies, on that stretch.
-        sweeps: what they sweep there, as one piece.
-        room: how far their capsules stray there.
+        sweeps: their swept volumes there, as one piece.
+        room: how far their capsules deviate there.
     """
 
     hulls: HullTable
@@ -291,7 +291,7 @@ def make_swept(hulls: HullTable) -> SweptBodies:
 
 @inner_kernel
 def set_stretch(hulls: HullTable, q_a: Array, q_b: Array, lo: float, hi: float) -> None:
-    """Make a stretch of a straight motion the one that bodies are on.
+    """Set the stretch of a straight motion that bodies are on.
 
     Args:
         hulls: the bodies.
@@ -305,7 +305,7 @@ def set_stretch(hulls: HullTable, q_a: Array, q_b: Array, lo: float, hi: float) 
 
 @inner_kernel
 def sweep_bodies(bodies: SweptBodies) -> None:
-    """Sweep bodies along the stretch that they are on."""
+    """Sweep bodies along their current stretch."""
     hulls = bodies.hulls
     sweep_piece(hulls, hulls.q_a[0], hulls.q_b[0], ZERO, bodies.sweeps, bodies.room)
 
@@ -314,7 +314,7 @@ def sweep_bodies(bodies: SweptBodies) -> None:
 def deviation_bound_at_box(
     bodies: SweptBodies, o: int, pose: Array, half: Array, limit: float
 ) -> float:
-    """Return how far a capsule of a body strays that comes near a box, NOWHERE where none does.
+    """Return the deviation bound of the capsules of a body near a box, NOWHERE where none is near.
 
     Args:
         bodies, o: bodies, and one of them.
@@ -338,7 +338,7 @@ def boxes_in_reach(
     bounds: Array,
     room: float,
 ) -> npt.NDArray[np.bool_]:
-    """Return which boxes anything on a path may come near to: a coarse, safe choice.
+    """Return which boxes a path may come near to, conservatively.
 
     Args:
         bodies: of the robot, with all it ever holds on the path.
@@ -370,16 +370,16 @@ def boxes_in_reach(
 def deviation_bound_where_meeting(
     bodies: SweptBodies, i: int, j: int, root: int, limit: float, enough: float
 ) -> float:
-    """Return how far capsules of two bodies of a robot stray that come closer than a limit.
+    """Return the deviation bound of capsules of two bodies of a robot that come closer than a limit.
 
     Args:
         bodies, i, j: bodies, and two of them.
         root: the joint from which they are seen.
         limit: least distance [m].
-        enough: the first that stray further are good enough to return [m].
+        enough: deviation beyond which the search may stop [m].
 
     Returns:
-        The largest sum of what two such capsules stray [m], NOWHERE where there are none.
+        The largest sum of the deviations of two such capsules [m], NOWHERE where there are none.
     """
     strayed = NOWHERE
     first, radius, moved = (

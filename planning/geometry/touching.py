@@ -1,4 +1,4 @@
-"""What touches what: distances of things where they lie, by the convex pieces that stand for them.
+"""Distances and contacts of things at rest, by their convex pieces.
 
 Assemblies of parts and constructions use it, and checks before anything is planned.
 """
@@ -56,7 +56,7 @@ def nearby_entities(
 def nearest_entity(
     part: PlacedObject, others: Mapping[str, PlacedObject]
 ) -> tuple[str, float] | None:
-    """Return the entity nearest to a part, and how far it is [m]; None where there is no other."""
+    """Return the entity nearest to a part and its distance [m]; None where there is no other."""
     low, high = bounding_corners(part)
     least = {
         name: float(np.linalg.norm(np.maximum(np.maximum(low - b, a - high), 0.0)))
@@ -77,7 +77,7 @@ def nearest_entity(
 def describe_nearest(
     name: str, part: PlacedObject, others: Mapping[str, PlacedObject]
 ) -> str:
-    """Return in words what is nearest to a part, and how far it is."""
+    """Return in words the thing nearest to a part, and its distance."""
     found = nearest_entity(part, others)
     if found is None:
         return f"nothing else is there by then to be near {name}"
@@ -94,23 +94,23 @@ def _gap(one: PlacedObject, other: PlacedObject) -> float:
 
 
 def _solids(placed: PlacedObject) -> list[tuple[Solid, Any]]:
-    """Return the pieces of what lies somewhere, each with its pose for coal."""
+    """Return the pieces of a placed thing, each with its pose for coal."""
     item, pose = placed
     found = [resting_solid(item.name, body, pose) for body in item.shape.pieces]
     return [(solid, place_at_middle(solid, _NOWHERE, _NOWHERE)[0]) for solid in found]
 
 
 def standing_fixtures(cell: Workcell) -> dict[str, PlacedObject]:
-    """Return the fixtures of a cell where they stand, by name."""
+    """Return the fixtures of a cell at their poses, by name."""
     return {item.name: (item, item.pose) for item in cell.fixtures}
 
 
 def lowest_height(placed: PlacedObject) -> float:
-    """Return the height of the lowest corner of what lies somewhere [m]."""
+    """Return the height of the lowest corner of a placed thing [m]."""
     return float(bounding_corners(placed)[0][2])
 
 
 def bounding_corners(placed: PlacedObject) -> tuple[Array, Array]:
-    """Return the least and greatest corners of the upright box around what lies somewhere [m]."""
+    """Return the axis-aligned bounding box of a placed thing, least and greatest corner [m]."""
     item, pose = placed
     return item.shape.bounds(pose)

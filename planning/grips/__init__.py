@@ -1,4 +1,4 @@
-"""Grips on parts: the rules for them, boxes, other shapes, and what the tools of a cell can hold.
+"""Grips on parts: rules, boxes, other shapes, and the capabilities of the tools of a cell.
 
-Imports cell, geometry and steps; assemblies of parts import it.
+Imports cell, geometry, statics and steps; parts and constructions import it.
 """

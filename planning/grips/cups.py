@@ -1,4 +1,4 @@
-"""Suction cups: their size by the shapes of a tool, and the widest flat spot that a part has for one."""
+"""Suction cups: their size from the shapes of a tool, and the widest flat spot on a part."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ _TRUE = 5e-4
 
 
 def with_cup(rules: GripRules, robot: PlacedRobot) -> GripRules:
-    """Return rules with the cups that the shapes of a tool tell, unless they say how wide a cup is."""
+    """Return rules with the cup size found from the shapes of a tool, unless they state one."""
     told = rules.cup is not None or rules.frame not in {"flange", *robot.model.frames}
     if not rules.suction or robot.model.grip is None or told:
         return rules
-    # Of fingers that are said to hold as a cup does, nobody knows where the cup is.
+    # Of fingers that are said to hold as a cup does, the position of the cup is unknown.
     tip = frame_in_last_joint(robot.model, rules.frame)
     fingers = finger_sides(robot.model, tip) is not None
     return rules if fingers else replace(rules, lips=_cup_points(robot.model, tip))
 
 
 def _cup_points(model: RobotModel, tip: Transform) -> CupPoints:
-    """Return the middle and the edge of the front of each body that reaches to a tool frame, in that [m]."""
+    """Return the centre and the front edge of each body that reaches to a tool frame, in that frame [m]."""
     found: list[tuple[float, float]] = []
     for body in own_bodies(model):
         corners = (body.vertices - tip[:3, 3]) @ tip[:3, :3]
@@ -52,13 +52,13 @@ def _cup_points(model: RobotModel, tip: Transform) -> CupPoints:
             points = np.vstack([middle, middle + _SHARE * (edge - middle)])
             found += [(x, y) for x, y in points.tolist()]
     edges = np.array(found).reshape(-1, 2)
-    # Where the frame is beside all of them, nobody knows which are meant.
+    # Where the frame is beside all of them, it is ambiguous which are meant.
     there = found and np.maximum(edges.min(axis=0), -edges.max(axis=0)).max() <= TO_CUP
     return tuple(found) if there else ()
 
 
 def cup_width(rules: GripRules) -> float:
-    """Return how wide the cups of a tool are together, where they are widest [m]."""
+    """Return the total width of the cups of a tool, where it is greatest [m]."""
     if not rules.lips:
         return 2.0 * (rules.cup or USUAL_CUP)
     points: Array = np.array(rules.lips)
@@ -70,7 +70,7 @@ def cup_width(rules: GripRules) -> float:
 def describe_too_wide_cups(
     shape: Shape, start: Transform, goal: Transform, rules: GripRules
 ) -> str | None:
-    """Return in words which cup the faces of a part take at most, None where they take none.
+    """Return in words the largest cup for the faces of a part, None where there is none.
 
     Args:
         shape: of the part.

@@ -1,12 +1,12 @@
-"""Fingers that close on a part: whether friction holds it between their pads, and the room that they sweep.
+"""Finger grips: friction between the pads and the part, and the volume that closing fingers sweep.
 
-Each pad presses with the force with which the tool closes, evenly on where it touches the part.
-Friction there bears what pulls the part along the pads, and what turns it about the axis between
-them; of both at once, the sum of the squares of the shares is one where it begins to slip (the
-limit surface of a patch of contact, taken for an ellipsoid).
+Each pad presses with the closing force of the tool, evenly on its contact with the part. Friction there
+resists forces along the pads, and torques about the axis between them; under both, slip begins where the
+sum of the squares of the shares is one (the limit surface of a contact patch, approximated by an
+ellipsoid).
 
-A tool is described with its fingers open, and all its ways are checked so. What stands between an
-open finger and the part is met only as the finger closes: a neighbour in a rack of thin parts.
+A tool is described with open fingers, and all its motions are checked so. An obstacle between an open
+finger and the part is hit only as the finger closes: a neighbour in a rack of thin parts.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _SQUARE = 0.7
 """Pads press where faces are turned to the closing direction by no more than the angle of this cosine."""
 
 _CELLS = 12
-"""Patches are measured in so many cells along either edge of the box around them."""
+"""Resolution of contact patches in cells along either edge of their bounding box."""
 
 _LOADS: BoundedCache[PadLoad | Literal[""]] = BoundedCache(20_000)
 
@@ -57,10 +57,10 @@ _SWEPT: BoundedCache[tuple[RobotModel | None]] = BoundedCache(2_000)
 
 @dataclass(frozen=True)
 class PadLoad:
-    """What two pads have to bear, and what friction bears.
+    """Load on two pads, and the load that friction can carry.
 
     Attributes:
-        lever: how far the centre of mass is beside the axis of the pads, where gravity turns
+        lever: distance of the centre of mass from the axis of the pads, where gravity turns
             the part about it [m].
         force, torque: of the weight on them: along the pads [N], about their axis [N m].
         most_force, most_torque: that friction bears, each alone.
@@ -74,7 +74,7 @@ class PadLoad:
 
     @property
     def share(self) -> float:
-        """Share of what friction bears that the weight takes; above 1 the part slips or turns."""
+        """Fraction of the friction capacity used by the weight; above 1 the part slips or turns."""
         pull = self.force / self.most_force
         if self.torque <= 1e-9:
             return pull
@@ -90,7 +90,7 @@ def _pad_load(
     up: Array,
     friction: float,
 ) -> PadLoad | None:
-    """Return what two pads have to bear whose friction is so strong [N], None where they do not touch the part.
+    """Return the load on two pads for a given friction [N], None where they do not touch the part.
 
     Given are its weight [N], and the direction against gravity in its frame; for the rest see ``pads_at``.
     """
@@ -131,7 +131,7 @@ def _pad_load(
 
 
 def _middle_and_radius(points: Array) -> tuple[Array, float]:
-    """Return the centre of the convex hull of points of a plane, and the mean distance of it from there.
+    """Return the centre of the convex hull of planar points, and the mean distance from it.
 
     Args:
         points: shape (p, 2) [m].
@@ -161,7 +161,7 @@ def load_on_pads(
     pose: Transform,
     friction: float,
 ) -> PadLoad | None:
-    """Return what pads that hold a part somewhere have to bear.
+    """Return the load on the pads that hold a part at a grip.
 
     Args:
         robot: the robot.
@@ -172,7 +172,7 @@ def load_on_pads(
         friction: coefficient of that of pads and part.
 
     Returns:
-        None where nobody says how heavy it is or with which force the tool closes, or where its
+        None where its weight or the closing force of the tool is not stated, or where its
         pads do not touch it.
     """
     model, shape = robot.model, part.shape
@@ -199,7 +199,7 @@ def firm_grips(
     poses: Sequence[Transform],
     friction: float,
 ) -> dict[int, Grip]:
-    """Return those grips of a robot's tool at which friction holds a part; all if there are none.
+    """Return the grips at which friction holds a part; all of them if there are none.
 
     Args:
         robot: the robot.
@@ -226,7 +226,7 @@ def swept_fingers(
     grip: Transform,
     short: float = 0.0,
 ) -> RobotModel | None:
-    """Return a robot whose fingers fill the room that they sweep as they close on a part.
+    """Return a robot whose fingers are replaced by the volume that they sweep while closing on a part.
 
     Args:
         model, tip, shape, grip: see ``pads_at``.
@@ -260,7 +260,7 @@ def _swept(
 
 
 def _along(body: ConvexBody, displacement: Array) -> ConvexBody:
-    """Return the hull of a body and of the same body a way further, shape (3,) [m]."""
+    """Return the hull of a body and of the same body after a displacement, shape (3,) [m]."""
     both = np.vstack([body.vertices, body.vertices + displacement])
     corners = hull_vertices(both)
     return ConvexBody(body.name, corners, capsule_cover(corners))
@@ -273,16 +273,16 @@ def finger_obstacles(
     q: Array,
     scene: tuple[Workcell, WorldState, Pairs],
 ) -> Obstruction | None:
-    """Return what a robot's fingers would meet as they close on a part or open from it.
+    """Return the obstacles of a robot's fingers while they close on a part or open from it.
 
-    What is flush with the part where they touch it is not in their way, what stands out is.
+    Bodies flush with the part at its contacts are no obstacles, protruding ones are.
 
     Args:
         robot: whose fingers they are.
         frame: between them.
         held: the part, and the pose of that frame in the part's.
         q: where the robot stands meanwhile, shape (n,).
-        scene: the cell, where all else in it is then, and who may touch whom.
+        scene: the cell, the poses of all else in it, and the allowed contacts.
     """
     item, grip = held
     tip = frame_in_last_joint(robot.model, frame)

@@ -1,8 +1,8 @@
 """Grips on a part of any shape and the rules for them: between two fingers, or by suction.
 
-A tool frame's z axis points out of the hand; fingers close along y. Boxes are gripped at their
-faces. On what is no box, lines through its convex pieces tell where fingers find opposite faces
-and room beside them, and where a cup finds a flat spot.
+A tool frame's z axis points out of the hand; fingers close along y. Boxes are gripped at their faces. On
+other shapes, lines through the convex pieces show where fingers find opposite faces with room next to them,
+and where a cup finds a flat spot.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ UP = (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class GripRules:
-    """Rules for the grips that are tried.
+    """Rules for candidate grips.
 
     A tool frame's z axis points out of the hand and its fingers close along y.
 
@@ -58,18 +58,18 @@ class GripRules:
     lips: CupPoints = ()
 
     def spans(self, width: float) -> bool:
-        """Tell whether fingers hold what is so wide [m]."""
+        """Tell whether the fingers open to a width [m]."""
         return self.least_opening <= width <= self.opening
 
     def offsets(self, length: float) -> list[float]:
-        """Return the places along a part that is so long, from its middle [m]."""
+        """Return the grip positions along a part of a given length, from its middle [m]."""
         reach = 0.5 * length - self.end_margin
         if self.positions == 1 or reach <= 0.0:
             return [0.0]
         return [float(at) for at in np.linspace(-reach, reach, self.positions)]
 
     def allow(self, grip: Transform, *parts: Transform) -> bool:
-        """Tell whether the tool points along a wanted direction wherever a part lies.
+        """Tell whether the tool points along an allowed direction at all given poses of the part.
 
         Args:
             grip: pose of the tool frame in the frame of the part.
@@ -86,8 +86,8 @@ class Grip:
 
     Attributes:
         pose: of the tool frame in the frame of the part.
-        words: what it is, for messages.
-        tool: how the tool that it is for holds; None for tools of which nothing is known.
+        words: description for messages.
+        tool: the kind of tool; None where unknown.
     """
 
     pose: Transform
@@ -101,7 +101,7 @@ def tool_turn(z: Array, y: Array) -> Array:
 
 
 def lean_angle(angle: float) -> Array:
-    """Return how a tool is turned that leans about the axis along which it closes [rad]."""
+    """Return the tilt of a tool about its closing axis [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
@@ -109,7 +109,7 @@ def lean_angle(angle: float) -> Array:
 def box_grips(
     size: Array, start: Transform, goal: Transform, rules: GripRules
 ) -> list[Grip]:
-    """Return the grips with which a box can be taken up and put down.
+    """Return the grips that allow a box to be picked and placed.
 
     The tool points into a face, its fingers close on the two faces beside it, and it may lean
     about the closing axis. What is left are grips whose tool points in a wanted direction both

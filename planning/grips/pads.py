@@ -1,10 +1,10 @@
-"""Contacts of a tool with the part that it holds: two pads that close on it, or a cup on its face.
+"""Contacts of a tool with the part that it holds: two closing pads, or a cup on a face.
 
-A tool frame's z axis points out of the hand (*depth*), its fingers close along y (*closing*), and x
-is *across*. A tool's own shapes say where its pads are: what is wholly on one side of the plane
-through the frame in which fingers meet closes towards that plane in a straight line until it touches
-the part. A part is held by fingers if pads of both sides come to touch it, after equally long ways,
-and by a cup if the cup is on it, and the frame in the cup.
+A tool frame's z axis points out of the hand (*depth*), its fingers close along y (*closing*), and x is
+*across*. The pads follow from the tool's own shapes: a body wholly on one side of the plane through the
+frame in which fingers meet closes towards that plane in a straight line until it touches the part. Fingers
+hold a part if pads of both sides touch it, after equal travel; a cup holds it if the whole cup is on its
+face, and the frame in the cup.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from planning.geometry.exact import hull_shape
 from planning.transforms import Array, Transform, inverse
 
 ALONG_CLOSING = 0.002
-"""So much may a part be off the middle between the fingers: they may be drawn a little off [m]."""
+"""Allowed offset of a part from the middle between the fingers, for inaccurate models [m]."""
 
 BESIDE = 0.0005
-"""Pads may pass a part by so much, along the tool or across it, and still count as touching [m]."""
+"""Distance by which pads may miss a part, along the tool or across it, and still count as touching [m]."""
 
 TO_CUP = 0.001
 """A cup, and the frame in front of it, may be so far from the face that it holds [m]."""
@@ -45,7 +45,7 @@ _MOST_STEPS = 100
 """Steps in which a pad advances to a part at most; it rarely takes more than five."""
 
 _HALVINGS = 40
-"""Steps in which the least distance of a way is found: each leaves two thirds."""
+"""Steps of the search for the least distance along a displacement: each leaves two thirds."""
 
 _PADS: BoundedCache[Pads] = BoundedCache(50_000)
 _CUPS: BoundedCache[Cup] = BoundedCache(50_000)
@@ -55,10 +55,10 @@ Sides = tuple[list[ConvexBody], list[ConvexBody]]
 
 @dataclass(frozen=True)
 class Pad:
-    """How the fingers of one side of a tool come to a part.
+    """Contact of the fingers of one side of a tool with a part.
 
     Attributes:
-        way: until one of them touches it; negative if it is drawn in it, None if none does [m].
+        way: travel until one of them touches it; negative for an overlap, None if none does [m].
         miss: from where they pass it nearest to the part there, along the axes of the tool frame:
             across, closing, depth, shape (3,); zero where they touch it [m].
     """
@@ -69,7 +69,7 @@ class Pad:
 
 @dataclass(frozen=True)
 class Pads:
-    """How both sides of a tool come to a part.
+    """Contacts of both sides of a tool with a part.
 
     Attributes:
         sides: the fingers that close against y of the tool frame, and those that do along it.
@@ -81,18 +81,18 @@ class Pads:
 
     @property
     def off(self) -> float | None:
-        """By how much the part is off the middle, along y; None where a side does not touch it [m]."""
+        """Offset of the part from the middle, along y; None where a side does not touch it [m]."""
         first, second = (pad.way for pad in self.sides)
         return None if first is None or second is None else 0.5 * (second - first)
 
 
 @dataclass(frozen=True)
 class Cup:
-    """How a cup is on a face.
+    """Contact of a cup with a face.
 
     Attributes:
         gap: between the tool and the part, along all directions; negative if they overlap [m].
-        beside: how far the tool frame is beside what is at the part, along x and y, shape (2,) [m].
+        beside: offset of the tool frame from the cup at the part, along x and y, shape (2,) [m].
     """
 
     gap: float
@@ -132,7 +132,7 @@ def own_bodies(model: RobotModel) -> list[ConvexBody]:
 def pads_at(
     model: RobotModel, tip: Transform, shape: Shape, grip: Transform
 ) -> Pads | None:
-    """Return how the fingers of a tool come to a part, None for a tool without fingers.
+    """Return the finger contacts of a tool on a part, None for a tool without fingers.
 
     Args:
         model: of the robot, with its tool.
@@ -164,7 +164,7 @@ def _pad(
     sign: float,
     grip: Transform,
 ) -> Pad:
-    """Return how bodies of one side close on pieces of a part.
+    """Return the contact of the bodies of one side as they close on the pieces of a part.
 
     Args:
         bodies: of one side of a tool.
@@ -232,7 +232,7 @@ class _Move:
         piece: ConvexBody,
         most: float,
     ) -> _Move:
-        """Return the motion of a body with such corners, in the frame of a piece."""
+        """Return the motion of a body with given corners, in the frame of a piece."""
         low, high = corners.min(axis=0), corners.max(axis=0)
         low = np.minimum(low, low + most * closing)
         high = np.maximum(high, high + most * closing)
@@ -246,7 +246,7 @@ class _Move:
         return cls(body, shape, at, closing, min(0.0, behind), most, at_least)
 
     def gap(self, way: float) -> tuple[float, Array]:
-        """Return the distance after a way, and the direction from the body to the piece [m]."""
+        """Return the distance after a displacement, and the direction from the body to the piece [m]."""
         pose = coal.Transform3s(self.at[:3, :3], self.at[:3, 3] + way * self.closing)
         result, still = coal.DistanceResult(), coal.Transform3s()
         request = coal.DistanceRequest()
@@ -254,7 +254,7 @@ class _Move:
         return float(gap), np.asarray(result.normal)
 
     def way(self, margin: float) -> float | None:
-        """Return how far the body comes until it is so near to the piece; None if it never is [m].
+        """Return the travel of the body until it is within a distance of the piece; None if it never is [m].
 
         Nothing is skipped: along the way, a plane between both is no nearer than the step goes.
         """
@@ -270,7 +270,7 @@ class _Move:
         return None
 
     def nearest(self) -> tuple[float, Array]:
-        """Return the least distance on the way, and from the body to the piece there, shape (3,) [m].
+        """Return the least distance during the motion, and the vector from body to piece there, shape (3,) [m].
 
         The distance of convex bodies, one of which moves in a straight line, is a convex function.
         """
@@ -288,7 +288,7 @@ class _Move:
 def cup_at(
     model: RobotModel, tip: Transform, shape: Shape, grip: Transform
 ) -> Cup | None:
-    """Return how a cup is on a part, None for a robot without a tool of its own.
+    """Return the cup contact on a part, None for a robot without a tool of its own.
 
     Args:
         model, tip, shape, grip: see ``pads_at``.
@@ -328,7 +328,7 @@ def explain_not_held(
     *,
     suction: bool,
 ) -> str | None:
-    """Return in words why a tool does not hold a part, None where it does or nothing tells.
+    """Return in words why a tool does not hold a part, None where it does or cannot be checked.
 
     Args:
         model, tip, shape, grip: see ``pads_at``.
@@ -337,7 +337,7 @@ def explain_not_held(
     """
     tool = "the tool" if model.grip is None else model.grip.tool
     if suction:
-        # Of fingers that are said to hold as a cup does, nobody knows where the cup is.
+        # Of fingers that are said to hold as a cup does, the position of the cup is unknown.
         cup = None if model.grip is None else cup_at(model, tip, shape, grip)
         return None if cup is None else "; ".join(_off_cup(cup, tool, part)) or None
     pads = pads_at(model, tip, shape, grip)
@@ -345,7 +345,7 @@ def explain_not_held(
 
 
 def _off_cup(cup: Cup, tool: str, part: str) -> Iterator[str]:
-    """Yield what is wrong with a cup on a face."""
+    """Yield the faults of a cup contact on a face."""
     if cup.gap > TO_CUP:
         yield (
             f"{tool} ends {_mm(cup.gap)} away from {part}, and must be at it to {_mm(TO_CUP)}:"
@@ -359,7 +359,7 @@ def _off_cup(cup: Cup, tool: str, part: str) -> Iterator[str]:
 
 
 def _off_pads(pads: Pads, tool: str, part: str) -> Iterator[str]:
-    """Yield what is wrong with fingers that close on a part, by direction."""
+    """Yield the faults of finger contacts on a part, by direction."""
     off = pads.off
     if off is None:
         missed = [pad.miss for pad in pads.sides if pad.way is None]
@@ -378,7 +378,7 @@ def _off_pads(pads: Pads, tool: str, part: str) -> Iterator[str]:
 
 
 def _past(miss: Array) -> str:
-    """Return in words how fingers pass what they miss, by direction; the plainest one at least."""
+    """Return in words by how much fingers miss a part, by direction; at least the clearest one."""
     across, closing, depth = miss.tolist()
     named = (
         (across, f"{_mm(abs(across))} beside (across)"),

@@ -43,13 +43,13 @@ _LEVELS = 3
 
 _CLUSTER = np.cos(np.radians(10.0))
 _MOST_CLUSTERS = 10
-"""Directions of faces that grips are looked for on."""
+"""Directions of faces on which grips are searched."""
 
 
 def part_grips(
     shape: Shape, start: Transform, goal: Transform, rules: GripRules
 ) -> list[Grip]:
-    """Return the grips with which a part can be taken up and put down.
+    """Return the grips that allow a part to be picked and placed.
 
     What is left are grips whose tool points in a wanted direction both where the part is picked
     and where it is placed. Places nearest to its centre of mass come first; of a box, nearest to
@@ -82,7 +82,7 @@ def _found(
 def _in_turn(
     lines: SolidLines, turn: Array, rules: GripRules
 ) -> list[tuple[float, Grip]]:
-    """Return the grips of a tool that is turned in one way, with how far they are from the middle."""
+    """Return the grips at one tool rotation, with their distances from the middle."""
     seen = np.vstack([piece.vertices for piece in lines.shape.pieces]) @ turn
     view = _ToolView(lines, turn, seen.min(axis=0), seen.max(axis=0), rules)
     found = []
@@ -101,7 +101,7 @@ def _in_turn(
 
 
 def _varied(grips: list[Grip]) -> list[Grip]:
-    """Return the first grips, those of every direction of the tool in turns."""
+    """Return the first grips, alternating between the directions of the tool."""
     by_turn: dict[bytes, list[int]] = {}
     for place, grip in enumerate(grips):
         by_turn.setdefault(grip.pose[:3, :3].tobytes(), []).append(place)
@@ -113,7 +113,7 @@ def _varied(grips: list[Grip]) -> list[Grip]:
 def _wanted_turns(
     shape: Shape, poses: Sequence[Transform], rules: GripRules
 ) -> list[Array]:
-    """Return the rotations of the tool frame in the part's that are tried, each once."""
+    """Return the distinct rotations of the tool frame in the part's frame to try."""
     out: dict[bytes, Array] = {}
     for element in shape.elements:
         for turn, tilt in product(
@@ -128,7 +128,7 @@ def _wanted_turns(
 
 
 def _turns_about(element: Element, rules: GripRules) -> Iterator[Array]:
-    """Yield rotations of the tool that go with the faces of a form, in its frame."""
+    """Yield tool rotations aligned with the faces of a form, in its frame."""
     form = element.form
     count = 4 if isinstance(form, Box) else max(1, round(2.0 * np.pi / rules.around))
     angles = 2.0 * np.pi / count * np.arange(count, dtype=np.float64)
@@ -150,7 +150,7 @@ def _turns_about(element: Element, rules: GripRules) -> Iterator[Array]:
 
 
 def _across(y: Array, axes: Array) -> Array:
-    """Return a direction across another one: along a face of the part, if there is one."""
+    """Return a direction perpendicular to another one: along a face of the part, if there is one."""
     for axis in axes:
         aside = axis - (axis @ y) * y
         length = float(np.linalg.norm(aside))
@@ -161,7 +161,7 @@ def _across(y: Array, axes: Array) -> Array:
 
 
 def _face_directions(mesh: Mesh) -> Array:
-    """Return the directions that most of a mesh's surface is turned to, one of each two opposite."""
+    """Return the main surface normals of a mesh, one of each two opposite."""
     corners = mesh.vertices[mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(across, axis=1)
@@ -190,7 +190,7 @@ def _face_directions(mesh: Mesh) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _ToolView:
-    """A part as a tool sees it: x aside, y along which fingers close, z away from the hand.
+    """A part in tool coordinates: x sideways, y along which fingers close, z away from the hand.
 
     Attributes:
         lines: through the part.
@@ -206,7 +206,7 @@ class _ToolView:
     rules: GripRules
 
     def holds(self) -> Iterator[tuple[Array, str]]:
-        """Yield places of the tool frame, in the part's, at which fingers hold it, with words."""
+        """Yield poses of the tool frame in the part's at which fingers hold it, with words."""
         seen: list[Array] = []
         ys = np.linspace(self.low[1], self.high[1], 15)
         for x in self._places(0):
@@ -225,7 +225,7 @@ class _ToolView:
                         yield self._point(x, y, z), f"grip {width * 1e3:.0f} mm wide"
 
     def spots(self) -> Iterator[tuple[Array, str]]:
-        """Yield places of the tool frame, in the part's, at which a cup finds a flat spot, with words."""
+        """Yield poses of the tool frame in the part's at which a cup finds a flat spot, with words."""
         middle = self.lines.shape.centre_of_mass @ self.turn
         xs, ys = ([float(middle[k]), *self._places(k)] for k in (0, 1))
         angles = (0.25 * np.pi * np.arange(8)).tolist()
@@ -243,7 +243,7 @@ class _ToolView:
                 yield self._point(x, y, float(tops.min())), "suction"
 
     def _places(self, axis: int) -> list[float]:
-        """Return places along the part, the middle among them [m]."""
+        """Return grip positions along the part, the middle among them [m]."""
         low, high = float(self.low[axis]), float(self.high[axis])
         # A round peg is met squarely in the middle alone.
         offsets = sorted({0.0, *self.rules.offsets(high - low)})
@@ -254,14 +254,14 @@ class _ToolView:
         return np.asarray(self.turn @ np.array([x, y, z]))
 
     def _tops(self, x: float, ys: Array) -> Array:
-        """Return how high the part comes towards a finger's sides and middle, shape (3, y)."""
+        """Return the heights of the part at the sides and the middle of a finger, shape (3, y)."""
         xs = x + 0.5 * self.rules.finger_width * np.array([-1.0, 0.0, 1.0])
         grid = np.array([(x, y, 0.0) for x in xs.tolist() for y in ys.tolist()])
         found = self.lines.tops(grid @ self.turn.T, self.turn[:, 2])
         return found.reshape(len(xs), len(ys))
 
     def _depth_below(self, x: float, ys: Array, top: float) -> float:
-        """Return how far the tool goes: its depth below what it meets, at most to the middle."""
+        """Return the insertion depth of the tool below the surface, at most to the middle."""
         starts = np.array([self._point(x, y, 0.0) for y in ys.tolist()])
         enter, leave = self.lines.spans(starts, self.turn[:, 2])
         here = (leave > enter) & (np.abs(enter - top) < 2e-3)
@@ -269,7 +269,7 @@ class _ToolView:
         return top + min(self.rules.depth, 0.5 * (bottom - top))
 
     def _fits(self, held: InnerStretch, x: float, z: float) -> bool:
-        """Tell whether fingers span a stretch, meet it squarely, and have room beside it."""
+        """Tell whether fingers span an interval, touch it squarely, and have room next to it."""
         width, closing, rules = held.end - held.begin, self.turn[:, 1], self.rules
         square = min(-held.begin_normal @ closing, held.end_normal @ closing)
         if not rules.spans(width) or square < _OPPOSITE:
@@ -285,7 +285,7 @@ class _ToolView:
         enter, leave = self.lines.spans(np.array(grid), closing)
         enter, leave = enter - middle, leave - middle
         there = (leave > enter) & (leave > -room) & (enter < room)
-        # Beside what is held, up to where fingers are when they are open, nothing else is.
+        # Next to the held walls, as far as open fingers reach, there is nothing else.
         if np.any(there & ((enter < -near) | (leave > near))):
             return False
         tops = self._tops(x, middle + np.linspace(-room, room, 9))
@@ -293,7 +293,7 @@ class _ToolView:
 
 
 def _spanned(walls: Sequence[InnerStretch]) -> list[InnerStretch]:
-    """Return walls of a part, and all of them as one: a ring is held from outside, too."""
+    """Return the walls of a part, and all of them as one: a ring can also be held from outside."""
     if len(walls) < 2:
         return list(walls)
     first = min(walls, key=lambda wall: wall.begin)
@@ -303,7 +303,7 @@ def _spanned(walls: Sequence[InnerStretch]) -> list[InnerStretch]:
 
 
 def _levels(tops: Array) -> list[float]:
-    """Return the heights at which faces are met, the nearest to the hand first."""
+    """Return the heights of the faces, the nearest to the hand first."""
     levels: list[float] = []
     for top in np.sort(tops[np.isfinite(tops)]).tolist():
         if all(abs(top - other) > 2e-3 for other in levels):

@@ -1,4 +1,4 @@
-"""Grips by the tools that the robots of a cell have: how each holds, how much it lifts, where it fits."""
+"""Grips by the tools of the robots of a cell: kind of grip, payload and fit."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _LEAST_DEPTH_MM = 3
 """Fingers that hold a part less deep do not hold it."""
 
 DEEPEST = 0.002
-"""Most that a tool may be in what it grips, such as fingers that are drawn too far closed [m]."""
+"""Allowed overlap of a tool with the gripped part, such as of fingers modelled too far closed [m]."""
 
 _STEPS = 6
-"""Places on the straight way in at which a tool is measured."""
+"""Number of samples on the straight approach at which a tool is measured."""
 
 _NOWHERE: Array = np.zeros(0)
 
@@ -44,7 +44,7 @@ def tool_rules(rules: GripRules, tool: ToolGrip | None) -> GripRules:
 
     Args:
         rules: of the assembly, for what the tool does not tell.
-        tool: how it holds; None where nothing is known.
+        tool: kind of grip; None where unknown.
     """
     if tool is None:
         return rules
@@ -55,7 +55,7 @@ def tool_rules(rules: GripRules, tool: ToolGrip | None) -> GripRules:
 
 
 def robot_rules(rules: GripRules, robot: PlacedRobot) -> GripRules:
-    """Return the rules for the grips of a robot's tool, its cups as its shapes tell them."""
+    """Return the rules for the grips of a robot's tool, with the cup size from its shapes."""
     return with_cup(tool_rules(rules, robot.model.grip), robot)
 
 
@@ -66,7 +66,7 @@ def tool_grips(
     goal: Transform,
     rules: GripRules,
 ) -> list[Grip]:
-    """Return the grips with which some robot's tool can take a part up and put it down.
+    """Return the grips by which some robot's tool can pick and place a part.
 
     Args:
         robots: of the cell.
@@ -89,7 +89,7 @@ def robot_grips(
     goal: Transform,
     rules: GripRules,
 ) -> list[Grip]:
-    """Return the grips with which one robot's tool can take a part up and put it down."""
+    """Return the grips by which one robot's tool can pick and place a part."""
     tool = robot.model.grip
     found = part_grips(shape, start, goal, robot_rules(rules, robot))
     return found if tool is None else [replace(grip, tool=tool) for grip in found]
@@ -109,7 +109,7 @@ def tool_bodies(model: RobotModel) -> list[ConvexBody]:
 
 
 def tool_heights(model: RobotModel, tip: Transform) -> Array:
-    """Return how far the corners of a tool are in front of a frame of it, along its z axis [m].
+    """Return the heights of the corners of a tool along the z axis of one of its frames [m].
 
     Args:
         model: of the robot.
@@ -125,7 +125,7 @@ def tool_heights(model: RobotModel, tip: Transform) -> Array:
 def describe_tool_overhang(
     robot: PlacedRobot, shape: Shape, grip: Grip, frame: str
 ) -> str:
-    """Return in words by how much a tool reaches farther than the part that it grips.
+    """Return in words by how much a tool extends beyond the part that it grips.
 
     What is beyond the part meets whatever the part lies on.
 
@@ -156,7 +156,7 @@ def describe_tool_overhang(
 
 
 def least_thickness(shape: Shape) -> float:
-    """Return the least thickness of any of a shape's pieces along the axes of its frame [m]."""
+    """Return the least thickness of a shape's pieces along the axes of its frame [m]."""
     return min(float(np.min(2.0 * piece.half)) for piece in shape.pieces)
 
 
@@ -166,7 +166,7 @@ def explain_missing_grip(
     rules: GripRules,
     poses: Sequence[Transform] = (),
 ) -> str:
-    """Return in words why a robot has no grip on a part, from its first pose to its last, tool by its name."""
+    """Return in words why a robot has no grip on a part, with its tool by name."""
     grip = robot.model.grip
     own = robot_rules(rules, robot)
     name = "the tool" if grip is None else f"its tool {grip.tool}"
@@ -208,7 +208,7 @@ def explain_tool_misfit(
 ) -> Obstruction | None:
     """Return why a robot's tool cannot hold a part by a grip, None where it can.
 
-    Its own body would be in the part on the straight way to the grip, open as it is described. Boxes
+    Its own body would be in the part on the straight path to the grip, open as it is described. Boxes
     between the fingers of robots that come with their tools are not looked at: those follow them.
 
     Args:
@@ -216,7 +216,7 @@ def explain_tool_misfit(
         frame: name of the tool frame.
         part: the part.
         grip: the grip.
-        approach: length of the straight way to it [m].
+        approach: length of the straight path to it [m].
     """
     if part.shape.is_box and robot.model.grip is None:
         return None
@@ -236,7 +236,7 @@ def explain_tool_misfit(
 def describe_missed_contact(
     robot: PlacedRobot, part: CellObject, grip: Grip, rules: GripRules
 ) -> str | None:
-    """Return in words why a robot's tool would not touch what it grips as it must to hold it.
+    """Return in words why a robot's tool would not have the contact with a part that a grip needs.
 
     Args:
         robot: the robot.
@@ -258,7 +258,7 @@ def describe_missed_contact(
 def _depth(
     model: RobotModel, tip: Transform, shape: Shape, grip: Transform, approach: float
 ) -> float:
-    """Return how deep a tool gets into a part on the straight way to a grip [m]."""
+    """Return the penetration depth of a tool in a part on the straight path to a grip [m]."""
     hull = [resting_solid("part", piece, np.eye(4)) for piece in shape.pieces]
     still = [(solid, place_at_middle(solid, _NOWHERE, _NOWHERE)[0]) for solid in hull]
     deepest = 0.0

@@ -23,7 +23,7 @@ class JointTable(NamedTuple):
         base: pose of the base in the world, the identity where all is seen from it, shape
             (4, 4).
         lower, upper: joint limits, shape (n,) [rad or m].
-        error: of the base, see PoseError: way and angle, shape (2,) [m, rad].
+        error: of the base, see PoseError: displacement and angle, shape (2,) [m, rad].
     """
 
     placement: Array
@@ -36,7 +36,7 @@ class JointTable(NamedTuple):
 
 
 def chain_table(chain: KinematicChain, lower: Array, upper: Array) -> JointTable:
-    """Return joints seen from their base."""
+    """Return joints relative to their base."""
     table = JointTable(
         np.ascontiguousarray(chain.placement, dtype=np.float64),
         np.ascontiguousarray(chain.axis, dtype=np.float64),
@@ -59,13 +59,13 @@ NO_JOINTS = chain_table(
 
 @cache
 def joint_table(model: RobotModel) -> JointTable:
-    """Return the joints of a robot, seen from its base."""
+    """Return the joints of a robot, relative to its base."""
     return chain_table(model.chain, model.lower, model.upper)
 
 
 @lru_cache(maxsize=1024)
 def placed_joints(robot: PlacedRobot) -> JointTable:
-    """Return the joints of a robot where it stands."""
+    """Return the joints of a robot at its pose in the world."""
     return standing_at(joint_table(robot.model), robot.base, robot.base_error)
 
 

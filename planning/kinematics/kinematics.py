@@ -19,10 +19,10 @@ from planning.kinematics.damped_least_squares import follow_targets, solve_from
 from planning.transforms import Array, Transform, identity, inverse
 
 _SOLVED: BoundedCache[list[Array]] = BoundedCache(20_000)
-"""Answers given: the same poses are asked for again and again while candidates are sought."""
+"""Cache capacity: the same poses recur while candidates are searched."""
 
 _RESTARTS = 20
-"""Random starts for a pose on a way, where the search from the configuration before it fails."""
+"""Random seeds for a pose on a path, where the search from the previous configuration fails."""
 
 
 def frame_pose(robot: PlacedRobot, q: Array, frame: str = "flange") -> Transform:
@@ -43,7 +43,7 @@ def frame_pose(robot: PlacedRobot, q: Array, frame: str = "flange") -> Transform
 def joint_poses_of(robot: PlacedRobot, q: Array) -> Array:
     """Return the world poses of a robot's base and joints at ``q``, shape (n + 1, 4, 4)."""
     poses = np.empty((len(q) + 1, 4, 4))
-    # A writable copy: numba compiles read-only arrays anew.
+    # A writable copy: numba recompiles for read-only arrays.
     pose_joints(placed_joints(robot), np.array(q, dtype=np.float64), poses)
     return poses
 
@@ -165,13 +165,13 @@ def follow_poses(
 
 @cache
 def _tip(model: RobotModel, frame: str) -> Transform:
-    """Return ``frame_in_last_joint`` for kernels: a writable copy, read-only arrays are compiled anew."""
+    """Return ``frame_in_last_joint`` as a writable copy: kernels are recompiled for read-only arrays."""
     return np.array(frame_in_last_joint(model, frame))
 
 
 @cache
 def _random_starts(model: RobotModel, count: int) -> Array:
-    """Return random configurations within the limits, always the same ones."""
+    """Return reproducible random configurations within the limits."""
     shape = count, model.dof
     return np.random.default_rng(0).uniform(model.lower, model.upper, shape)
 

@@ -1,4 +1,4 @@
-"""Orientations that a robot can give its tool: one, those about one axis or about two, or all.
+"""Reachable orientations of a tool: one, those about one axis or about two, or all.
 
 Slides turn nothing, and joints about parallel axes that follow each other turn about one direction (a
 SCARA, a gantry with a swivel). Limits of joints are not looked at.
@@ -18,7 +18,7 @@ _SAME = 2e-3
 
 
 def turning_axes(robot: PlacedRobot) -> list[Array]:
-    """Return the world axes at HOME about which a robot turns its tool, base to tip, parallel neighbours once.
+    """Return the world axes at HOME about which a robot can turn its tool, base to tip, without repeats.
 
     With three or more it gives its tool any orientation, as far as is known here.
     """
@@ -45,7 +45,7 @@ def can_turn(robot: PlacedRobot, frame: str, wanted: Array) -> bool:
 
 
 def turning_words(robot: PlacedRobot, frame: str) -> str:
-    """Return in words which orientations a robot gives a tool frame."""
+    """Return in words the orientations that a robot can give a tool frame."""
     axes, tool = turning_axes(robot), frame_pose(robot, robot.home, frame)[:3, :3]
     words = f"at {direction_words(tool[:, 2])}, y axis at {direction_words(tool[:, 1])}"
     if axes:

@@ -1,4 +1,4 @@
 """LEGO assemblies. Rooms from data to plans: bricks, stability, skills, sequencing.
 
-Imports skills and what those import; the twin imports it.
+Imports cell, steps, tasks, statics and what those import; the twin imports it.
 """

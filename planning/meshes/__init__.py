@@ -1,5 +1,4 @@
 """Meshes of parts and fixtures: read from files, and cut into convex pieces.
 
-Imports planning.cell and what is beside it only. trimesh and coacd are slow to import: they are
-when a mesh is read.
+Imports cell only; trimesh and coacd are slow to import, so only when a mesh is read.
 """

@@ -1,4 +1,4 @@
-"""Convex pieces that contain a mesh: hulls of what is convex, prisms of plates, coacd for the rest.
+"""Convex decomposition that contains a mesh: hulls of convex bodies, prisms of plates, coacd for the rest.
 
 Every closed body of a mesh is cut on its own. What is cut is compared with the mesh at points of
 its surface: those left out are added to the nearest piece, so that the pieces contain them.
@@ -29,10 +29,10 @@ MOST_BODIES = 2000
 """Bodies of a mesh that do not hang together."""
 
 MOST_CORNERS = 96
-"""Corners of a hull: finer ones are bounded by one with so many."""
+"""Greatest number of corners of a hull; finer ones are enclosed by a coarser one."""
 
 MOST_CUT = 100_000
-"""Triangles of a body that is not convex: so many take a minute."""
+"""Greatest number of triangles of a non-convex body, which takes a minute."""
 
 _SAMPLES = 4000
 """Points spread over the surface, and as many of its vertices, that pieces are compared with."""
@@ -45,7 +45,7 @@ _SAME = 1e-6
 
 
 class TooManyPiecesError(ShapeError):
-    """A mesh falls into more pieces than can be planned with.
+    """A mesh needs more convex pieces than the planner can handle.
 
     Attributes:
         count: convex pieces that it falls into.
@@ -59,7 +59,7 @@ class TooManyPiecesError(ShapeError):
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """Convex pieces of a mesh, and how true they are to it.
+    """Convex pieces of a mesh, and how accurately they fit it.
 
     Attributes:
         hulls: corners of the convex pieces, each of shape (c, 3) [m].
@@ -105,7 +105,7 @@ def cut_convex(triangles: MeshTriangles, within: float, most: int = MOST_PIECES)
 
 
 def _bodies(triangles: MeshTriangles) -> list[tuple[Array, Indices]]:
-    """Return the parts of a mesh that hang together, each with vertices and faces of its own.
+    """Return the connected components of a mesh, each with vertices and faces of its own.
 
     MeshTriangles hang together along an edge that no third one has: bodies that touch stay two.
     """
@@ -128,13 +128,13 @@ def _bodies(triangles: MeshTriangles) -> list[tuple[Array, Indices]]:
 
 
 def _edges(faces: Indices) -> tuple[Indices, Indices]:
-    """Return the edges of faces, the lower vertex first, shape (3 f, 2), and whose they are."""
+    """Return the edges of faces, the lower vertex first, shape (3 f, 2), and the faces they belong to."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     return np.sort(edges, axis=1), np.tile(np.arange(len(faces)), 3)
 
 
 def _require_few(count: int, most: int, within: float) -> None:
-    """Raise TooManyPiecesError where there are more pieces than there may be."""
+    """Raise TooManyPiecesError when there are more pieces than allowed."""
     if count > most:
         raise TooManyPiecesError(
             f"it falls into {count} convex pieces, more than {most}: write a larger"
@@ -188,7 +188,7 @@ def _hull(points: Array) -> ConvexHull | None:
 
 
 def _thickened(points: Array) -> Array:
-    """Return the corners of a body around points in a plane, as thin as a body may be."""
+    """Return the corners of a thin body around points in a plane, of the least thickness allowed."""
     middle = points.mean(axis=0)
     across = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
     corners = hull_vertices(points)
@@ -196,7 +196,7 @@ def _thickened(points: Array) -> Array:
 
 
 def _fills(body: Any, hull: ConvexHull) -> bool:
-    """Tell whether a body is its hull; one that is open, whether all of it is on the hull."""
+    """Tell whether a body equals its hull; for an open one, whether all of it is on the hull."""
     if body.is_watertight and body.is_winding_consistent:
         return bool(abs(abs(float(body.volume)) / hull.volume - 1.0) < _SAME)
     size = float(np.ptp(hull.points, axis=0).max())
@@ -206,7 +206,7 @@ def _fills(body: Any, hull: ConvexHull) -> bool:
 
 
 def _without_inner(hulls: list[Array]) -> list[Array]:
-    """Return the pieces that are not inside of another one."""
+    """Return the pieces that are not inside another one."""
     kept: list[Array] = []
     boxes: list[Array] = []
     for hull in sorted(hulls, key=lambda h: -float(np.prod(np.ptp(h, axis=0)))):
@@ -235,13 +235,13 @@ def _surface_points(triangles: MeshTriangles) -> Array:
 
 
 def _outside(hull: Array, points: Array) -> Array:
-    """Return how far points are beyond the farthest face plane of a hull, shape (p,) [m]."""
+    """Return the distance of points beyond the farthest face plane of a hull, shape (p,) [m]."""
     planes = ConvexHull(hull).equations
     return np.asarray((points @ planes[:, :3].T + planes[:, 3]).max(axis=1))
 
 
 def _including(hulls: list[Array], points: Array) -> list[Array]:
-    """Return pieces that include points: each is added to the piece that it is nearest to."""
+    """Return pieces extended by points: each is added to the nearest piece."""
     beyond = np.array([_outside(hull, points) for hull in hulls])
     nearest = beyond.argmin(axis=0)
     left_out = beyond.min(axis=0) > _ROUNDING
@@ -252,7 +252,7 @@ def _including(hulls: list[Array], points: Array) -> list[Array]:
 
 
 def _simpler(hull: Array, tolerance: float) -> Array:
-    """Return the corners of a hull, or of one with fewer corners around it.
+    """Return the corners of a hull, or of an enclosing one with fewer corners.
 
     The face planes that cut off most are added one after another, until what is left stands out
     by no more than the tolerance, or has as many corners as it may.

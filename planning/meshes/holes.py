@@ -1,4 +1,4 @@
-"""Holes of a surface: how much of a closed one is missing."""
+"""Holes of a surface, and the share of a closed surface that is missing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from planning.transforms import Array, Indices
 
 
 def closed_surface(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
-    """Return a surface whose holes are closed, each by triangles around its middle."""
+    """Return a surface with its holes closed by triangles around their centres."""
     directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     _, inverse, count = np.unique(
         np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True
@@ -32,7 +32,7 @@ def closed_surface(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
 
 
 def missing_surface_share(vertices: Array, faces: Indices) -> float:
-    """Return the share of a surface that is missing where it is not closed.
+    """Return the share of a surface that its holes leave out.
 
     Cracks without an area count nothing.
 

@@ -1,4 +1,4 @@
-"""Reading of mesh files, and what makes one useless: every error names the file and a remedy."""
+"""Reading and validation of mesh files: every error names the file and a remedy."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def read_triangles(path: Path, content: bytes, scale: float | None) -> MeshTrian
     Args:
         path: of the file, for its kind and for messages.
         content: its bytes.
-        scale: factor to metres; None where nobody said: 1, if the size is then believable.
+        scale: factor to metres; None where not stated: 1, if the size is then believable.
 
     Raises:
         ShapeError: it is no mesh, or none that could stand for a body.
@@ -112,7 +112,7 @@ def read_mesh_bytes(path: Path) -> bytes:
 
 
 def _in_utf8(content: bytes) -> bytes:
-    """Return a mesh that is written as text in UTF-8, whatever its names are written in."""
+    """Return a text mesh converted to UTF-8, whatever the encoding of its names."""
     try:
         content.decode()
     except UnicodeDecodeError:
@@ -123,7 +123,7 @@ def _in_utf8(content: bytes) -> bytes:
 
 
 def _merged(vertices: Array, faces: Indices) -> MeshTriangles:
-    """Return triangles whose equal corners are one, and none without an area."""
+    """Return triangles with equal corners merged, and those without area removed."""
     used = np.unique(faces)
     number = np.zeros(len(vertices), dtype=np.int64)
     points, own = np.unique(vertices[used], axis=0, return_inverse=True)

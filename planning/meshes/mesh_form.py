@@ -1,4 +1,4 @@
-"""The form of a mesh file: its triangles, and convex pieces that are remembered from run to run."""
+"""The form of a mesh file: its triangles, and convex pieces that are cached on disk."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _SOURCES = (
 )
 
 _FEW = 64
-"""More pieces of a body are too many, where nobody says how it is to be cut."""
+"""Greatest number of pieces of a body where the scenario does not state how to cut it."""
 
 _SHARES = (1.0 / 60.0, 1.0 / 20.0)
-"""Hollows no deeper than such a share of the longest edge are filled, where nobody says: the
+"""Hollows up to this share of the longest edge are filled by default: the
 second one where the first makes too many pieces."""
 
 
@@ -49,7 +49,7 @@ _NAMES = frozenset({"counts", "corners", "centre", "numbers"})
 
 @contextmanager
 def watch_cutting(begin: Callable[[Path], None]) -> Iterator[None]:
-    """Call back with the file of each mesh that takes a while to cut; those remembered do not."""
+    """Call back with the file of each mesh that takes a while to cut; not for cached ones."""
     token = _LISTENER.set(begin)
     try:
         yield
@@ -104,7 +104,7 @@ def _form(
 
 
 def _cut(triangles: MeshTriangles, within: float | None) -> Cut:
-    """Return the pieces of a mesh: as true to it as asked, or as there may be pieces."""
+    """Return the pieces of a mesh: as accurate as asked, within the allowed number of pieces."""
     if within is not None:
         return cut_convex(triangles, within)
     longest = float(np.ptp(triangles.vertices, axis=0).max())

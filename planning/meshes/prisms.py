@@ -1,4 +1,4 @@
-"""Convex pieces of bodies whose faces are all along one direction or across it.
+"""Convex pieces of prismatic bodies, whose faces are all parallel or perpendicular to one direction.
 
 Such are plates, boards and milled housings. Between two of its heights the cross section of such
 a body is the same everywhere, so its slices are prisms, and cutting them into convex pieces is
@@ -41,7 +41,7 @@ _FEW = 64
 
 
 def merge_convex_rings(points: Array, rings: list[Ring], within: float) -> list[Ring]:
-    """Join neighbours while what comes out has only shallow hollows (after Hertel and Mehlhorn).
+    """Join neighbours while the union has only shallow hollows (after Hertel and Mehlhorn).
 
     Args:
         points: shape (c, 2) [m].
@@ -81,7 +81,7 @@ def _edges(ring: Ring) -> list[tuple[int, int]]:
 
 
 def _joined(one: Ring, other: Ring, edge: tuple[int, int]) -> Ring | None:
-    """Return two polygons as one, None where that goes around a hole.
+    """Return the union of two polygons, None where it encloses a hole.
 
     Args:
         one: has the edge.
@@ -105,7 +105,7 @@ def _joined(one: Ring, other: Ring, edge: tuple[int, int]) -> Ring | None:
 
 
 def _deepest(points: Array, ring: Ring) -> float:
-    """Return how deep the deepest hollow of a polygon is."""
+    """Return the depth of the deepest hollow of a polygon."""
     hull = _hull(points, ring)
     at = [ring.index(corner) for corner in hull]
     deepest = 0.0
@@ -138,7 +138,7 @@ def _hull(points: Array, ring: Ring) -> list[int]:
 
 
 def _is_wide(points: Array, hull: Ring) -> bool:
-    """Tell whether the corners of a convex polygon are not all on one line."""
+    """Tell whether the corners of a convex polygon are not collinear."""
     at = points[list(hull)] - points[hull[0]]
     farthest = at[np.argmax(np.hypot(at[:, 0], at[:, 1]))]
     doubled = np.abs(farthest[0] * at[:, 1] - farthest[1] * at[:, 0]).max()
@@ -167,7 +167,7 @@ class _Slab:
 def prism_pieces(
     vertices: Array, faces: Indices, within: float, most: int
 ) -> list[Array] | None:
-    """Return the convex pieces of a body whose faces are along one direction or across it.
+    """Return the convex pieces of a body with faces parallel or perpendicular to one direction only.
 
     Args:
         vertices: of a closed body, shape (v, 3) [m].
@@ -199,7 +199,7 @@ def prism_pieces(
 
 
 def _frames(vertices: Array, faces: Indices) -> Iterator[Array]:
-    """Yield frames, as rows, whose last axis has faces across it: the largest triangles first."""
+    """Yield frames, as rows, whose last axis is normal to some faces: the largest triangles first."""
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     doubled = np.linalg.norm(normal, axis=1)
@@ -224,7 +224,7 @@ def _frames(vertices: Array, faces: Indices) -> Iterator[Array]:
 
 
 def _slabs(vertices: Array, faces: Indices) -> list[_Slab] | None:
-    """Return the slices of a body along its third axis, None where these are no prisms."""
+    """Return the slices of a body along its third axis, None where they are no prisms."""
     tolerance = _FLAT * float(np.ptp(vertices, axis=0).max())
     corners = vertices[faces]
     across = np.ptp(corners[:, :, 2], axis=1) <= tolerance
@@ -248,7 +248,7 @@ def _slabs(vertices: Array, faces: Indices) -> list[_Slab] | None:
 
 
 def _section(vertices: Array, faces: Indices, height: float) -> list[Array] | None:
-    """Return the outlines of a body at a height that none of its vertices needs to avoid.
+    """Return the outlines of a body at a height.
 
     Returns:
         Closed polygons, each of shape (c, 2); None where the body is not closed there.
@@ -304,7 +304,7 @@ def _convex_polygons(loops: tuple[Array, ...], within: float) -> Iterator[Array]
 
 
 def _holds(loop: Array, point: Array) -> bool:
-    """Tell whether a polygon goes around a point."""
+    """Tell whether a polygon contains a point."""
     after = np.roll(loop, -1, axis=0)
     crosses = (loop[:, 1] > point[1]) != (after[:, 1] > point[1])
     a, b = loop[crosses], after[crosses]
@@ -313,7 +313,7 @@ def _holds(loop: Array, point: Array) -> bool:
 
 
 def _counterclockwise(points: Array, triangles: npt.NDArray[np.uint32]) -> list[Ring]:
-    """Return triangles as rings that go around counterclockwise."""
+    """Return triangles as counterclockwise rings."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     rings = np.where((doubled < 0.0)[:, None], triangles[:, ::-1], triangles)

@@ -1,4 +1,4 @@
-"""Motion between skills: transits, speeds, sequential plans, robots that move as one.
+"""Motion between skills: transits, speeds, sequential plans, and composite motions of several robots.
 
-Imports cell, geometry and tasks.
+Imports cell, geometry, tasks and timing.
 """

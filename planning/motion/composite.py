@@ -1,4 +1,4 @@
-"""Robots that move at once, planned as one robot with all their joints (APEX-MR V-A).
+"""Robots that move simultaneously, planned as one robot with all their joints (APEX-MR V-A).
 
 A composite configuration is the robots' configurations one after another. On a straight line
 between two of them all robots move with the same parameter, in lock step.
@@ -43,7 +43,7 @@ class CompositeSpeed(SpeedModel):
 
 
 class CompositeChecker:
-    """Collision checks of robots that move at once, everything else standing.
+    """Collision checks of robots that move simultaneously, everything else static.
 
     Motions keep their clearance part by part, see ``planning.geometry.separation``.
 
@@ -190,7 +190,7 @@ class CompositeChecker:
 def without_robots(
     cell: Workcell, state: WorldState, robots: Sequence[str]
 ) -> Workcell:
-    """Return a cell without some robots and what they hold."""
+    """Return a cell without some robots and their loads."""
     return replace(
         cell,
         robots=tuple(r for r in cell.robots if r.name not in robots),

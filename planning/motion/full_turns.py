@@ -1,4 +1,4 @@
-"""Full turns of joints that can turn more than once.
+"""Full turns of joints whose range exceeds one turn.
 
 A wrist that reaches a pose at -170 degrees reaches it at +190 as well. Seen from HOME one of the
 two is a little nearer; seen from where the robot works next, the wrong one costs a whole turn
@@ -27,7 +27,7 @@ _HARDLY = 0.7
 def take_near_turns(
     cell: Workcell, step: StepTasks, reached: Mapping[str, Array]
 ) -> tuple[StepTasks, dict[str, Array]]:
-    """Return a step with the full turns nearest to where each robot worked before.
+    """Return a step shifted by the full turns nearest to each robot's previous configuration.
 
     Args:
         cell: the static cell.

@@ -1,8 +1,8 @@
-"""Bound of load: how busy the busiest robot is at least, however the steps are shared out.
+"""Lower bound of the makespan by load: the least work of the busiest robot in any assignment.
 
-Of each way to do a step it counts, for each robot, its skills and the straight joint distances
-from one to the next within the step; nothing for coming and going, for waiting, or for what is in
-the way. Whole turns of a joint are no distance: postures that far apart are the same.
+For each alternative of a step it counts, for each robot, its skills and the straight joint distances
+between them within the step; not the motions to and from the step, waits, or detours. Whole turns of a
+joint are no distance: postures that far apart are the same.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from planning.tasks.work import AssemblyWork
 from planning.transforms import Array
 
 _MOST_WAYS = 2000
-"""Of assemblies with more ways to do their steps, no bound is worked out."""
+"""Greatest number of alternatives of an assembly for which a bound is computed."""
 
 
 @dataclass(frozen=True)
 class AlternativeLoad:
-    """Least time that robots are busy with one way to do a step.
+    """Least busy time of the robots for one alternative of a step.
 
     Attributes:
         step: counted from 1.
@@ -45,7 +45,7 @@ class AlternativeLoad:
 def load_bound_s(
     cell: Workcell, work: AssemblyWork, plan: TaskPlan, settings: MotionSettings
 ) -> float | None:
-    """Return a makespan that no choice of robots, objects, grips and supports can beat [s].
+    """Return a lower bound of the makespan over robots, objects, grips and supports [s].
 
     The steps stay as they are. It is the optimum of a linear program, whatever the robots share.
 
@@ -56,7 +56,7 @@ def load_bound_s(
         settings: how tasks are turned into motions.
 
     Returns:
-        The bound, None where there are too many ways to look at.
+        The bound, None where there are too many alternatives.
     """
     choices = list(_choices(work.problem))
     if len(choices) > _MOST_WAYS:
@@ -64,7 +64,7 @@ def load_bound_s(
     loads = []
     for choice in choices:
         tasks = work.expand(plan.with_choice(choice), choice.step, 0)
-        # Others may let go of what they kept hold of, whoever they are.
+        # Other robots may release what they held.
         own = [task for task in tasks.tasks if task.robot in choice.robots]
         seconds = busy_seconds(cell, replace(tasks, tasks=tuple(own)), settings)
         loads.append(AlternativeLoad(choice.step, choice.object, seconds))
@@ -85,7 +85,7 @@ def _choices(problem: AssignmentProblem) -> Iterator[StepChoice]:
 def busy_seconds(
     cell: Workcell, step: StepTasks, settings: MotionSettings
 ) -> dict[str, float]:
-    """Return how long each robot, and each machine that works, is busy with a step at least [s].
+    """Return the least busy time of each robot, and of each working machine, in a step [s].
 
     Args:
         cell: without what comes up in the step.
@@ -125,7 +125,7 @@ def busy_seconds(
 
 
 def _of_known(cell: Workcell, task: Task) -> Task:
-    """Return a task with an object of the same type that is there now: a station's brick is a copy."""
+    """Return a task with a present object of the same type in place of a station's copy."""
     names = {item.name for item in cell.objects}
     name = task.object
     while name and name not in names:
@@ -134,16 +134,16 @@ def _of_known(cell: Workcell, task: Task) -> Task:
 
 
 def _without_turns(apart: Array, turning: np.ndarray) -> Array:
-    """Return the least differences of joint values that differ from these by whole turns."""
+    """Return the least differences of joint values modulo whole turns."""
     least = (apart + np.pi) % (2 * np.pi) - np.pi
     return np.where(turning, least, apart)
 
 
 def least_load(ways: list[AlternativeLoad], unlimited: frozenset[str]) -> float:
-    """Return the least load of the busiest robot, steps and objects shared out at will [s].
+    """Return the least load of the busiest robot when steps and objects are shared out freely [s].
 
     Args:
-        ways: to do the steps.
+        ways: alternatives of the steps.
         unlimited: objects that may be used more than once.
     """
     model = pulp.LpProblem("load", pulp.LpMinimize)

@@ -1,9 +1,8 @@
-"""What is known of ways past things that stand, whichever plan they were found for.
+"""Cache of paths through static scenes, shared between plans.
 
-A way depends on what moves, from where to where, and on what stands around, by shape and place;
-which objects these are, and at which step of which plan, does not matter. A straight way, and a
-skill, stays as it is wherever all that stands has been found to be clear of it; what was found by a
-search holds where just the same stands around.
+A path depends on the moving robot and its load, on its ends, and on the obstacles by shape and pose; the
+names of the objects, the step and the plan do not matter. A straight path, or a skill, is valid in every
+scene whose obstacles were found clear of it; the result of a search is valid in the identical scene only.
 """
 
 from __future__ import annotations
@@ -28,15 +27,15 @@ Polyline = tuple[Array, Array]
 """Waypoints, and the times at which they are passed, from 0 [s]."""
 
 _MOST_ANSWERS = 20_000
-"""Ways that are kept; all are forgotten when there are more."""
+"""Capacity in paths; the cache is cleared when it is full."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Surroundings of a robot that moves.
+    """Surroundings of a moving robot.
 
     Attributes:
-        amid: other robots, what is in hands, what may be touched, and what changes hands.
+        amid: other robots, held objects, allowed contacts, and objects that change hands.
         standing: all else at rest, by shape and place: a bit for each.
     """
 
@@ -45,7 +44,7 @@ class Scene:
 
 
 class SceneIndex:
-    """Numbers of shapes and places of one cell, and the scenes made of them."""
+    """Index of the shapes and poses of one cell, and the scenes made of them."""
 
     def __init__(self) -> None:
         self._numbers: dict[Hashable, int] = {}
@@ -66,7 +65,7 @@ class SceneIndex:
         Args:
             cell: with all objects.
             state: where everything is at first.
-            allowed: who may touch whom, at first and each time that something changes hands.
+            allowed: allowed contacts, initially and after each change of hands.
             handlings: what changes hands.
         """
         objects, at_rest = self._objects_of(cell), self._at_rest(cell, state)
@@ -118,7 +117,7 @@ class SceneIndex:
         return self._rest[1]
 
     def _shape(self, item: CellObject) -> int:
-        """Return a number that objects of one shape have in common."""
+        """Return a number shared by objects of the same shape."""
         known = self._shapes.get(item)
         if known is None:
             if len(self._shapes) >= _MOST_SCENES:
@@ -143,7 +142,7 @@ def _place(at: Attachment | None) -> tuple[str, bytes]:
 
 @dataclass(frozen=True)
 class CachedPath:
-    """A way, and whether it stays the same whatever else is clear of it."""
+    """A path, and whether it depends on nothing but being free."""
 
     way: Polyline
     plain: bool
@@ -151,12 +150,12 @@ class CachedPath:
 
 @dataclass(frozen=True)
 class MotionCache:
-    """Ways that were found for plans of one cell with the same settings.
+    """Paths found for plans of one cell with the same settings.
 
-    A way that asks for nothing but to be clear is kept with all that was found to be clear of it.
+    A path that only has to be clear is stored with all obstacles that it was found to be clear of.
 
     Attributes:
-        scenes: what they lead through.
+        scenes: the scenes they lead through.
     """
 
     scenes: SceneIndex = field(default_factory=SceneIndex)
@@ -172,11 +171,11 @@ class MotionCache:
         seed: int,
         work_out: Callable[[], CachedPath],
     ) -> Polyline:
-        """Return a way, worked out unless it is known.
+        """Return a path, computed unless it is cached.
 
         Args:
             moving: what moves, and through what.
-            scene: what it moves amid.
+            scene: its surroundings.
             seed: of the search for it.
             work_out: finds it.
 

@@ -1,4 +1,4 @@
-"""Motion plans as data: a timed path for every task, from either planning route."""
+"""Motion plans as data: a timed path for every task, from either planner."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class TaskMotion:
 
 @dataclass(frozen=True)
 class MotionPlan:
-    """Paths of all tasks, with the planned times that fix who goes first where.
+    """Paths of all tasks, with the planned times that fix the precedence between robots.
 
     Attributes:
         cell: the static cell.
         tasks: in order of their index.
         motions: one per task, same order. A skill's ``path[k]`` is waypoint k of its handlings.
         dependencies: pairs (a, b), shape (e, 2): task a must be complete before b starts.
-        allowed: who may touch whom, and when.
+        allowed: allowed contacts, with their times.
         windows: of time between tasks.
     """
 

@@ -1,4 +1,4 @@
-"""Points of a polyline that are nearest to others."""
+"""Nearest points of a polyline."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from planning.transforms import Array, Indices
 
 
 class NearPath(NamedTuple):
-    """Points of a polyline that are nearest to others, one for each.
+    """Nearest points of a polyline, one for each query point.
 
     Attributes:
         leg: the leg that each is on, from 0, shape (k,).
@@ -26,7 +26,7 @@ class NearPath(NamedTuple):
 
 
 def nearest_points_on_path(points: Array, q: Array) -> NearPath:
-    """Return the points of a polyline that are nearest to others.
+    """Return the points of a polyline nearest to query points.
 
     Args:
         points: ends and corners of the polyline, at least one, shape (w, n).

@@ -1,4 +1,4 @@
-"""The sequential plan: one task after another, everything else standing (APEX-MR IV-B)."""
+"""Sequential motion planning: one task after another, everything else static (APEX-MR IV-B)."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class MotionSettings:
             of a skill with a nominal duration are within it.
         attempts: seeds tried for a transit before another grasp is.
         seed: of the whole plan.
-        paths: what finds paths in space and time, of all robots at once: ``auto`` or ``rrt``.
+        paths: what finds paths in space and time, of all robots simultaneously: ``auto`` or ``rrt``.
     """
 
     planners: Mapping[str, TransitPlanner]
@@ -80,7 +80,7 @@ class MotionSettings:
         return self.skill_seconds.get(task.kind) if found is None else found
 
     def still_seconds(self, task: Task) -> tuple[float, ...]:
-        """Return the nominal times of the actuations of a skill without a nominal duration [s]."""
+        """Return the nominal durations of a skill's actuations when it has no nominal duration itself [s]."""
         return tuple(
             self.actuation_seconds.get(item.key, 0.0) for item in task.actuations
         )
@@ -88,7 +88,7 @@ class MotionSettings:
 
 @dataclass(frozen=True)
 class StartConfiguration:
-    """Where a plan begins that does not begin at HOME.
+    """Initial state of a plan that does not begin at HOME.
 
     Attributes:
         state: where everything is.
@@ -132,7 +132,7 @@ def plan_motions_sequentially(
         link_steps: returns all task dependencies, shape (e, 2), once every step is settled.
         settings: planners, speeds, attempts and seed.
         progress: called with the steps done and the steps in all.
-        known: what was found for other plans of the same cell and settings; what is found here
+        known: results of other plans of the same cell and settings; what is found here
             is added. The plan is the same with it and without.
         windows: returns the windows of time between tasks, once every step is settled.
         begins: where it begins; by default with every robot at HOME and everything at its start.
@@ -199,7 +199,7 @@ def _way_of(
     settings: MotionSettings,
     known: MotionCache | None,
 ) -> Polyline:
-    """Return the way of a task, from what is known if it is."""
+    """Return the path of a task, cached if possible."""
     if cell.is_machine(task.robot):
         still = np.repeat(cell.robot(task.robot).home[None], 2, axis=0)
         return still, np.array([0.0, settings.seconds_of(cell, task) or 0.0])
@@ -229,12 +229,12 @@ def _way_of(
 
 @dataclass(frozen=True)
 class _Phase:
-    """Part of a task within which nothing changes hands.
+    """Part of a task during which nothing changes hands.
 
     Attributes:
         first: waypoint that it starts at, 0 for that before the task's path.
         state: where everything is then.
-        pairs: who may touch whom.
+        pairs: allowed contacts.
     """
 
     first: int
@@ -245,7 +245,7 @@ class _Phase:
 def _phases(
     cell: Workcell, task: Task, allowed: Sequence[AllowedContact], now: _Progress
 ) -> list[_Phase]:
-    """Return the phases of a task, one after another."""
+    """Return the phases of a task in order."""
     found: list[_Phase] = []
     state = now.state
     handlings = () if task.kind == TRANSIT else task.handlings
@@ -293,7 +293,7 @@ def _plan_transit(
 
 
 class ContactChecker(Protocol):
-    """Tells what a robot touches where it stands."""
+    """Reports what a robot touches at a configuration."""
 
     def contact(self, q: Array) -> Contact | None:
         """Return the closest forbidden contact at ``q``, None where there is none."""
@@ -303,7 +303,7 @@ class ContactChecker(Protocol):
 def explain_blockage(
     checker: ContactChecker, start: Array, goal: Array
 ) -> tuple[str, Contact | None]:
-    """Return what is in the way between two free configurations, in words and as a contact.
+    """Return the obstacle between two free configurations, in words and as a contact.
 
     That is what shuts the robot in at one of them, else what is in its way on the straight line.
 

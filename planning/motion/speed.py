@@ -29,7 +29,7 @@ class SpeedModel(Protocol):
         ...
 
     def duration(self, q_a: Array, q_b: Array) -> float:
-        """Return the time of the straight motion from ``q_a`` to ``q_b``, shape (n,) [s]."""
+        """Return the duration of the straight motion from ``q_a`` to ``q_b``, shape (n,) [s]."""
         return float(self.durations(q_b - q_a))
 
     def times_along(self, path: Array) -> Array:
@@ -51,7 +51,7 @@ class L1Speed(SpeedModel):
     velocity: Array | None = None
 
     def durations(self, travel: Array) -> Array:
-        """Return the L1 joint distances over the speed, or what a limit makes of them [s]."""
+        """Return the L1 joint distances over the speed, or longer times by joint speed limits [s]."""
         travel = np.abs(travel)
         seconds = np.asarray(np.sum(travel, axis=-1) / self.speed)
         if self.velocity is None:

@@ -16,7 +16,7 @@ from planning.motion.speed import SpeedModel, path_duration, path_times
 from planning.transforms import Array
 
 _GAIN = 1e-6
-"""Shortcuts that gain less are not worth a corner [s]."""
+"""Least gain of a shortcut that adds a corner [s]."""
 
 _Check = Callable[[Array, Array], bool]
 """Tells whether the straight line to a second configuration passes, that one included."""
@@ -34,7 +34,7 @@ class MotionChecker(Protocol):
         ...
 
     def seems_free(self, q_a: Array, q_b: Array) -> bool:
-        """Tell whether ``q_b`` and some configurations on the way there are free."""
+        """Tell whether ``q_b`` and some configurations before it are free."""
         ...
 
 
@@ -83,7 +83,7 @@ def shortcut_polyline(
 
 
 def _is_free(checker: MotionChecker, path: Array) -> bool:
-    """Tell whether a polyline is free; proofs are left until nothing seems to be in the way."""
+    """Tell whether a polyline is free: by samples first, by proof at the end."""
     return all(checker.seems_free(a, b) for a, b in pairwise(path)) and all(
         checker.motion_free(a, b) for a, b in pairwise(path)
     )
@@ -97,7 +97,7 @@ def _point(path: Array, marks: Array, at: float) -> Array:
 
 
 def _drop_corners(checker: MotionChecker, path: Array, speed: SpeedModel) -> Array:
-    """Leave out corners, longest shortcuts first, where that is free and no slower."""
+    """Remove corners, longest shortcuts first, where that is free and no slower."""
     kept = [path[0]]
     i = 0
     while i < len(path) - 1:
@@ -117,7 +117,7 @@ ou.setLogLevel(ou.LogLevel.LOG_NONE)
 
 
 class TransitPlanner(Protocol):
-    """Finds a path for one robot while everything else stands, the straight one where it is free."""
+    """Finds a path for one robot while everything else is static, the straight one where it is free."""
 
     def plan(
         self, checker: MotionChecker, start: Array, goal: Array, seed: int
@@ -145,7 +145,7 @@ class RrtConnect:
             better one.
         tours: independent searches among which the shortest path wins.
         rough: tries of the shortcutting of each of their paths, enough to compare them.
-        enough: motions checked in all tours before no better path is looked for. Where one is
+        enough: motions checked in all tours before no better path is searched. Where one is
             hard to find another one is dear, and seldom much better.
     """
 
@@ -222,7 +222,7 @@ class RrtConnect:
     def _search(
         self, check: _Check, start: Array, goal: Array, seed: int, most: int
     ) -> tuple[Array | None, int]:
-        """Return a path of motions that pass a check, and how often it was asked; see _tour."""
+        """Return a path of motions that pass a check, and the number of checks; see _tour."""
         # OMPL grumbles that earlier generators are not affected by seeding now: those
         # belong to earlier queries, and the ones made for this query are.
         ou.RNG.setSeed(seed + 1)
@@ -262,11 +262,11 @@ class RrtConnect:
 
 
 class _Validator(ob.MotionValidator):  # type: ignore[misc]
-    """Counted checks of motions that lead to new configurations from such that passed.
+    """Counted motion checks from accepted configurations to new ones.
 
     Args:
         information: of the space.
-        check: asked about motions.
+        check: test of motions.
         start, goal: configurations that pass, shape (n,).
     """
 
@@ -279,7 +279,7 @@ class _Validator(ob.MotionValidator):  # type: ignore[misc]
         self._passed = {np.asarray(q, np.float64).tobytes() for q in (start, goal)}
 
     def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802 - OMPL's name
-        """Tell whether the straight line from a state to another passes."""
+        """Tell whether the straight line from one state to another is valid."""
         self.count += 1
         q_a, q_b = (np.array([q[i] for i in range(self._n)]) for q in (a, b))
         if q_b.tobytes() in self._passed:

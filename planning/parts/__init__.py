@@ -1,4 +1,4 @@
-"""Assemblies of parts: parts of any shape put in their places by robots, and processes done to them.
+"""Assemblies of parts: robots place parts of any shape and apply processes to them.
 
-Imports skills, contacts and statics, and what those import.
+Imports steps, contacts, grips and statics, and what those import.
 """

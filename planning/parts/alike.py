@@ -1,11 +1,11 @@
-"""Parts that are alike: which of them comes to which goal, as the integer program chooses (APEX-MR App. B).
+"""Interchangeable parts: the integer program assigns each to a goal (APEX-MR App. B).
 
-A goal is a step of the program, and its objects are the parts of the group. Which part comes to which
-goal matters by the way between the two, by who reaches either, and by what must be gone before; cost is
-therefore the way of the arm from HOME to the part, on to the goal, and back. Picks depend on the part and
-placements on the goal, so each is looked for once and not for every pair. Goals of a group have no order
-but for what touches or bars what: robots take turns, each at the goals that are best left to it. What
-comes of it is an assembly in which each part has its goal, planned as any other.
+A goal is a step of the program, and its objects are the parts of the group. The cost of a pair is the path
+of the arm from HOME to the part, on to the goal, and back; pairs also differ by the robots that reach them,
+and by the parts that must be gone before. Picks depend on the part and placements on the goal, so each is
+searched once, not for every pair. Goals of a group are ordered only by contacts and blocked paths: robots
+take turns, each at the goals that are best left to it. The result is an assembly in which each part has its
+goal, planned as any other.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ from planning.tasks.highs_solver import assign_steps
 from planning.transforms import Array, read_only_copy, translation
 
 _MOST_TRIES = 4
-"""So often parts are shared out anew where nobody can do a step of what came of it."""
+"""Number of retries of the allocation where no robot can do a step of the result."""
 
 _NOBODY, _NEVER = 100.0, 1e6
-"""What a goal costs a robot that cannot fill it alone: more than any way, and more than any load [rad]."""
+"""Cost of a goal for a robot that cannot fill it alone: more than any path or load [rad]."""
 
 _AWAY = 1000.0
 """Height at which parts are that come from nowhere in particular [m]."""
@@ -57,7 +57,7 @@ Find = Callable[[Workcell, PartAssembly], PartCandidates]
 """Returns the candidates of an assembly in which every part has its own goal."""
 
 _Ends = Mapping[bytes, tuple[Array, frozenset[str]]]
-"""Where a robot picks or places a part, shape (n,), and what must be gone before, by the pose of its tool on it."""
+"""Contact configuration of a pick or place, shape (n,), and the parts that must be gone before, by tool pose on the part."""
 
 
 def with_steps_as_listed(_: Workcell, assembly: PartAssembly) -> PartAssembly:
@@ -71,7 +71,7 @@ def find_alike_candidates(
     find: Find,
     order: Order = with_steps_as_listed,
 ) -> PartCandidates:
-    """Return the candidates of an assembly once parts that are alike are shared out over their goals.
+    """Return the candidates of an assembly after interchangeable parts are assigned to goals.
 
     Robots take turns at these where that does; else goals are filled as they are listed. What is
     impossible all the same is said by the assignment.
@@ -97,7 +97,7 @@ def find_alike_candidates(
 
 
 def without_start_places(cell: Workcell, assembly: PartAssembly) -> Workcell:
-    """Return a cell in which parts that are alike lie far away, those with goals alone."""
+    """Return a cell in which interchangeable parts with goals are far away, and others left out."""
     alike = {name for group in assembly.alike for name in group}
     away = read_only_copy(translation(0.0, 0.0, _AWAY))
     objects = (
@@ -111,7 +111,7 @@ def without_start_places(cell: Workcell, assembly: PartAssembly) -> Workcell:
 
 
 class PartAllocation:
-    """The choice of a part for every goal, filled in an order.
+    """Assignment of a part to every goal, with goals filled in a fixed order.
 
     A goal has the name of the part that is written out with it. In scenes that part comes from
     nowhere in particular, and what lies at the start has another name.
@@ -153,9 +153,9 @@ class PartAllocation:
         )
 
     def planned(self, find: Find) -> PartCandidates:
-        """Return the candidates of the assembly with parts shared out, the last of some that were tried.
+        """Return the candidates of the assembly for an assignment of parts, after some tries.
 
-        Where nobody can do a step, its part and that goal are kept apart the next time.
+        Where no robot can do a step, its part and that goal are kept apart the next time.
 
         Args:
             find: of an assembly that is shared out.
@@ -170,7 +170,7 @@ class PartAllocation:
             except InfeasibleStepError:
                 if not refused:
                     raise
-                break  # why nobody can do a step is known of what was tried last
+                break  # why no robot can do a step is known of what was tried last
             found = find(self._cell, with_renamed_parts(self._assembly, parts))
             goals = {part: goal for goal, part in parts.items()}
             steps = (found.assembly.steps[k - 1] for k in found.problem.impossible)
@@ -181,7 +181,7 @@ class PartAllocation:
         return found
 
     def parts(self, refused: Collection[tuple[str, str]] = ()) -> dict[str, str]:
-        """Return which part comes to which goal in the cheapest plan, by the name of the goal.
+        """Return the part of each goal in the cheapest plan, by the name of the goal.
 
         Args:
             refused: goals, each with a part that is not to come there.
@@ -232,7 +232,7 @@ class PartAllocation:
         parts: Sequence[str],
         places: _Ends | None,
     ) -> Iterator[PrimaryCandidate]:
-        """Yield how a robot takes parts to a goal, given how it places them; only picks them for None."""
+        """Yield transports of parts to a goal by a robot, given its placement; picks alone for None."""
         goal, home = self._steps[number - 1].part.name, robot.home
         for part in parts:
             least: dict[frozenset[str], float] = {}
@@ -256,7 +256,7 @@ class PartAllocation:
         return 1 + next(k for k, s in enumerate(self._steps) if s.part.name in group)
 
     def _find_ends(self, robot: PlacedRobot, number: int, part: str | None) -> _Ends:
-        """Return how a robot puts a part in the goal of a step, or picks a certain one for it."""
+        """Return a robot's placement of a part at the goal of a step, or its pick of a given part for it."""
         step, found = (
             self._steps[number - 1],
             dict[bytes, tuple[Array, frozenset[str]]](),
@@ -285,7 +285,7 @@ class PartAllocation:
         return found
 
     def _barring(self, step: PartStep) -> set[str]:
-        """Return what a part touches at the start and would be led through on its straight way out."""
+        """Return the neighbours at the start that block the straight path of a part out of there."""
         own, placed = step.part.name, standing_fixtures(self._cell) | step.others
         ways, most = self._assembly.handling(own), self._assembly.overlaps.most
         out = -np.array(ways.extraction), ways.leave
@@ -297,7 +297,7 @@ class PartAllocation:
         }
 
     def _picking(self, step: PartStep, part: str) -> PartStep:
-        """Return a step whose part lies where another one does at the start."""
+        """Return a step with its part at the start pose of another one."""
         item, start = step.part, self._lying[part][1]
         around = {k: v for k, v in step.around.items() if self._starts.get(k) != part}
         step = replace(step, around=around, part=replace(item, start=start))
@@ -308,7 +308,7 @@ class PartAllocation:
     def _free(
         self, tried: SkillTry, *, carried: bool
     ) -> tuple[Array, frozenset[str]] | None:
-        """Return where a skill touches its part, and which parts must have left their starts before."""
+        """Return the contact configuration of a skill, and the parts that must have left their starts before."""
         gone: set[str] = set()
         while True:
             found = tried.found()
@@ -324,7 +324,7 @@ class PartAllocation:
             tried = replace(tried, scene=replace(tried.scene, objects=there))
 
     def in_turns(self) -> PartAssembly:
-        """Return the assembly with its steps in an order in which robots take turns at goals.
+        """Return the assembly with steps ordered so that robots take turns at goals.
 
         Goals that are filled one after another are shared out over the robots so that the sum of ways
         and of loads is least; each robot fills its own as they are listed, so that robots that face
@@ -358,7 +358,7 @@ class PartAllocation:
         return replace(self._assembly, steps=tuple(steps))
 
     def _nearness(self, number: int) -> list[float]:
-        """Return how far a goal is from the HOME of each robot; infinite where it cannot fill it [rad]."""
+        """Return the distance of a goal from the HOME of each robot; infinite where it cannot fill it [rad]."""
         done_by = self._steps[number - 1].step.done_by
         least = dict.fromkeys((robot.name for robot in self._cell.robots), inf)
         for robot in self._robots:
@@ -371,7 +371,7 @@ class PartAllocation:
         return list(least.values())
 
     def _interact(self, first: int, second: int) -> bool:
-        """Tell whether two goals touch when filled, or one bars the straight way into the other."""
+        """Tell whether two filled goals touch, or one blocks the straight path into the other."""
         a, b = (
             (s.part, s.place) for s in (self._steps[first - 1], self._steps[second - 1])
         )
@@ -386,11 +386,11 @@ class PartAllocation:
 def with_renamed_parts(
     assembly: PartAssembly, parts: Mapping[str, str]
 ) -> PartAssembly:
-    """Return an assembly in which some parts that are placed are others.
+    """Return an assembly in which some placed parts are replaced by others.
 
     Args:
         assembly: no step but that of a placement names one of them.
-        parts: who is in the place of whom, by name.
+        parts: the replacement of each part, by name.
     """
 
     def both(pair: Collection[str]) -> tuple[str, ...]:
@@ -418,13 +418,13 @@ def with_renamed_parts(
 
 
 def goal_turns(ways: Array) -> list[tuple[int, int]]:
-    """Return for each goal when its robot fills it, by its own count, and the number of that robot.
+    """Return for each goal its position among those of its robot, and the number of that robot.
 
     The sum of ways and loads is least: the next goal of a robot costs as much more as a goal costs in the
     mean.
 
     Args:
-        ways: of each robot to each goal, infinite where it cannot fill it; shape (goals, robots).
+        ways: distance of each robot to each goal, infinite where it cannot fill it; shape (goals, robots).
     """
     goals, robots = ways.shape
     known = np.isfinite(ways)

@@ -1,4 +1,4 @@
-"""Assemblies of parts as data: where every part goes, the steps in order, and how parts are led."""
+"""Assemblies of parts as data: goal poses, ordered steps, and straight insertion paths."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from planning.transforms import Transform
 
 @dataclass(frozen=True)
 class Spot:
-    """A place where a part is put down on its way, or where a process is done.
+    """A place where a part is put down temporarily, or where a process is done.
 
     Attributes:
         words: where, for people, such as ``"vise/nest"``.
@@ -39,7 +39,7 @@ class Step(ABC):
         name: what other steps call it, None if they cannot.
         after: names of the steps that must be complete before it.
         lags: least and greatest times after some of them.
-        robots: who may do it, None for anyone.
+        robots: the robots that may do it, None for any.
         hold: part that another robot grips where it lies meanwhile, None for nothing.
     """
 
@@ -52,7 +52,7 @@ class Step(ABC):
     @property
     @abstractmethod
     def words(self) -> str:
-        """What it is, for people."""
+        """Description for people."""
 
     def done_by(self, robot: str) -> bool:
         """Tell whether a robot may do it."""
@@ -61,12 +61,12 @@ class Step(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class PlacePart(Step):
-    """A part is picked where it is by then and put in its place, or down on its way.
+    """A part is picked at its current place and put in its final place, or down temporarily.
 
     Attributes:
         part: its name.
-        stop: where it is put down on its way, None where it comes to its place.
-        until: name of the step until which is complete its robot keeps hold of it, None to let
+        stop: where it is put down temporarily, None where it is put in its place.
+        until: name of the step until which is complete its robot keeps holding it, None to let
             go of it at once, or when nothing falls any more.
     """
 
@@ -76,21 +76,21 @@ class PlacePart(Step):
 
     @property
     def words(self) -> str:
-        """What it is, for people."""
+        """Description for people."""
         way = "" if self.stop is None else f" at {self.stop.words}"
         return f"pick and place {self.part}{way}"
 
 
 @dataclass(frozen=True)
 class Process:
-    """A process of one robot, such as screwing: what its tool does at a place of work.
+    """A process of one robot, such as screwing: the tool motion at a workplace.
 
     Attributes:
         name: its name, the kind of the tasks in which it is done.
         tool: name of the tool that a robot must have, None for any.
         frame: name of the tool frame that comes to the place, its z axis opposite to the
             place's.
-        approach: straight way along that axis to the place and back [m].
+        approach: straight path along that axis to the place and back [m].
         path: poses in the frame of the place that the tool goes through, in straight lines; the
             place itself where there are none.
         turns: angles by which the tool may be turned about the place's z axis; one of them is
@@ -119,13 +119,13 @@ class Work(Step):
 
     @property
     def words(self) -> str:
-        """What it is, for people."""
+        """Description for people."""
         return f"{self.process.name} {self.spot.words}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class MachineWork(Step):
-    """A machine works at a part where it lies, or time alone does: no robot is needed.
+    """Work of a machine on a part at rest, or a waiting time: no robot is needed.
 
     Attributes:
         process: what is done, the kind of its task.
@@ -141,7 +141,7 @@ class MachineWork(Step):
 
     @property
     def words(self) -> str:
-        """What it is, for people."""
+        """Description for people."""
         return f"{self.process} {self.part}"
 
 
@@ -150,7 +150,7 @@ AnyStep = PlacePart | Work | MachineWork
 
 @dataclass(frozen=True)
 class PartHandling:
-    """Grips of a part, and its straight ways out of where it lies and into its place.
+    """Grips of a part, and its straight paths out of its start and into its place.
 
     Attributes:
         grips: which grips are tried.
@@ -177,7 +177,7 @@ class PartAssembly:
         goals: pose in the world of the frame of every part that is placed, of boxes the centre.
         steps: what is done, in this order.
         usual: how parts are gripped and led.
-        own: how those are that are in another way, by name.
+        own: handling of the parts that differ, by name.
         touch: parts that are nearer to each other than this touch [m].
         balance: friction and joints under which it must stand; None if that is not looked at.
         overlaps: how deep parts that are joined may be in each other.
@@ -197,17 +197,17 @@ class PartAssembly:
     alike: tuple[tuple[str, ...], ...] = ()
 
     def handling(self, part: str) -> PartHandling:
-        """Return how a part is gripped and led."""
+        """Return the grips and straight paths of a part."""
         return self.own.get(part, self.usual)
 
     def lags_after(self, name: str | None) -> tuple[TimeLag, ...]:
-        """Return the least times that pass after a step, each with a machine of its own."""
+        """Return the minimum time lags after a step, each with a machine of its own."""
         lags = (lag for step in self.steps for lag in step.lags)
         return tuple(lag for lag in lags if lag.step == name and lag.machine)
 
     @property
     def friction(self) -> float:
-        """Coefficient of friction of all that touches."""
+        """Coefficient of friction of all contacts."""
         return (self.balance or StandingRules()).friction
 
     @property
@@ -217,16 +217,16 @@ class PartAssembly:
 
     @property
     def placed(self) -> tuple[str, ...]:
-        """Names of the parts that are put in their places, in the order of the steps."""
+        """Names of the placed parts, in the order of the steps."""
         places = (step for step in self.steps if isinstance(step, PlacePart))
         return tuple(step.part for step in places if step.stop is None)
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """What is joined, where it is looked at what stands."""
+        """Joints between parts, where stability is checked."""
         return self.balance.joints if self.balance else ()
 
     def joined_to(self, part: str) -> tuple[str, ...]:
-        """Return what a part is joined to: it may touch nothing of what is there before it."""
+        """Return the parts that a part is joined to; a joined part needs no contact."""
         found = (joint.ends for joint in self.joints if part in joint.ends)
         return tuple(a if b == part else b for a, b in found)

@@ -1,4 +1,4 @@
-"""Balance of an assembly: it must stand after every step, and in every state that can be reached.
+"""Stability of an assembly after every step and in every reachable state.
 
 Parts stand in their places by contact and friction, or because they are joined to what they touch
 (``planning.statics``). What is fixed, and parts that no step moves, are the ground.
@@ -32,7 +32,7 @@ _MOST_NAMED = 4
 def make_stability_check(
     cell: Workcell, steps: Sequence[KnownStep], rules: StandingRules
 ) -> StabilityChecker:
-    """Return what knows the parts of some steps in their places, in whatever order they come.
+    """Return the stability checker of the parts of some steps in their places, in any order.
 
     Args:
         cell: its fixtures, and the parts that no step places, are the ground.
@@ -45,14 +45,14 @@ def make_stability_check(
 
 
 class PartBalance:
-    """Tells whether an assembly stands in every state that its steps can lead to.
+    """Checks stability of an assembly in every state that its steps can reach.
 
     Args:
         cell: its fixtures, and the parts that no step places, are the ground.
         steps: in their order.
         rules: friction, joints.
         standing: of the same steps in whatever order, where it is known already.
-        keepable: parts that robots may keep hold of until they are joined; any by default.
+        keepable: parts that robots may keep holding until they are joined; any by default.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class PartBalance:
         )
 
     def stand(self) -> StableBuild:
-        """Return which steps, from 0, must wait for which, and what is kept hold of until when.
+        """Return stability precedences of steps, from 0, and the parts to hold until which step.
 
         Raises:
             InfeasibleStepError: something falls even in the given order; says what would help.
@@ -111,7 +111,7 @@ class PartBalance:
         return replace(self._stand, waits=self._stand.waits | self._joining)
 
     def _joined(self) -> tuple[list[tuple[Joint, ...]], Waits]:
-        """Return what each step joins, and which steps wait for which because of that."""
+        """Return the joints of each step, and the step precedences that follow from them."""
         joints: list[tuple[Joint, ...]] = [()] * len(self._steps)
         waits = set()
         for joint in self._rules.joints:
@@ -123,7 +123,7 @@ class PartBalance:
         return joints, frozenset(waits)
 
     def _known_waits(self) -> Iterator[tuple[int, int]]:
-        """Yield which steps wait for which in any plan."""
+        """Yield the step precedences that hold in any plan."""
         for k, step in enumerate(self._steps):
             yield from ((self._named[name], k) for name in step.step.after)
             for name in step.touched:
@@ -131,7 +131,7 @@ class PartBalance:
                     yield self._number[name], k
 
     def props(self, fall: UnstableState) -> list[str]:
-        """Return the parts placed later each of which would keep everything standing.
+        """Return the later parts each of which would keep everything stable.
 
         Those are looked at that touch what falls.
         """
@@ -148,7 +148,7 @@ class PartBalance:
         ]
 
     def refusal(self, fall: UnstableState) -> str:
-        """Return what falls, why, and what would help."""
+        """Return what falls, the reason, and possible remedies."""
         at, body = fall.step, fall.body
         now = [name for name, k in self._number.items() if k <= at]
         touched = self._standing.touched_by(body)
@@ -173,7 +173,7 @@ class PartBalance:
 def balance_groups(
     steps: Sequence[KnownStep], rules: StandingRules, leaves: Collection[int]
 ) -> Iterator[tuple[int, Sequence[KnownStep], StandingRules]]:
-    """Yield steps that build something together, and the rules for it.
+    """Yield groups of steps that build together, and the rules for them.
 
     Args:
         steps: of all products, in their order.
@@ -194,7 +194,7 @@ def balance_groups(
 def stability_constraints(
     cell: Workcell, steps: Sequence[KnownStep], assembly: PartAssembly
 ) -> StableBuild:
-    """Return what waits for what, and what is kept hold of, so that every product always stands.
+    """Return step precedences and holds with which every product is always stable.
 
     Where that is not looked at, hold is kept of what steps say.
 
@@ -214,12 +214,12 @@ def stability_constraints(
 
 
 def _builds(step: KnownStep) -> TypeGuard[PartStep]:
-    """Tell whether a step puts a part in its place, and not down on its way."""
+    """Tell whether a step puts a part in its final place."""
     return isinstance(step, PartStep) and step.step.stop is None
 
 
 def planned_holds(steps: Sequence[KnownStep]) -> dict[int, int]:
-    """Return by step, from 0, whose part is kept hold of the step until which it says so."""
+    """Return, for steps from 0, until which step their part is held, where the assembly states it."""
     named = {s.step.name: k for k, s in enumerate(steps) if s.step.name is not None}
     return {
         k: named[s.step.until]

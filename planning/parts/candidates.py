@@ -51,12 +51,12 @@ from planning.tasks.assignment import (
 from planning.transforms import Transform
 
 _MOST_HOLDS = 8
-"""Ways to hold a part that are kept for each robot."""
+"""Greatest number of holds of a part per robot."""
 
 
 @dataclass(frozen=True)
 class PartCandidates:
-    """The assignment problem of an assembly of parts, and the paths behind it.
+    """The assignment problem of an assembly of parts, and the paths of its candidates.
 
     Attributes:
         cell: its objects are the parts, and tools that are changed.
@@ -68,7 +68,7 @@ class PartCandidates:
         problem: what the solver needs.
         paths: of all candidates; the numbers of those in which the part changes hands in between
             follow those of the grips.
-        blockers: by step, how often things were in the way.
+        blockers: by step, how often each obstacle blocked it.
         count: number of first steps of which there are candidates.
         spares: steps with other parts of the kind in place of their own, by number and part.
     """
@@ -86,7 +86,7 @@ class PartCandidates:
 
 
 def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
-    """Find every robot and grip or turn that can do a step, with its cost.
+    """Find every robot with a grip or tool rotation that can do a step, with its cost.
 
     All skills are reachable in one posture each and free of contacts among the parts as they
     are at that step, with all other robots at HOME, or holding a part; who carries a part can
@@ -106,9 +106,9 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
 
 
 class LazyCandidates:
-    """Steps of an assembly of parts whose candidates are found when they are asked for, in order.
+    """Candidates of the steps of an assembly of parts, found on request, in order.
 
-    What is impossible of any of them, whoever does it, is said at once; see ``find_candidates``.
+    Steps that are impossible for every robot raise an error immediately; see ``find_candidates``.
     """
 
     def __init__(self, cell: Workcell, assembly: PartAssembly) -> None:
@@ -126,7 +126,7 @@ class LazyCandidates:
         self._count = 0
 
     def first(self, count: int) -> PartCandidates:
-        """Return the candidates of so many first steps at least, of which none is kept hold of for later ones."""
+        """Return candidates of at least a number of first steps, none of them held for later ones."""
         found, assembly = self._found, self._assembly
         more = range(self._count, count)
         for k in more:
@@ -239,7 +239,7 @@ class PartCollector(CandidateCollector):
         grips: list[Grip],
         poses: Sequence[Transform],
     ) -> dict[int, Grip]:
-        """Return the grips of a robot's tool by number; note why there are none.
+        """Return the grips of a robot's tool by number; note the reason if there are none.
 
         Where friction holds the part at some of them, wherever it is, at these alone.
         """
@@ -263,7 +263,7 @@ class PartCollector(CandidateCollector):
     def _too_deep(
         self, found: Obstruction, step: PartStep, robot: PlacedRobot, grip: Grip
     ) -> Obstruction:
-        """Return an obstruction that says so where the tool reaches beyond the part into something."""
+        """Return an obstruction that states where the tool reaches beyond the part into something."""
         by_robot = "/" in (found.by or "/")
         if by_robot or found.moving != entity_name(robot.name, "tool"):
             return found
@@ -271,7 +271,7 @@ class PartCollector(CandidateCollector):
         return replace(found, words=found.words + why)
 
     def _add_relays(self, number: int, step: PartStep) -> None:
-        """Add ways with the part laid down in between, or handed over in the air."""
+        """Add candidates with the part laid down in between, or handed over in the air."""
         found = find_relays(self._cell, self._skills, step)
         for k, (relay, tools) in enumerate(found, start=len(step.grips)):
             giver, receiver = relay.robots
@@ -285,7 +285,7 @@ class PartCollector(CandidateCollector):
             self.reject(number, f"{step.part.name} changes hands", reason)
 
     def _add_machine(self, number: int, work: MachineWork) -> None:
-        """Add the machine, which has no choice."""
+        """Add the machine, as the only candidate."""
         if work.door is not None:
             name = self._skills(NO_TOOLS).in_door(work.door)
             if name is not None:
@@ -342,7 +342,7 @@ class PartCollector(CandidateCollector):
 
 
 def _unfit(robot: PlacedRobot, process: Process) -> str | None:
-    """Return why a robot as it is cannot do a process, None where nothing tells."""
+    """Return the reason why a robot cannot do a process by its properties, None where there is none."""
     frames = ("flange", *robot.model.frames)
     if process.frame not in frames:
         return f"it has no frame {process.frame!r} (valid: {', '.join(frames)})"

@@ -1,4 +1,4 @@
-"""From choices to tasks, and what waits for what: pick, carry over HOME, place, or a process (APEX-MR IV-A)."""
+"""Expansion of assignment choices to tasks and precedences: pick, place, hold, process (APEX-MR IV-A)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ from planning.tasks.work import Supply, TaskHistory
 from planning.transforms import Transform
 
 _STRAYS = 2e-4
-"""A carried part strays from its straight way by this: joints move evenly between its poses [m]."""
+"""A carried part strays from its straight path by this: joints move evenly between its poses [m]."""
 
 _PICK, _PLACE = "pick", "place-down"
 
@@ -70,13 +70,13 @@ _CAME, _THERE, _BUILT, _LEFT = "came", "there", "built", "left"
 def step_tasks(
     candidates: PartCandidates, plan: TaskPlan, step: int, first: int
 ) -> StepTasks:
-    """Return the tasks of a step of a plan, from an index on."""
+    """Return the tasks of a step of a plan, numbered from an index on."""
     chosen = with_chosen_spares(candidates, ((c.step, c.object) for c in plan.choices))
     return _Expansion(chosen, plan, step, first).tasks()
 
 
 class _Expansion:
-    """A step as a plan does it, and its tasks.
+    """A step with its choice, and its tasks.
 
     Args:
         candidates: of all steps.
@@ -95,7 +95,7 @@ class _Expansion:
         self._build = StepWriter(self._cell, step, first, actuated=True)
 
     def tasks(self) -> StepTasks:
-        """Return the tasks of the step; tools are changed before anything else."""
+        """Return the tasks of the step; tool changes come first."""
         changes, build, step = self._candidates.changes, self._build, self._known.step
         number, supply = self._choice.step, self._candidates.assembly.supply
         before = changes.mounted
@@ -132,7 +132,7 @@ class _Expansion:
         return self._with_depths(build.build())
 
     def _with_depths(self, tasks: StepTasks) -> StepTasks:
-        """Return tasks in which a part is in what it touches as deep as in its place and on its way there."""
+        """Return tasks with the penetration depths allowed to a part in its place and along its insertion."""
         known = self._known
         if not isinstance(known, PartStep):
             return tasks
@@ -153,7 +153,7 @@ class _Expansion:
         return replace(tasks, allowed=tuple(allowed))
 
     def _placement(self, step: PartStep) -> PlannedPlacement:
-        """Return how the part is picked, changes hands, is held and placed."""
+        """Return the pick, handover, hold and place of the part."""
         choice, part, ways = self._choice, step.part.name, self._candidates.paths
         *_, pick, place = self._paths
         kept = choice.step in ways.keeps
@@ -185,7 +185,7 @@ class _Expansion:
         )
 
     def _hold(self) -> PlannedSupport | None:
-        """Return how another robot grips what is held meanwhile, None if nothing is."""
+        """Return the grip of another robot on a part held meanwhile, None if nothing is."""
         path = self._candidates.paths.planned_hold(self._plan, self._choice.step)
         if path is None or self._known.held is None:
             return None
@@ -202,12 +202,12 @@ class _Expansion:
         return PlannedSkill(path, f"to {part}", f"pick {part}", in_hand, contacts)
 
     def _in_hand(self, robot: str, grip: Grip) -> Transform:
-        """Return the pose of the part in the flange frame of the robot that holds it by a grip."""
+        """Return the pose of a gripped part in the flange frame of its robot."""
         frame = self._candidates.assembly.frame
         return held_pose(self._cell.robot(robot), frame, grip.pose)
 
     def _process(self, step: Work) -> int:
-        """Write the hold if any, approach, process, and the ways back; return the process."""
+        """Write the hold if any, approach, process, and retreats; return the process."""
         build, known, words = self._build, self._known, step.words
         robot, owner = self._cell.robot(self._choice.robot), step.spot.owner
         part = owner if owner in known.around else None
@@ -244,7 +244,7 @@ class _Expansion:
         return done
 
     def _let_go(self, step: int, done: int) -> None:
-        """Write the way back of who kept hold of what it placed in an earlier step, after a task."""
+        """Write the retreat of the robot that held a part placed in an earlier step, after a task."""
         choice, paths = self._plan[step], self._candidates.paths
         back = paths.release(paths.planned(self._plan, step)[-1])
         cell = with_tools(self._candidates.cell, choice.tools)
@@ -258,7 +258,7 @@ class _Expansion:
 def waiting_tasks(
     candidates: PartCandidates, steps: Sequence[StepTasks]
 ) -> Iterator[tuple[Task, Task]]:
-    """Yield what waits for what, of the tasks of all steps.
+    """Yield the precedence pairs of the tasks of all steps.
 
     A part is placed after those that it touches in its place, and picked after those that it
     touched in the stock and that were placed before it. A process, and who holds a part, wait
@@ -289,14 +289,14 @@ def waiting_tasks(
 
 
 def _is_done(step: StepTasks) -> bool:
-    """Tell whether a step is done: in place of one that is not, machines may go on."""
+    """Tell whether a step is done; for one that is not, machines may continue."""
     return any(task.kind not in SUPPLY_KINDS for task in step.tasks)
 
 
 def _waits_of_supply(
     history: TaskHistory, supply: Supply, step: StepTasks
 ) -> Iterator[tuple[Task, Task]]:
-    """Yield what waits for machines that bring and take parts away, and what these wait for."""
+    """Yield the precedence pairs of machines that supply and remove parts."""
     for task in step.tasks:
         if task.kind == LEAVE:
             yield from history.before(task, _BUILT, "")
@@ -326,7 +326,7 @@ def _waits_of_step(
     step: KnownStep,
     tasks: StepTasks,
 ) -> Iterator[tuple[Task, Task]]:
-    """Yield what the tasks of the next step wait for, each with the one that waits.
+    """Yield the predecessors of the tasks of the next step, each with the task that waits.
 
     Args:
         history: tasks of the steps before; those of this one are noted.
@@ -374,7 +374,7 @@ def _waits_of_step(
 
 
 def _begin_and_end(known: KnownStep, tasks: StepTasks) -> tuple[Task, Task]:
-    """Return the tasks with which the work of a step begins and is complete."""
+    """Return the tasks that begin and complete the work of a step."""
     step = known.step
     if isinstance(step, PlacePart):
         # The last one: before that the part may have been laid down in between.
@@ -390,7 +390,7 @@ def _begin_and_end(known: KnownStep, tasks: StepTasks) -> tuple[Task, Task]:
 def time_windows(
     known: Sequence[KnownStep], steps: Sequence[StepTasks]
 ) -> Iterator[TimeWindow]:
-    """Yield the windows of time between the tasks of the steps that are done.
+    """Yield the time windows between the tasks of executed steps.
 
     They end where the process itself begins, or the straight motion with which a part is put down.
     """
@@ -410,7 +410,7 @@ def time_windows(
 
 
 def _stock_contacts(steps: Sequence[KnownStep]) -> Mapping[str, frozenset[str]]:
-    """Return what each part touches at the start, whichever of the two is picked first."""
+    """Return the contacts of each part at the start, whichever of the two is picked first."""
     first: dict[str, Mapping[str, float]] = {}
     for step in steps:
         if isinstance(step, PartStep):

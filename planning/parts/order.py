@@ -1,13 +1,13 @@
-"""The order of steps that nobody gave: by contacts, ways in and precedence, and by what is tried.
+"""Search for an order of steps: by contacts, insertion paths and precedence, and by trial.
 
-What rests on something comes after it, and so does what would bar another part's straight way
-down to its place; what lies on something in the stock is picked before it; a process is done once
-its part is in place and before a part bars the way of its tool. Among orders that keep all that, the
-one nearest to the list is tried; where nobody can do a step because of a part that is there by
-then, or still there, that part must come later, or sooner.
+Supports precede the parts on them; parts that would be blocked on their straight insertion path precede
+those that block it; parts stacked in the stock are picked from the top; a process follows the placement of
+its part and precedes parts that block its tool. Among orders that keep all that, the one nearest to the
+list is tried; where no robot can do a step because of a part that is present, or still present, that part
+is moved later, or earlier.
 
-Where something would fall (``balance``), what would keep it standing comes before it. Where nothing
-does and a later step joins it, its robot keeps hold of it, and that step comes as soon as it can.
+Where something would fall (``balance``), props that keep it standing precede it. Where there are none and a
+later step joins it, its robot holds it, and that step comes as soon as possible.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ from planning.steps.tool_changes import with_tools_in_racks
 from planning.transforms import translation
 
 _BORE = 0.002
-"""Width of the straight way of a tool to a place of work that no part may bar [m]."""
+"""Width of the straight path of a tool to a place of work that no part may bar [m]."""
 
 
 def order_steps_by_search(cell: Workcell, assembly: PartAssembly) -> PartAssembly:
-    """Return the assembly with its steps in an order that places and contacts allow.
+    """Return the assembly with its steps in an order that placement and contacts allow.
 
     Args:
         cell: its objects are the parts.
@@ -68,16 +68,16 @@ def find_ordered_candidates(
 ) -> PartCandidates:
     """Return the candidates of an assembly in an order in which robots can do every step.
 
-    Where nobody can do a step, a part that was in the way of most tries is moved to the other side
+    Where no robot can do a step, the part that blocked most tries is moved to the other side
     of it, and the next order is tried.
 
     Args:
         cell: its objects are the parts.
         assembly: its steps are in any order.
-        progress: told how many orders were tried, of how many at most.
+        progress: called with how many orders were tried, of how many at most.
 
     Raises:
-        InfeasibleStepError: no order was found; says what was in the way in the last one.
+        InfeasibleStepError: no order was found; names the obstacles of the last one.
         ConstructionError: two parts would overlap in their places.
     """
     steps = _AnyOrder(with_tools_in_racks(cell), assembly)
@@ -99,7 +99,7 @@ def find_ordered_candidates(
 
 
 class _AnyOrder:
-    """Steps in any order, and what is known of the order that they must be in.
+    """Unordered steps, and the precedence known between them.
 
     Args:
         cell: its objects are the parts.
@@ -125,7 +125,7 @@ class _AnyOrder:
         self._fixed = {k: v for k, v in placed.items() if k not in self._goals}
 
     def precedence(self) -> StepPrecedence:
-        """Return what comes before what, as far as places and contacts alone tell.
+        """Return the step precedence that follows from places and contacts alone.
 
         Raises:
             ConstructionError: two parts would overlap in their places.
@@ -158,7 +158,7 @@ class _AnyOrder:
         return out
 
     def _one_of(self, graph: PartGraph, part: str | None) -> frozenset[int]:
-        """Return the steps one of which comes before a part, as it touches or is joined to nothing else."""
+        """Return the steps at least one of which must precede a part that touches nothing else."""
         if part is None or part in graph.ground:
             return frozenset()
         near = {*graph.neighbours[part], *self._assembly.joined_to(part)}
@@ -167,7 +167,7 @@ class _AnyOrder:
         return frozenset(self._placing[other] for other in near)
 
     def _lacks(self, steps: Collection[int]) -> str:
-        """Return in words how far parts, none of which touches what stands, are from that."""
+        """Return in words the least gap of parts that touch nothing in place."""
         names = dict.fromkeys(s.part for k, s in self._places.items() if k in steps)
         near = {name: nearest_entity(self._goals[name], self._fixed) for name in names}
         found = [(at[1], name, at[0]) for name, at in near.items() if at is not None]
@@ -181,7 +181,7 @@ class _AnyOrder:
         )
 
     def ordered(self, known: StepPrecedence) -> PartAssembly:
-        """Return the assembly with its steps in the order nearest to the list.
+        """Return the assembly with its steps in the feasible order nearest to the list.
 
         Raises:
             InfeasibleStepError: there is none; the message names steps that wait for each other.
@@ -194,7 +194,7 @@ class _AnyOrder:
         return replace(self._assembly, steps=tuple(self._steps[k] for k in order))
 
     def propped(self, known: StepPrecedence) -> StepPrecedence:
-        """Return what comes before what once all props that are found come before what they keep up.
+        """Return the precedence with all props that are found before the parts that they support.
 
         What falls all the same is left for the candidates to refuse.
         """
@@ -231,13 +231,13 @@ class _AnyOrder:
         step: int,
         blockers: Counter[str],
     ) -> StepPrecedence | None:
-        """Return what comes before what once a part that blocks a step is moved past it.
+        """Return the precedence after a part that blocks a step is moved past it.
 
         Args:
-            known: what comes before what.
+            known: the precedence.
             ordered: the order that was tried.
-            step: number of the step that nobody can do in it, from 1.
-            blockers: how often things were in its way.
+            step: number of the step that no robot can do in it, from 1.
+            blockers: number of times that each obstacle blocked it.
         """
         place = {
             s.part: k
@@ -260,11 +260,11 @@ class _AnyOrder:
         return None
 
     def _number(self, step: AnyStep) -> int:
-        """Return the place of a step in the list."""
+        """Return the list index of a step."""
         return next(k for k, own in enumerate(self._steps) if own is step)
 
     def _joining(self, part: str, but: int) -> frozenset[int]:
-        """Return the steps that join a part to others, one of them left out."""
+        """Return the steps that join a part to others, except one."""
         found = set()
         for joint in self._assembly.joints:
             if part in joint.ends:
@@ -274,7 +274,7 @@ class _AnyOrder:
         return frozenset(k for k in found if k is not None and k != but)
 
     def _said(self) -> Iterator[tuple[int, int, str]]:
-        """Yield what the scenario says, and that processes and holds are at parts in place."""
+        """Yield the precedence stated by the scenario; processes and holds need their parts in place."""
         placing = self._placing
         for k, step in enumerate(self._steps):
             for name in step.after:
@@ -291,7 +291,7 @@ class _AnyOrder:
                 yield placing[step.part], k, f"it is done at {step.part} in its place"
 
     def _contacts(self, graph: PartGraph) -> Iterator[tuple[int, int, str]]:
-        """Yield what rests on what in its place, and what lies on what at the start."""
+        """Yield the support relations of parts in their places and at the start."""
         at = self._placing
         for name, carriers in graph.carriers.items():
             for other in sorted(carriers):
@@ -301,7 +301,7 @@ class _AnyOrder:
                 yield at[other], at[name], f"{other} lies on {name} at the start"
 
     def _barred(self) -> Iterator[tuple[int, int, str]]:
-        """Yield what would bar another part's straight way down, or up from where it starts."""
+        """Yield parts that would block another part's straight insertion, or its removal from the start."""
         at, goals = self._placing, self._goals
         handled = {name: self._assembly.handling(name) for name in at}
         for name, goal in goals.items():
@@ -324,7 +324,7 @@ class _AnyOrder:
                     yield at[other], at[name], words
 
     def _barred_works(self) -> Iterator[tuple[int, int, str]]:
-        """Yield parts that would bar the straight way of a tool to where it works, as a rod on it."""
+        """Yield parts that would block the straight path of a tool to its workplace, such as a rod on it."""
         placed = {item.name: item.start for item in self._cell.objects}
         placed |= self._assembly.goals
         for k, step in enumerate(self._steps):

@@ -1,4 +1,4 @@
-"""Skills of one robot on parts, as subgoals and as paths that nothing is in the way of."""
+"""Skills of one robot on parts, as subgoals and as collision-free paths."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ from planning.transforms import (
 )
 
 SMALL_STRIDE = 0.01
-"""Longest straight way between two subgoals of a process, where the tool is at work [m]."""
+"""Longest straight path between two subgoals of a process, where the tool is at work [m]."""
 
 SMALL_TURN = math.radians(5.0)
 """Most that the tool turns between two subgoals of such a path [rad]."""
 
 PRESSED = 0.003
-"""Deepest that the tool of a process may be in what it works at [m]."""
+"""Allowed penetration of a process tool into its workpiece [m]."""
 
 
 def pick_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
@@ -71,7 +71,7 @@ def pick_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTarget
     Args:
         frame: name of the tool frame.
         grip: pose of that frame in the world where it grips the part.
-        ways: straight to the part along the tool before that, and out with it.
+        ways: straight displacements to the part along the tool, and out with it.
     """
     back, lifted = grip @ translation(0.0, 0.0, -ways.approach), grip.copy()
     lifted[:3, 3] += ways.leave * np.asarray(ways.extraction)
@@ -84,7 +84,7 @@ def place_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTarge
     Args:
         frame: name of the tool frame.
         grip: pose of that frame in the world where the part is in its place.
-        ways: straight into its place before that, and back from it along the tool.
+        ways: straight displacements into its place, and back from it along the tool.
     """
     above, back = grip.copy(), grip @ translation(0.0, 0.0, -ways.leave)
     above[:3, 3] += -ways.approach * np.asarray(ways.insertion)
@@ -92,7 +92,7 @@ def place_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTarge
 
 
 def hold_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
-    """Return the subgoals of gripping a part where it lies: straight to it, hold."""
+    """Return the subgoals of gripping a part at rest: straight to it, hold."""
     back = grip @ translation(0.0, 0.0, -ways.approach)
     path = straight_subgoals(frame, "approach", back, grip)
     return SkillTargets(HOLD, (*path, Subgoal(HOLD, frame, grip)))
@@ -100,10 +100,10 @@ def hold_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTarget
 
 @dataclass(frozen=True)
 class ProcessTargets:
-    """One execution of a process as poses to reach, and which of them are the process itself.
+    """Poses of one execution of a process, and which of them are the process proper.
 
     Attributes:
-        targets: approach, process and the way back.
+        targets: approach, process and the retreat.
         first, last: indices of the subgoals at which the process begins and ends.
     """
 
@@ -155,13 +155,13 @@ def _along(poses: Sequence[Transform]) -> list[Transform]:
 def handover_targets(
     frame: str, grip: Transform, coming: Array, leave: float
 ) -> SkillTargets:
-    """Return the subgoals of handing a part over: in between open fingers, let go, back.
+    """Return the subgoals of handing a part over: between open fingers, release, retreat.
 
     Args:
         frame: name of the giver's tool frame.
         grip: pose of that frame in the world where the part changes hands.
-        coming: straight way on which it brings the part there, shape (3,) [m].
-        leave: length of the straight way back along its tool after it [m].
+        coming: straight path on which it brings the part there, shape (3,) [m].
+        leave: length of the straight path back along its tool after it [m].
     """
     before = grip.copy()
     before[:3, 3] -= coming
@@ -176,7 +176,7 @@ def _in_and_out(
     come: tuple[str, Transform],
     go: tuple[str, Transform],
 ) -> SkillTargets:
-    """Return the subgoals of going straight to a grip, where the part changes hands, and away.
+    """Return the subgoals of going straight to a grip, the change of hands, and straight back.
 
     ``come`` and ``go`` are what the two ways are called, and where they begin and end.
     """
@@ -190,7 +190,7 @@ def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
     """Return the pose of a part in the flange frame of the robot that holds it.
 
     Args:
-        robot: who holds it.
+        robot: the robot that holds it.
         frame: name of the tool frame.
         grip: pose of that frame in the frame of the part.
     """
@@ -203,10 +203,10 @@ class SkillTry:
     """A skill that a robot tries in a scene.
 
     Attributes:
-        robot: who tries it.
+        robot: the robot.
         targets: poses to reach in order.
         scene: of the skill.
-        approach, leave: lengths of the straight ways before and after; None for none [m].
+        approach, leave: lengths of the straight paths before and after; None for none [m].
         held: the part that its fingers close on or open from, and the pose of the tool frame in
             the part's; None for no part.
     """
@@ -219,7 +219,7 @@ class SkillTry:
     held: tuple[CellObject, Transform] | None = None
 
     def found(self, known: SkillPath | None = None) -> SkillPath | Obstruction:
-        """Return the skill in a posture that is free; a known one where that is."""
+        """Return the skill in a free posture; a cached one where that is free."""
         if known is not None and find_obstruction(known, self.scene) is None:
             return known
         found = resolve_skill(self.robot, [self.targets], self.scene)
@@ -231,7 +231,7 @@ class SkillTry:
         return self._closing(found.path) or found.path
 
     def _closing(self, path: SkillPath) -> Obstruction | None:
-        """Return what is in the way of the fingers, where they grip the part or let it go."""
+        """Return the obstacle of the fingers as they grip or release the part."""
         if self.held is None:
             return None
         scene, frame = self.scene, self.targets.subgoals[0].frame
@@ -242,7 +242,7 @@ class SkillTry:
         return finger_obstacles(self.robot, frame, self.held, path.contact, around)
 
     def carried_home(self) -> Obstruction | None:
-        """Return what is in the way of who stands at HOME with what it has taken."""
+        """Return the obstacle of a robot that stands at HOME with the part it has taken."""
         assert self.scene.handed is not None
         name, in_hand = self.scene.handed
         places = {k: at for k, (_, at) in self.scene.objects.items()}
@@ -257,7 +257,7 @@ class SkillTry:
         return Obstruction(str(contact), contact.obstacle, moving=contact.moving)
 
     def _with_remedy(self, found: Obstruction) -> Obstruction:
-        """Return what is in the way; at an end of a straight way, with what could help."""
+        """Return the obstruction; at an end of a straight path, with a possible remedy."""
         if found.phase is Phase.BEFORE:
             key, end, length = "approach_m", "begins", self.approach
         elif found.phase is Phase.AFTER and self.leave is not None:
@@ -279,7 +279,7 @@ class PartSkills:
 
     Attributes:
         cell: robots and fixtures.
-        assembly: grips, approaches and ways back.
+        assembly: grips, approaches and retreats.
     """
 
     cell: Workcell
@@ -311,7 +311,7 @@ class PartSkills:
         return self._handling(robot, step, (targets, grip), changes, step.touched)
 
     def hold(self, robot: PlacedRobot, step: KnownStep, grip: Transform) -> SkillTry:
-        """Return how a robot grips what is held in a step, where it lies."""
+        """Return the grip of a robot on the part held in a step, at rest."""
         assert step.held is not None
         name = step.held.part.name
         at_part, handling = grip_contact(robot.name, name), self.assembly.handling(name)
@@ -324,7 +324,7 @@ class PartSkills:
     def work(
         self, robot: PlacedRobot, step: KnownStep, process: Process, turn: float
     ) -> SkillTry:
-        """Return a process with its approach and way back, with the tool turned so far [rad]."""
+        """Return a process with its approach and retreat, at a tool rotation [rad]."""
         targets = process_targets(process, step.place, turn).targets
         touches = contacts_with(entity_name(robot.name, "tool"), step.touched)
         scene = SkillScene(
@@ -337,13 +337,13 @@ class PartSkills:
         return SkillTry(robot, targets, scene, process.approach)
 
     def beside(self, known: SkillTry, standing: Mapping[str, Array]) -> SkillTry:
-        """Return a try in this cell, with some robots at given configurations, shape (n,) each."""
+        """Return a skill trial in this cell, with some robots at given configurations, shape (n,) each."""
         at = {**self._at_home, **standing}
         scene = replace(known.scene, cell=self.cell, configurations=at)
         return replace(known, robot=self.cell.robot(known.robot.name), scene=scene)
 
     def in_door(self, door: str) -> str | None:
-        """Return the first robot that stands in a door at HOME, and with which tool; None for none.
+        """Return the first robot that stands in a doorway at HOME, and its tool; None for none.
 
         A robot that changes tools is looked at with each of them on its flange.
         """
@@ -366,7 +366,7 @@ class PartSkills:
         changes: tuple[Attachment, Attachment],
         touched: Iterable[str],
     ) -> SkillTry:
-        """Return a skill by a grip, given where the part is before and after, and what it touches at rest."""
+        """Return a skill by a grip, given the part's place before and after, and its contacts at rest."""
         part, (first, then), (targets, grip) = step.part, changes, gripping
         held, handling = (
             grip_contact(robot.name, part.name),
@@ -396,11 +396,11 @@ class PartSkills:
 
 @dataclass
 class ToolSkills:
-    """Skills in one cell by the tools of its robots; a plain class, as closures cannot be sent to other processes.
+    """Skills in one cell by mounted tools; a class because closures cannot be pickled.
 
     Attributes:
         cell: robots and fixtures.
-        assembly: grips, approaches and ways back.
+        assembly: grips, approaches and retreats.
     """
 
     cell: Workcell

@@ -1,4 +1,4 @@
-"""Steps of an assembly where they are done: what is there by then, what touches what, how parts fit."""
+"""Steps of an assembly in their context: present parts, contacts, fits."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Held:
     Attributes:
         part: what is gripped.
         pose: of its centre in the world, where it lies.
-        grips: ways to grip it; the number of a grip is its place here.
+        grips: candidate grips; the number of a grip is its place here.
     """
 
     part: CellObject
@@ -54,7 +54,7 @@ class Held:
 
 @dataclass(frozen=True)
 class KnownStep:
-    """One step where it is done, known before anything is assigned.
+    """One step in its context, before assignment.
 
     Attributes:
         step: what is done.
@@ -73,7 +73,7 @@ class KnownStep:
 
     @property
     def others(self) -> dict[str, PlacedObject]:
-        """All other parts where they lie, by name."""
+        """All other parts at their current poses, by name."""
         return {name: (item, at.pose) for name, (item, at) in self.around.items()}
 
 
@@ -82,9 +82,9 @@ class PartStep(KnownStep):
     """A step in which a part is placed.
 
     Attributes:
-        part: what is placed; it is picked at its ``start``, which is where it is by then.
-        grips: ways to hold it; the number of a grip is its place here.
-        at_start: what it touches before it is picked, with the distances [m].
+        part: the placed part; it is picked at its ``start``, which is its current pose.
+        grips: candidate grips; the number of a grip is its place here.
+        at_start: its contacts before it is picked, with the distances [m].
     """
 
     step: PlacePart
@@ -94,7 +94,7 @@ class PartStep(KnownStep):
 
 
 def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[KnownStep, ...]:
-    """Return the steps of an assembly, every part of which comes to lie on something.
+    """Return the steps of an assembly; every placed part must rest on something.
 
     Args:
         cell: its objects are the parts.
@@ -133,7 +133,7 @@ def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[KnownStep, ...]:
 def steps_in_order(
     cell: Workcell, assembly: PartAssembly
 ) -> Iterator[tuple[int, AnyStep, dict[str, Transform], Transform]]:
-    """Yield the steps with their numbers from 1, and where all parts are as each begins.
+    """Yield the steps with numbers from 1, and the poses of all parts as each begins.
 
     Last comes where the part of the step is put: in its place, or down on its way; where nothing
     is put, the origin.
@@ -162,7 +162,7 @@ def steps_in_order(
 def objects_at_step(
     cell: Workcell, where: Mapping[str, Transform], but: str
 ) -> dict[str, PlacedObject]:
-    """Return fixtures and parts where they are as a step begins, one part left out, by name."""
+    """Return fixtures and parts at their poses as a step begins, one part excluded, by name."""
     return standing_fixtures(cell) | {
         item.name: (item, where[item.name])
         for item in cell.objects
@@ -171,7 +171,7 @@ def objects_at_step(
 
 
 def sort_grips_by_clearance(step: KnownStep) -> list[int]:
-    """Return the grips on what is held, those first that leave most room for the other robot."""
+    """Return the grips on a held part, those first that leave the other robot most room."""
     assert step.held is not None
     held, work = step.held, step.place[:3, 3]
 
@@ -224,7 +224,7 @@ def place_step(
 def require_clear_insertion(
     cell: Workcell, assembly: PartAssembly, steps: Iterable[KnownStep]
 ) -> None:
-    """Require that parts are not led straight through what they touch in their places or at their starts.
+    """Check that straight paths of parts avoid their own neighbours, in place and at the start.
 
     As it may be touched, it is not looked at as an obstacle. What is in each other at the start
     already is a mistake of another kind.
@@ -292,7 +292,7 @@ def _work_step(cell: Workcell, step: Work, known: KnownStep, touch: float) -> Kn
 def spot_pose(
     cell: Workcell, spot: Spot, parts: Mapping[str, Transform] | None = None
 ) -> Transform:
-    """Return the pose of a spot in the world, given where the parts of a cell are by then."""
+    """Return the pose of a spot in the world, given the current poses of parts."""
     base = (parts or {}).get(spot.owner or "", np.eye(4))
     for item in cell.fixtures:
         if item.name == spot.owner:
@@ -302,7 +302,7 @@ def spot_pose(
 
 
 def _require_alone(number: int, step: PartStep, before: Iterable[KnownStep]) -> None:
-    """Refuse to take a part on from where it was put down, if another one was put to it there."""
+    """Refuse to pick up a part from where it was put down if another one was joined to it there."""
     part, moved = step.part.name, False
     leant: set[str] = set()
     for other in before:
@@ -323,7 +323,7 @@ def _require_alone(number: int, step: PartStep, before: Iterable[KnownStep]) -> 
 
 
 def objects_in_place(cell: Workcell, assembly: PartAssembly) -> dict[str, PlacedObject]:
-    """Return fixtures, parts in their places, and those that no step places where they lie, by name."""
+    """Return fixtures, parts in their places, and unplaced parts at their starts, by name."""
     placed = standing_fixtures(cell)
     for item in cell.objects:
         if item.name in assembly.goals:
@@ -339,7 +339,7 @@ def format_room(gap: float) -> float:
 
 
 def wide_joints(cell: Workcell, assembly: PartAssembly) -> Iterator[tuple[Joint, str]]:
-    """Yield joints of things that are farther apart in their places than the joint says, with words.
+    """Yield joints wider in place than their stated gap, with words.
 
     Args:
         cell: its objects are the parts.
@@ -367,12 +367,12 @@ def wide_joints(cell: Workcell, assembly: PartAssembly) -> Iterator[tuple[Joint,
 
 @dataclass(frozen=True)
 class PartFit:
-    """The fit of a part where a step puts it.
+    """The fit of a part at the place of a step.
 
     Attributes:
         step: counted from 1.
         part: its name.
-        play: across its way in.
+        play: across its insertion path.
         robots: that may do the step; all of the cell where it does not say.
     """
 
@@ -383,12 +383,12 @@ class PartFit:
 
     @property
     def words(self) -> str:
-        """What it is, for people: ``peg in block: 0.21 mm on all sides``."""
+        """Description for people: ``peg in block: 0.21 mm on all sides``."""
         return f"{self.part} in {' and '.join(self.play.beside)}: {self.play.words}"
 
 
 def part_fits(cell: Workcell, assembly: PartAssembly) -> Iterator[PartFit]:
-    """Yield the fits of parts that something guides into where they are put.
+    """Yield the fits of parts that are guided into their places.
 
     Args:
         cell: its objects are the parts.

@@ -1,4 +1,4 @@
-"""Parts that change hands on their way, where nobody can do a step alone: laid down, or in the air.
+"""Relays: parts that change hands where no robot can do a step alone, laid down or in the air.
 
 A part is laid on any of its sides on the upper face of a fixture, where nothing else is and its own
 place is not. The robot that takes it up from there may be the one that laid it down, with another
@@ -54,10 +54,10 @@ _MOST_SPOTS, _FEW_SPOTS = 100, 12
 """Spots that are looked at, and those in reach of which all sides of a part are tried."""
 
 _MOST_GRIPS = 12
-"""Ways of each robot to pick the part, and to place it, that are found at most."""
+"""Greatest number of picks, and of placements, per robot."""
 
 _ENOUGH = 3
-"""Spots with a way over them, among which the cheapest is taken."""
+"""Number of feasible spots among which the cheapest is chosen."""
 
 _CLEAR = 0.0005
 """A part comes to lie so far above a fixture [m]."""
@@ -82,11 +82,11 @@ Skill = Callable[[PlacedRobot, PartStep, Transform], SkillTry]
 
 @dataclass(frozen=True)
 class IntermediatePlace:
-    """Where a part lies in between.
+    """Intermediate pose of a part in a relay.
 
     Attributes:
-        pose: of its centre in the world.
-        touched: what it touches there, with the distances [m].
+        pose: pose of its centre in the world.
+        touched: contacts there, with the distances [m].
     """
 
     pose: Transform
@@ -95,13 +95,13 @@ class IntermediatePlace:
 
 @dataclass(frozen=True)
 class RelayEnd:
-    """Pick of a part by a robot, or its place-down, at one end of the part's way.
+    """Pick of a part, or its place-down, at one end of a relay.
 
     Attributes:
-        robot: who does it.
-        grip: how it holds the part.
+        robot: the robot.
+        grip: its grip on the part.
         tried: its pick where the part is at the start, or its place-down at the goal.
-        path: what came of that.
+        path: the resulting path.
     """
 
     robot: PlacedRobot
@@ -117,12 +117,12 @@ class RelayEnd:
 
 @dataclass(frozen=True)
 class Relay:
-    """A way to do a step in which the part changes hands in between.
+    """A candidate for a step in which the part changes hands in between.
 
     Attributes:
-        give: who picks the part, and lays it down or hands it over.
-        take: who takes it up or is handed it, and places it; may be who laid it down.
-        between: where it is laid down, or how it is handed over.
+        give: the robot that picks the part, and lays it down or hands it over.
+        take: the robot that receives and places it; may be the one that laid it down.
+        between: the intermediate place, or the handover.
         passing: skills between the pick and the place.
         cost: joint distance of all from HOME [rad].
     """
@@ -135,19 +135,19 @@ class Relay:
 
     @property
     def paths(self) -> tuple[SkillPath, ...]:
-        """All skills in their order, from the pick to the place."""
+        """All skills in order, from the pick to the place."""
         return self.give.path, *self.passing, self.take.path
 
     @property
     def robots(self) -> tuple[str, str]:
-        """Names of who picks the part, and of who places it."""
+        """Names of the robots that pick the part and place it."""
         return self.give.robot.name, self.take.robot.name
 
 
 def find_relays(
     cell: Workcell, skills_with: Callable[[Tools], PartSkills], step: PartStep
 ) -> list[tuple[Relay, Tools]]:
-    """Return ways in which a part changes hands, with any tools on the robots, and the tools needed.
+    """Return relays for a step, with any tools on the robots, and the tools needed.
 
     In the air it does so only where there is no place to lay it down in between.
 
@@ -179,7 +179,7 @@ def find_relays(
 
 
 class _Passing:
-    """Ways in which a part changes hands, with certain tools on the robots.
+    """Search for relays with given tools on the robots.
 
     Args:
         skills: of the robots.
@@ -194,7 +194,7 @@ class _Passing:
         self._places = self._ends(skills.place, step.place)
 
     def laid_down(self) -> Iterator[Relay]:
-        """Yield ways to do the step with the part laid down in between, one of each place."""
+        """Yield relays with the part laid down in between, one per place."""
         if not self._picks or not self._places:
             return
         count, step = 0, self._step
@@ -223,7 +223,7 @@ class _Passing:
                 return
 
     def handed_over(self) -> Iterator[Relay]:
-        """Yield ways in which one robot hands the part over in the air, one of each pair of robots.
+        """Yield relays with a handover in the air, one per pair of robots.
 
         The giver brings the part into the receiver's open fingers, along the receiver's tool, and
         leaves along its own. They meet between their bases, at some heights.
@@ -234,7 +234,7 @@ class _Passing:
             yield from islice((way for way in ways if way is not None), 1)
 
     def _ends(self, skill: Skill, at: Transform) -> list[RelayEnd]:
-        """Return how robots can pick the part, or place it, where it is by then, some ways each."""
+        """Return picks, or placements, of the part at its current place, a few per robot."""
         step, out = self._step, list[RelayEnd]()
         for robot in self._cell.robots:
             heavy = explain_overload(robot, step.part) is not None
@@ -265,7 +265,7 @@ class _Passing:
         rest: IntermediatePlace,
         ends: Sequence[RelayEnd],
     ) -> list[tuple[RelayEnd, RelayEnd]]:
-        """Return the ends whose robots also reach the part where it is laid down, one way each."""
+        """Return the ends whose robots also reach the intermediate place, one grip each."""
         robots = {end.robot.name: end.robot for end in ends}
         about = step.part.shape, rest.pose, rest.pose, self._ways.grips
         good = {
@@ -283,7 +283,7 @@ class _Passing:
         return list(out.values())
 
     def _rests(self) -> Iterator[IntermediatePlace]:
-        """Yield where the part can lie in between, nearest to the robots first."""
+        """Yield intermediate places of the part, nearest to the robots first."""
         step, part, touch = self._step, self._step.part, self._assembly.touch
         fixtures = standing_fixtures(self._cell)
         own = {"goal": (part, step.place), "start": (part, part.start)}
@@ -314,7 +314,7 @@ class _Passing:
                 yield IntermediatePlace(read_only_copy(rest), touched)
 
     def _in_reach(self, spot: Array) -> bool:
-        """Tell whether a robot at either end reaches above a spot with its tool down."""
+        """Tell whether a robot at either end reaches a spot with its tool pointing down."""
         tool = rotation("x", np.pi)
         tool[:3, 3] = spot
         tool[2, 3] += self._assembly.usual.approach
@@ -331,7 +331,7 @@ class _Passing:
     def _meetings(
         self, giver: PlacedRobot, receiver: PlacedRobot
     ) -> Iterator[tuple[RelayEnd, RelayEnd, Transform]]:
-        """Yield how two robots hold the part between them, and its pose: hands far apart come first.
+        """Yield joint holds of a part by two robots, with its pose: hands far apart first.
 
         The giver points to the receiver, or down; the receiver to the giver, or down.
         """
@@ -356,7 +356,7 @@ class _Passing:
                 yield give, take, read_only_copy(part)
 
     def _handover(self, give: RelayEnd, take: RelayEnd, at: Transform) -> Relay | None:
-        """Return how the part is handed over at a pose, None if something is in the way."""
+        """Return the handover of the part at a pose, None if it is blocked."""
         giver, receiver, frame = give.robot, take.robot, self._assembly.frame
         tool = at @ take.grip.pose
         back = tool @ translation(0.0, 0.0, -self._ways.approach)
@@ -381,7 +381,7 @@ class _Passing:
         return Relay(give, take, found, (found.give,), cost)
 
     def _fingers_blocked(self, give: RelayEnd, take: RelayEnd, found: Handover) -> bool:
-        """Tell whether fingers would meet anything as the part changes hands, such as the other's."""
+        """Tell whether fingers would hit anything as the part changes hands, such as the other's."""
         part, meeting = self._step.part, found.meeting
         hands = {
             give.robot.name: (give, found.give.contact, meeting.given),
@@ -408,7 +408,7 @@ class _Passing:
 def _end(
     skill: Skill, robot: PlacedRobot, step: PartStep, grip: Grip
 ) -> RelayEnd | None:
-    """Return how a robot picks or places the part of a step by a grip, None if it cannot."""
+    """Return a robot's pick or placement of the part of a step by a grip, None if it cannot."""
     tried = skill(robot, step, grip.pose)
     found = tried.found()
     return (
@@ -417,7 +417,7 @@ def _end(
 
 
 def _spots(fixture: Fixture) -> Iterator[Array]:
-    """Yield spots on the upper face of a fixture that stands upright [m]."""
+    """Yield spots on the upper face of an upright fixture [m]."""
     up = np.abs(fixture.pose[2, :3])
     axis = int(np.argmax(up))
     if up[axis] < _UPRIGHT:
@@ -433,7 +433,7 @@ def _spots(fixture: Fixture) -> Iterator[Array]:
 
 
 def _turns(step: PartStep) -> Iterator[Transform]:
-    """Yield how a part can lie: as at the start, as in its place, then on each of its sides."""
+    """Yield orientations of a part at rest: as at the start, as in its place, then on each of its sides."""
     seen: set[bytes] = set()
     sides = (rotation(axis, quarter * np.pi / 2) for axis, quarter in _SIDES)
     for first in (step.part.start, step.place, *sides):
@@ -450,7 +450,7 @@ def _turns(step: PartStep) -> Iterator[Transform]:
 
 
 def _apart(give: RelayEnd, take: RelayEnd) -> float:
-    """Return how far the palms of two hands on one part are from each other [m]."""
+    """Return the distance of the palms of two hands on one part [m]."""
     palm = translation(0.0, 0.0, -_PALM)
     one, two = (end.grip.pose @ palm for end in (give, take))
     return float(np.linalg.norm(one[:3, 3] - two[:3, 3]))

@@ -1,4 +1,4 @@
-"""Spare parts: what else of its kind may come to the place of a part, once that is lost."""
+"""Spare parts: interchangeable parts that can replace a lost one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from planning.steps.tool_changes import with_tools
 from planning.tasks.assignment import NO_TOOLS
 
 _MOST = 6
-"""So many spare parts are candidates for one step: those nearest to where the lost one was."""
+"""Greatest number of spare parts for one step: those nearest to the lost one."""
 
 
 def with_spares(
@@ -24,12 +24,10 @@ def with_spares(
 ) -> PartCandidates | None:
     """Return candidates with spare parts for a step, None where there are no others.
 
-    The part of the step is not there any more. Of steps with which somebody keeps hold of something, or
-    that a source brings the parts for, there are no spares.
+    The part of the step is lost. Steps with held parts, or with parts from a source, have no spares.
 
     Args:
-        candidates: of all steps.
-        number: of the step, from 1.
+        candidates: candidates of all steps. number: number of the step, from 1.
         there: parts that lie where they were at the start.
     """
     step, assembly = candidates.steps[number - 1], candidates.assembly
@@ -79,7 +77,7 @@ def with_spares(
 def with_chosen_spares(
     candidates: PartCandidates, objects: Iterable[tuple[int, str | None]]
 ) -> PartCandidates:
-    """Return candidates as if the spare parts that are chosen had been what their steps are about.
+    """Return candidates in which the chosen spare parts replace the parts of their steps.
 
     Args:
         candidates: of all steps.

@@ -1,4 +1,4 @@
-"""Paths of the steps of an assembly of parts, alone and beside robots that hold something meanwhile."""
+"""Paths of assembly steps, alone and next to robots that hold something meanwhile."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from planning.tasks.task import STRAIGHT
 from planning.transforms import Array
 
 _ENOUGH = 4
-"""So many candidates of each robot are looked for to place a part and keep hold of it, or to do a step
+"""Greatest number of candidates of each robot to place a part and keep holding it, or to do a step
 beside another robot that holds something."""
 
 Candidate = PrimaryCandidate | SupportCandidate
 
 
 Holders = Mapping[str, tuple[Array, Tools]]
-"""Robots that hold something: where they stand, shape (n,), and what they have on them, by name."""
+"""Robots that hold something: their configurations, shape (n,), and loads, by name."""
 
 NOBODY: Holders = {}
 Item = TypeVar("Item", PrimaryCandidate, SupportCandidate)
@@ -48,13 +48,13 @@ Item = TypeVar("Item", PrimaryCandidate, SupportCandidate)
 
 @dataclass(frozen=True)
 class StepPaths:
-    """Paths of the candidates of an assembly, found alone, and beside robots that hold something.
+    """Paths of the candidates of an assembly, found alone, and next to robots that hold something.
 
     Attributes:
         skills: returns those of robots that have certain tools on them, all others at HOME.
         steps: what is done.
-        keeps: by step, from 1, whose robot keeps hold of what it placed, the step until which.
-        alone: pick and place, a process, or a hold, of every candidate, beside nobody.
+        keeps: by step, from 1, whose robot keeps holding what it placed, the step until which.
+        alone: pick and place, a process, or a hold, of every candidate, without holding robots.
         tries: what the last of these paths were found by.
         relays: how the part changes hands in between, of candidates with which it does.
     """
@@ -69,15 +69,14 @@ class StepPaths:
     def among(
         self, item: Candidate, holding: Holders, supporting: Holders = NOBODY
     ) -> tuple[SkillPath, ...] | Obstruction:
-        """Return the paths of a candidate beside robots that hold something, or what is in its way.
+        """Return the paths of a candidate next to robots that hold something, or the obstruction.
 
-        Paths that are free beside them are as they were. How a part gets to where its robot picks
-        it last is not looked at.
+        Paths that are free next to them are unchanged. The transport of a part to its last pick is not checked.
 
         Args:
             item: the candidate.
-            holding: who holds something all the time.
-            supporting: who holds something while the last of its skills is done.
+            holding: robots that hold something all the time.
+            supporting: robots that hold something during the last of its skills.
         """
         tries, found = self.tries.get(item, ()), list(self.alone.get(item, ()))
         for k, tried in enumerate(tries, len(found) - len(tries)):
@@ -105,10 +104,10 @@ class StepPaths:
         return step.grips[item.grasp] if relay is None else relay.take.grip
 
     def planned(self, plan: TaskPlan, step: int) -> tuple[SkillPath, ...]:
-        """Return pick and place of a step, or its process, beside all that is held meanwhile.
+        """Return pick and place of a step, or its process, next to all that is held meanwhile.
 
-        Where nothing is free beside several that hold, the paths are those beside nobody, which
-        motion planning finds to be blocked.
+        Where nothing is free next to several holding robots, the paths are those without them, which motion
+        planning finds to be blocked.
         """
         choice, supporting = plan[step], NOBODY
         if (hold := self.planned_hold(plan, step)) is not None:
@@ -117,7 +116,7 @@ class StepPaths:
         return self.alone[choice.primary] if isinstance(found, Obstruction) else found
 
     def planned_hold(self, plan: TaskPlan, step: int) -> SkillPath | None:
-        """Return how a part is held in a step, None if none is."""
+        """Return the hold of a part in a step, None if there is none."""
         support = plan[step].support
         if support is None:
             return None
@@ -125,7 +124,7 @@ class StepPaths:
         return (self.alone[support] if isinstance(found, Obstruction) else found)[0]
 
     def _kept(self, plan: TaskPlan, step: int) -> Holders:
-        """Return who keeps hold of what was placed before a step."""
+        """Return the robots that still hold a part placed before a step."""
         return {
             plan[k].robot: (self.planned(plan, k)[-1].contact, plan[k].tools)
             for k, last in self.keeps.items()
@@ -133,13 +132,13 @@ class StepPaths:
         }
 
     def release(self, place: SkillPath) -> SkillPath:
-        """Return the way back of who kept hold of what it placed."""
+        """Return the retreat of the robot that held its placed part."""
         assert place.change_at is not None
         rest = place.waypoints[place.change_at :]
         return SkillPath(STRAIGHT, place.robot, rest[:1], rest[1:])
 
     def blocks_release(self, item: PrimaryCandidate) -> Obstruction | None:
-        """Return what is in the way of who lets go once the step is done that it waited for."""
+        """Return the obstruction of a release once the step that it waited for is done."""
         kept = self.steps[item.step - 1]
         assert isinstance(kept, PartStep)
         last = self.steps[self.keeps[item.step] - 1]
@@ -158,7 +157,7 @@ class StepPaths:
 
 @dataclass(frozen=True)
 class Pairing:
-    """Finds which candidates go together where robots hold something.
+    """Checks compatibility of candidates where robots hold something.
 
     Attributes:
         paths: of all candidates.
@@ -169,7 +168,7 @@ class Pairing:
     found: CandidateCollector
 
     def pair_held(self, step: int) -> None:
-        """Find ways to do a step beside ways to hold; what is not found cannot go together."""
+        """Check the candidates of a step against the holds during it; undecided pairs are incompatible."""
         good: dict[str, Counter[str]] = defaultdict(Counter)
         for s, support in _of_step(self.found.supports, step).items():
             at = self.paths.alone[support][0].path[-1]
@@ -182,7 +181,7 @@ class Pairing:
             self.found.incompatible |= {(p, s) for p in bad}
 
     def pair_kept(self, steps: range) -> None:
-        """Find which candidates go together where robots keep hold of what they placed in some steps, from 0.
+        """Check the candidates of steps, from 0, against robots that keep holding placed parts.
 
         Of every step of that sort the cheapest are taken, some for each robot, that leave others
         candidates to do each step until they may let go, and that lead away then. The rest is
@@ -199,7 +198,7 @@ class Pairing:
                     self.found.dropped.add(p)
 
     def _can_keep(self, p: int, item: PrimaryCandidate) -> bool:
-        """Tell whether others can do what is to be done while a robot keeps hold; note what clashes."""
+        """Tell whether others can do the steps while a robot keeps holding; note incompatible candidates."""
         paths, found = self.paths, self.found
         words = f"{item.robot} that keeps hold of {item.object}, {paths.grip_of(item).words}"
         if (wrong := paths.blocks_release(item)) is not None:
@@ -236,14 +235,14 @@ class Pairing:
         good: Counter[str],
         most: float = _ENOUGH,
     ) -> tuple[set[int], list[Obstruction]]:
-        """Return which candidates cannot be done beside robots that hold something, and why.
+        """Return the candidates that cannot be done next to robots that hold something, and why.
 
         Args:
             items: candidates by their numbers.
-            words: beside whom, for people.
-            holders: who holds something all the time, and at the end.
+            words: the neighbouring robots, for messages.
+            holders: robots that hold something all the time, and at the end.
             good: how many candidates of each robot can be done, counted on.
-            most: how many of these are looked for; the others count as those that cannot.
+            most: how many of these are searched; the others count as those that cannot.
         """
         bad, why = set(), []
         for number, item in items.items():
@@ -263,9 +262,9 @@ class Pairing:
     def _nobody(
         self, kept: PrimaryCandidate, later: int, wrong: Obstruction | None
     ) -> Obstruction:
-        """Return that a step cannot be done while a robot keeps hold, and why not.
+        """Return the rejection of a step that cannot be done while a robot keeps holding.
 
-        Where nothing of who keeps hold is in the way, nobody else can do the step at all: then
+        Where nothing of a robot that keeps holding is in the way, nobody else can do the step at all: then
         that is why.
         """
         step = f"step {later} ({self.paths.steps[later - 1].step.words})"
@@ -285,14 +284,14 @@ class Pairing:
         return Obstruction(why)
 
     def _cheapest(self, step: int, but: str = "") -> dict[int, PrimaryCandidate]:
-        """Return the ways to do a step by number, the cheapest first, one robot's left out."""
+        """Return the candidates of a step by number, cheapest first, without those of one robot."""
         items = _of_step(self.found.primaries, step, but)
         numbers = sorted(items.keys() - self.found.dropped)
         return {p: items[p] for p in sorted(numbers, key=lambda p: items[p].cost)}
 
 
 def _of_step(items: Sequence[Item], step: int, but: str = "") -> dict[int, Item]:
-    """Return the candidates of a step by number, those of one robot left out."""
+    """Return the candidates of a step by number, without those of one robot."""
     return {
         k: item
         for k, item in enumerate(items)

@@ -1,4 +1,4 @@
-"""The work of an assembly of parts, as task and motion planning take it."""
+"""The assembly work of parts, as input of task and motion planning."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def part_work(candidates: PartCandidates) -> AssemblyWork:
 
 
 def first_work(known: LazyCandidates, count: int) -> AssemblyWork:
-    """Return the assembly work of the first so many steps, see ``LazyCandidates``."""
+    """Return the assembly work of a number of first steps, see ``LazyCandidates``."""
     return part_work(known.first(count)).of_first(count)
 
 
@@ -46,7 +46,7 @@ def _spare_work(
 def _work_with(
     candidates: PartCandidates, starts: Mapping[str, Transform]
 ) -> AssemblyWork:
-    """Return the work with parts that lie elsewhere at the start, and without spares."""
+    """Return the work with other start poses of parts, and without spares."""
     objects = tuple(
         replace(item, start=starts.get(item.name, item.start))
         for item in candidates.cell.objects
@@ -56,7 +56,7 @@ def _work_with(
 
 
 def _passing(assembly: PartAssembly) -> dict[str, tuple[int, ...]]:
-    """Return the steps about each part from a source, or that is put down on its way, from 1."""
+    """Return the steps about each part that comes from a source or is put down temporarily, from 1."""
     steps = assembly.steps
     own: dict[str, list[int]] = {}
     for number, step in enumerate(steps, start=1):

@@ -1,4 +1,4 @@
-"""Robot models: the registry of names, URDF reading, meshes and URDFs of our own.
+"""Robot models: the registry of names, URDF reading, self-collision pairs, tool shapes.
 
 Imports cell, kinematics and geometry.
 """

@@ -35,7 +35,7 @@ from planning.robots.self_collision import never_colliding_pairs
 from planning.transforms import Array, inverse, read_only_copy
 
 _SIDES = 24
-"""Side faces of what stands for something round: cylinders stand out by 0.9 % of the radius."""
+"""Side faces of what approximates something round: cylinders stand out by 0.9 % of the radius."""
 
 
 def load_urdf(
@@ -111,7 +111,7 @@ def _inertias(model: Any) -> LinkInertias:
 
 
 def _mass(root: Element, links: set[str]) -> float:
-    """Return the mass of links, as far as a description tells it [kg]."""
+    """Return the mass of links, as far as a description states it [kg]."""
     return sum(
         parse_number(mass.get("value", "0"), "mass of a link")
         for link in root.findall("link")
@@ -131,7 +131,7 @@ def _drives(
         jerk=read_only_copy(known.jerk or [joint.jerk for joint in joints]),
         effort=read_only_copy(known.effort or [joint.effort for joint in joints]),
         payload=math.inf if payload is None else payload,
-        # Nobody asks for it otherwise, and not every description has masses that are numbers.
+        # It is not needed otherwise, and not every description has numeric masses.
         tool_mass=0.0 if payload is None else _mass(root, tool),
     )
 
@@ -156,7 +156,7 @@ def _build(description: UrdfFile, held: Mapping[str, float]) -> tuple[Any, Any]:
 
 
 def _chain(description: UrdfFile, model: Any) -> KinematicChain:
-    """Take placements from pinocchio (fixed joints merged) and axes from the file."""
+    """Return the chain, with placements from pinocchio (fixed joints merged) and axes from the file."""
     placement = [
         model.jointPlacements[model.getJointId(joint.name)].homogeneous
         for joint in description.joints

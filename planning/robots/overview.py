@@ -1,4 +1,4 @@
-"""What a description holds: joints that are held, links with where they are, and what is doubtful."""
+"""Overview of a description: held joints, links with poses, and likely mistakes."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def _left_out(root: Element) -> list[str]:
 
 
 def _doubts(root: Element, model: RobotModel) -> list[str]:
-    """Return in words what is likely in a wrong unit, or missing."""
+    """Return warnings of likely wrong units and of missing properties."""
     out, span = [], model.upper - model.lower
     slides = model.chain.prismatic
     checks = (
@@ -194,7 +194,7 @@ def _doubts(root: Element, model: RobotModel) -> list[str]:
 
 
 def _numbers(texts: Iterable[str]) -> list[float]:
-    """Return the words of texts that are numbers; others are refused where they are needed."""
+    """Return the numbers in texts; others are refused where they are needed."""
     found = []
     for word in " ".join(texts).split():
         with suppress(ValueError):
@@ -203,7 +203,7 @@ def _numbers(texts: Iterable[str]) -> list[float]:
 
 
 def flange_warning(model: RobotModel) -> str | None:
-    """Return in words what is doubtful about a flange, None where nothing is.
+    """Return a warning of a doubtful flange, None for none.
 
     On all but few robots the last joint is a roll joint: its axis is z of the flange. The axis of a pitch joint,
     about which the flange swings, is perpendicular to the direction of the tool: there the flange lies in that direction
@@ -233,7 +233,7 @@ def flange_warning(model: RobotModel) -> str | None:
 
 
 def _is_pitch_joint(model: RobotModel) -> bool:
-    """Tell whether the last joint turns about an axis parallel to that of the joint before it."""
+    """Tell whether the axis of the last joint is parallel to that of the joint before it."""
     chain = model.chain
     if model.dof < 2 or chain.prismatic[-2]:
         return False

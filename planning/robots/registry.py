@@ -1,4 +1,4 @@
-"""The robots that can be named in a scenario, and how their descriptions are read."""
+"""Registry of the robots that a scenario can name, with their descriptions."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class RobotEntry(UrdfOptions):
         name: what scenarios call it.
         source: where the description comes from.
         licence: of the description.
-        note: one line on what it is.
+        note: one-line description.
         home: HOME, joint by joint [rad or m].
         file: path of the description in its folder.
         folder: of the description, of others' among ours; None for our own.
@@ -213,7 +213,7 @@ ROBOTS: Mapping[str, RobotEntry] = MappingProxyType({e.name: e for e in _ENTRIES
 
 
 def with_tool(model: str, tool: str | None, others: tuple[str, ...] = ()) -> str:
-    """Return the name of a robot type with one of the tools that it comes with.
+    """Return the name of a robot type with one of its own tools.
 
     Args:
         model: a name in ROBOTS, or the path of a URDF file, which comes with its tool.
@@ -277,7 +277,7 @@ def robot_model(
 def _fitted(
     path: Path, options: UrdfOptions, fitting: Fitting, dirs: tuple[Path, ...]
 ) -> RobotModel:
-    """Return a robot as a cell fits it out, under a name that says so."""
+    """Return a robot with the changes of a cell, under a name that states them."""
     from planning.robots.descriptions.description_files import store_description
     from planning.robots.descriptions.mounting import fitted_description
 
@@ -294,7 +294,7 @@ def _fitted(
 
 
 def _folders(entry: RobotEntry) -> tuple[Path, ...]:
-    """Return where a registered robot's description and its meshes are."""
+    """Return the folders of a registered robot's description and its meshes."""
     folders = [_DESCRIPTIONS / (entry.folder or "")]
     if entry.meshes:
         folders.append(_DESCRIPTIONS / entry.meshes)
@@ -312,7 +312,7 @@ def _registered(name: str) -> RobotModel:
 
 @lru_cache(maxsize=32)
 def _from_file(path: Path, stamp: int) -> RobotModel:
-    """Load a user's description; ``stamp`` makes an edited file load anew."""
+    """Load a user's description; ``stamp`` invalidates the cache of an edited file."""
     from planning.robots.load_urdf import load_urdf
 
     # A file that is called as a registered robot is not that robot.

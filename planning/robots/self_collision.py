@@ -1,4 +1,4 @@
-"""Pairs of a robot's own parts that need no collision check."""
+"""Pairs of a robot's links that need no self-collision check."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def never_colliding_pairs(
     upper: Array,
     home: Array,
 ) -> frozenset[tuple[int, int]]:
-    """Return pairs of part indices (low, high) that self-collision checks leave out.
+    """Return pairs of part indices (low, high) that self-collision checks skip.
 
     Left out are
 
@@ -70,7 +70,7 @@ def never_colliding_pairs(
 
 
 class _Pairs:
-    """Pairs of parts of a robot, see ``never_colliding_pairs`` for what it is made of."""
+    """Pairs of parts of a robot; arguments as of ``never_colliding_pairs``."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class _Pairs:
         self._hulls = [Solid("", p.body, np.eye(4), joints, p.joint) for p in parts]
 
     def apart(self) -> set[tuple[int, int]]:
-        """Return those that are left out."""
+        """Return the pairs to skip."""
         parts, out, left = self._parts, set(), []
         for pair in combinations(range(len(parts)), 2):
             if (
@@ -107,7 +107,7 @@ class _Pairs:
         return hull_distance_at(self._hulls[pair[0]], q, self._hulls[pair[1]], q)
 
     def _proved_apart(self, pair: tuple[int, int]) -> bool:
-        """Bisect the joints between two parts; True when no values of theirs make them touch."""
+        """Bisect the joints between two parts; True when they touch at no joint values."""
         first, last = sorted(self._parts[k].joint for k in pair)
         between = np.arange(first + 1, last + 1)
         far_part = max(pair, key=lambda k: self._parts[k].joint)
@@ -141,7 +141,7 @@ class _Pairs:
         return True
 
     def _speeds(self, part: LinkPart) -> Array:
-        """Bound how fast each joint can move any point of a part, per rad (or per m).
+        """Return a bound on the displacement of a part by each joint, per rad (or per m).
 
         The distance of a point from a joint's axis is at most the summed lengths of the links in
         between, sliding joints at their farthest.

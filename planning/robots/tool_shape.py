@@ -1,4 +1,4 @@
-"""Shape of a tool apart from its robot, for its place in the rack."""
+"""Shape of a tool without its robot, for its place in the rack."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from planning.transforms import Array, Transform, inverse, read_only_copy
 
 
 def tool_shape(name: str, model: RobotModel, mount: Transform) -> Shape:
-    """Return the shape of the tool of a robot: the hulls that stand for its bodies.
+    """Return the shape of a robot's tool: the convex hulls of its bodies.
 
     Args:
         name: of the tool.
-        model: the robot with the tool on it.
+        model: the robot with the tool mounted.
         mount: pose of the tool in the flange frame.
     """
     own = inverse(model.flange @ mount)

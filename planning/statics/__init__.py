@@ -1,4 +1,4 @@
-"""Static equilibrium of rigid bodies: contacts with friction, joints, and what stands when.
+"""Static equilibrium of rigid bodies: contacts with friction, joints, and stable build orders.
 
-Free of bricks and robots; the rooms of the assembly kinds say what touches what.
+Independent of bricks and robots; the assembly kinds supply the contacts.
 """

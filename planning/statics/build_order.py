@@ -1,23 +1,21 @@
-"""Whether a structure stands in every state that a build can come through, and what must wait for it.
+"""Stability of a structure in every state that a build can reach, and the precedence that ensures it.
 
-Robots that wait only where they must put parts in place in many orders: every set of steps that
-contains, with a step, all that it waits for can be what is there at some time. There may be
-exponentially many of them, but forces can be added up. If the weight of a part can be carried down
-to the ground through what is there *whenever* the part is (itself and the steps that it waits
-for), and so for every part, then the sum of these forces balances any such set: pushes and forces
-within cones of friction stay so when they are added. A part for which that does not hold needs
-the weight, or the hold, of others. It is made to wait for all earlier steps, of which it is
-checked that they stand together with it; any set with it in it then contains all of these, and
-what comes on top is carried on its own as before. So one linear program or two a step (for each
-tilt of gravity) decide about all states.
+Robots that wait only where they must place parts in many orders: every set of steps that is closed under
+predecessors can be present at some time. There may be exponentially many such sets, but forces can be added
+up. If the weight of a part can be carried to the ground by the bodies present *whenever* the part is
+(itself and its predecessors), for every part, then the sum of these forces balances any such set: pushes
+and forces within friction cones stay so when they are added. A part for which that fails needs the weight,
+or the support, of others. It is made to wait for all earlier steps, and is checked together with them; any
+set that contains it then contains all of these, and later parts are carried independently as before. So one
+or two linear programs a step (for each tilt of gravity) decide about all states.
 
-Joints that bear so much and no more spoil the sum: their forces add up to more than they bear.
-Where there are any, steps of parts that hang together wait for each other in their order.
+Joints with limited strength spoil the sum: their forces may add up to more than they bear. Where there are
+any, steps of connected parts wait for each other in their order.
 
-Who places a part may keep hold of it until a later step is done: the hand carries it until then,
-and what rests on it, and from that step on its weight goes down through what that step waits for.
-Another part that such a one may carry is looked at with it in the hand and out of it. Where a part
-would fall and a later step joins it, it is kept hold of until that one.
+The robot that places a part may hold it until a later step is done: until then the hand carries it, and
+what rests on it; from that step on its weight is carried by the predecessors of that step. A part that may
+rest on a held one is checked with that one held and released. Where a part would fall and a later step
+joins it, it is held until that step.
 """
 
 from __future__ import annotations
@@ -35,7 +33,7 @@ from planning.statics.standing import StabilityChecker
 Waits = frozenset[tuple[int, int]]
 
 _MOST_OPEN = 4
-"""So many parts in hands are looked at in and out of them; where there are more, all is as one."""
+"""Greatest number of held parts whose releases are combined; more are treated as one."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class BuildStep:
     Attributes:
         adds: names of the bodies that are in place from then on.
         joins: what is joined from then on.
-        until: number of the step until which what it adds is kept hold of, None for not at all.
+        until: number of the step until which its bodies are held, None for not at all.
     """
 
     adds: tuple[str, ...] = ()
@@ -55,11 +53,11 @@ class BuildStep:
 
 @dataclass(frozen=True)
 class StableBuild:
-    """A build in which everything always stands.
+    """A build that is stable in every state.
 
     Attributes:
-        waits: what steps must wait for beyond what they wait for anyway.
-        keeps: by step that adds a body, the step until which who adds it keeps hold of it.
+        waits: additional precedences of steps.
+        keeps: by step that adds a body, the step until which its robot holds it.
     """
 
     waits: Waits
@@ -90,13 +88,13 @@ def balance_dependencies(
     waits: Iterable[tuple[int, int]],
     keepable: Collection[str] | None = None,
 ) -> StableBuild | UnstableState:
-    """Return what steps must wait for beyond what they wait for anyway, or the first fall.
+    """Return additional step precedences for stability, or the first fall.
 
     Args:
         standing: knows the bodies in their places.
         steps: in their order; the structure has to stand after each of them.
         waits: pairs of step numbers from 0, (a, b) for b after a, each with a < b.
-        keepable: bodies that may be kept hold of until a later step joins them where they would
+        keepable: bodies that may be held until a later step joins them where they would
             fall; any by default.
 
     Returns:
@@ -112,7 +110,7 @@ def balance_dependencies(
 
 
 class _Build:
-    """Goes through the steps of a build in their order."""
+    """Checks the steps of a build in their order."""
 
     def __init__(
         self,
@@ -132,11 +130,11 @@ class _Build:
         self._new: set[tuple[int, int]] = set(self._until.items())
 
     def stand(self) -> StableBuild:
-        """Return what must wait for what, and what is kept hold of, as far as is known."""
+        """Return the precedences and holds found so far."""
         return StableBuild(frozenset(self._new), dict(self._until))
 
     def fall(self, k: int) -> UnstableState | None:
-        """Return what falls after a step; let it wait for what it needs where nothing does."""
+        """Return what falls after a step; add precedences that prevent it where possible."""
         mates = [n for n in range(k) if self._together[n] == self._together[k]]
         before = {*nx.ancestors(self._order, k), k}
         stepwise = any(
@@ -168,7 +166,7 @@ class _Build:
         return None
 
     def _carried(self, k: int, before: Collection[int]) -> bool:
-        """Return whether what is to be carried from a step on is, by what is there before alone."""
+        """Return whether the bodies to be supported from a step on are, by its predecessors alone."""
         loads = () if k in self._until else self._steps[k].adds
         loads = (*loads, *self._let_go(k))
         if not loads:
@@ -187,7 +185,7 @@ class _Build:
     def _cases(
         self, before: Collection[int], in_hands: Sequence[int]
     ) -> Iterator[tuple[list[str], list[Joint], tuple[str, ...]]]:
-        """Yield what is there, what is joined and what is held, whoever has let go by then."""
+        """Yield sets of present, joined and held bodies, over all possible releases."""
         for count in range(len(in_hands) + 1):
             for gone in combinations(in_hands, count):
                 done = set(before)
@@ -206,7 +204,7 @@ class _Build:
                 yield there, joints, tuple(names)
 
     def _held(self, done: Collection[int]) -> tuple[str, ...]:
-        """Return what hands hold once some steps are done."""
+        """Return the bodies held once some steps are done."""
         return tuple(
             name
             for n, last in self._until.items()
@@ -215,12 +213,12 @@ class _Build:
         )
 
     def _let_go(self, k: int) -> list[str]:
-        """Return what hands let go of after a step."""
+        """Return the bodies released after a step."""
         own = (self._steps[n].adds for n, last in self._until.items() if last == k)
         return list(chain.from_iterable(own))
 
     def keep(self, fall: UnstableState) -> bool:
-        """Keep hold of what falls, or would if let go, until a later step joins it; tell whether."""
+        """Hold what falls, or would on release, until a later step joins it; tell whether there is one."""
         k = fall.step
         own = [k] if k not in self._until else []
         let_go = (n for n, last in self._until.items() if last == k)
@@ -246,7 +244,7 @@ class _Build:
 def _hanging_together(
     standing: StabilityChecker, steps: Sequence[BuildStep]
 ) -> list[int]:
-    """Return, for each step, a number that it shares with the steps whose bodies its own touch."""
+    """Return, for each step, the number of its group of steps with touching bodies."""
     graph = standing.touching()
     let_go: dict[int, list[str]] = defaultdict(list)
     for step in steps:

@@ -1,4 +1,4 @@
-"""Where two convex solids touch: the points and the direction in which they push on each other.
+"""Contact patches of two convex solids: points and direction in which they push on each other.
 
 Solids in files stand a little apart or overlap a little where in truth they touch. The direction
 is the one along which they are farthest apart (or overlap least), found among the normals of
@@ -50,7 +50,7 @@ class ContactPatch:
 def contact_patch(
     first: ConvexBody, at: Transform, second: ConvexBody, where: Transform
 ) -> ContactPatch:
-    """Return where two solids touch that are near to each other.
+    """Return the contact patch of two nearby solids.
 
     Args:
         first: a solid.
@@ -92,7 +92,7 @@ class Directions:
 
 
 def bounding_directions(body: ConvexBody) -> Directions:
-    """Return the normals and edge directions of a body, worked out once a body."""
+    """Return the normals and edge directions of a body, cached per body."""
     return _directions(body.vertices.tobytes())
 
 
@@ -127,20 +127,20 @@ def _directions(corners: bytes) -> Directions:
 
 
 def _each_once(vectors: Array) -> Array:
-    """Return unit vectors without those that are there already, in their order."""
+    """Return unit vectors without duplicates, in their order."""
     _, first = np.unique(np.round(vectors / 1e-5), axis=0, return_index=True)
     return np.asarray(vectors[np.sort(first)])
 
 
 def _one_sided(vectors: Array) -> Array:
-    """Return vectors turned so that the largest of their coordinates is positive."""
+    """Return vectors flipped so that the largest of their coordinates is positive."""
     largest = np.abs(vectors).argmax(axis=1)
     sign = np.sign(np.take_along_axis(vectors, largest[:, None], axis=1))
     return np.asarray(vectors * sign)
 
 
 def _axes(first: tuple[Array, Array], second: tuple[Array, Array]) -> Array:
-    """Return the directions to look along, from the first body to the second."""
+    """Return the candidate contact directions, from the first body to the second."""
     crossed = np.cross(first[1][:, None], second[1][None, :]).reshape(-1, 3)
     length = np.linalg.norm(crossed, axis=1)
     crossed = crossed[length > 1e-4] / length[length > 1e-4, None]
@@ -148,7 +148,7 @@ def _axes(first: tuple[Array, Array], second: tuple[Array, Array]) -> Array:
 
 
 def _common_points(a: Array, b: Array, normal: Array) -> Array:
-    """Return the corners of the area in which two bodies touch, half-way between them."""
+    """Return the corners of the contact area of two bodies, half-way between them."""
     first, second = a @ normal, b @ normal
     height = 0.5 * (first.max() + second.min())
     across = np.linalg.svd(normal[None, :])[2][1:]

@@ -1,11 +1,10 @@
 """The linear program of static equilibrium: rigid bodies and contact forces between them.
 
-One program a structure: six rows a body, a column for every force that a contact can bring. Which
-bodies are there and what acts on them (a ``LoadCase``) switches columns on and off and moves
-bounds, so that the solver starts each time from where it ended the last time. Two questions are
-asked of it: how much of a load do the bodies bear, contacts pulling up to their capacity
-(``bears``); and, from scratch, with how little pull are they in balance, and where do they give
-way first (``least_pull``).
+One program per structure: six rows a body, a column for every force that a contact can exert. The present
+bodies and their loads (a ``LoadCase``) enable columns and set bounds, so that the solver is warm-started
+from its last solution. There are two queries: how much of a load the bodies bear, with contacts pulling up
+to their capacity (``bears``); and, from scratch, the least pull for equilibrium, and where the bodies fail
+first (``least_pull``).
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ DOWN: Vector = (0.0, 0.0, -1.0)
 
 @dataclass(frozen=True)
 class ContactForce:
-    """A force that two bodies, or a body and the ground, can bring on each other.
+    """A force that two bodies, or a body and the ground, can exert on each other.
 
     The unit of length is free as long as it is one.
 
@@ -75,7 +74,7 @@ class ContactForce:
 
 @dataclass(frozen=True)
 class Load:
-    """A known force on a body that acts at points in shares that balance is free to choose.
+    """A known force on a body at points, with shares that the equilibrium is free to choose.
 
     A tool that holds a body keeps it from turning, so what it presses with acts where the body
     resists: anywhere between the points that the tool touches.
@@ -93,7 +92,7 @@ class Load:
 
 @dataclass(frozen=True)
 class LoadCase:
-    """What of a structure is there, and what acts on it.
+    """The present bodies of a structure, and the loads on it.
 
     Attributes:
         there: names of the bodies in their places.
@@ -101,7 +100,7 @@ class LoadCase:
         weighing: bodies whose weight counts; all by default.
         down: unit vector along which weights act.
         loose: a body whose contacts push but do not pull.
-        pushes: contacts beside those of the structure, such as of tools and joints.
+        pushes: contacts in addition to those of the structure, such as of tools and joints.
         load: a force on one of the bodies.
     """
 
@@ -116,7 +115,7 @@ class LoadCase:
 
 @dataclass(frozen=True)
 class StabilityReport:
-    """The least pull that keeps every body in balance.
+    """The least pull that keeps every body in equilibrium.
 
     Attributes:
         score: largest pull over its capacity; ``inf`` when no forces are in balance.
@@ -137,7 +136,7 @@ class StabilityReport:
 
 
 class Equilibrium:
-    """Forces in balance on any of the bodies of a structure.
+    """Forces in equilibrium on any of the bodies of a structure.
 
     Args:
         centres: centre of mass of each body, shape (3,) each.
@@ -182,7 +181,7 @@ class Equilibrium:
         """Number of linear programs solved so far."""
 
     def bears(self, case: LoadCase) -> float:
-        """Return the largest part of a load that the bodies bear [N].
+        """Return the largest part of a load that the bodies can bear [N].
 
         Returns:
             The force, 0 for no load; -1 where the bodies do not even stand.
@@ -204,7 +203,7 @@ class Equilibrium:
         return max(0.0, -float(self._solver.getInfo().objective_function_value))
 
     def least_pull(self, case: LoadCase) -> StabilityReport:
-        """Return how much pull keeps the bodies in balance, and where they give way first.
+        """Return the pull needed for equilibrium, and where the bodies fail first.
 
         A contact's force along its direction is p - s T with p >= 0 and its capacity T of pull,
         so that the score s is the only variable that ties contacts together: one column, no
@@ -250,14 +249,14 @@ class Equilibrium:
         return np.array([*own, *(self._columns[c] for c in extra)], dtype=np.intp)
 
     def _loosened(self, case: LoadCase) -> Array:
-        """Return which contacts do not pull because of a body that is being put in its place."""
+        """Return the contacts that do not pull because of a body that is being inserted."""
         if case.loose is None:
             return np.zeros(len(self._on), dtype=bool)
         loose = (self._on == self._index[case.loose]).any(axis=1)
         return np.asarray(loose & self._pushing)
 
     def _balance(self, case: LoadCase) -> Array:
-        """Return the bounds of all rows: what the forces on the bodies must add up to."""
+        """Return the bounds of all rows: the required sums of forces on the bodies."""
         rows = np.zeros_like(self._rows)
         if case.load is not None:
             rows[0] = np.linalg.norm(case.load.force)
@@ -269,7 +268,7 @@ class Equilibrium:
         return rows
 
     def _apply(self, bounds: Array, rows: Array) -> None:
-        """Tell the solver what is different from the last time."""
+        """Update the solver by the differences from the last case."""
         k = np.flatnonzero((bounds != self._bounds).any(axis=1)).astype(np.int32)
         self._solver.changeColsBounds(len(k), k, *bounds[k].T.copy())
         k = np.flatnonzero((rows != self._rows).any(axis=1)).astype(np.int32)
@@ -277,7 +276,7 @@ class Equilibrium:
         self._bounds, self._rows = bounds, rows
 
     def _solve(self) -> Any:
-        """Solve the program from where the last one ended; where that leads nowhere, anew."""
+        """Solve the program warm-started; from scratch where that fails."""
         self._solver.run()
         for strategy in (_PRIMAL, _DUAL):
             if self._solver.getModelStatus() in (*_INFEASIBLE, _STATUS.kOptimal):
@@ -289,7 +288,7 @@ class Equilibrium:
         return self._solver.getModelStatus()
 
     def _add(self, contacts: Sequence[ContactForce]) -> None:
-        """Add columns to the program, switched off."""
+        """Add disabled columns to the program."""
         if not contacts:
             return
         known = enumerate(contacts, len(self._on))
@@ -318,7 +317,7 @@ class Equilibrium:
         return -1 if name is None else self._index[name]
 
     def _wrenches(self, contacts: Sequence[ContactForce]) -> csc_matrix:
-        """Return a column for the unit of each force: its share, and six rows for each body."""
+        """Return the column of each unit force: its share, and six rows for each body."""
         points = np.array([c.point for c in contacts])
         directions = np.array([c.direction for c in contacts])
         turns = np.array([[c.turns] for c in contacts])
@@ -346,7 +345,7 @@ class Equilibrium:
     def _pulled(
         self, on: Array, pushes: Array, pulls: Array
     ) -> tuple[tuple[str | None, str | None, float], ...]:
-        """Return the pairs of bodies that pull each other, the most strained first."""
+        """Return the pairs of bodies that pull each other, most strained first."""
         worst: dict[tuple[int, int], float] = {}
         for k in np.flatnonzero((pulls > 0.0) & (pushes < -_NO_PULL)):
             pair = (int(on[k, 0]), int(on[k, 1]))
@@ -356,13 +355,13 @@ class Equilibrium:
         return tuple((names[a], names[b], share) for (a, b), share in ordered)
 
     def _priciest(self, on: Array, price: Array) -> str:
-        """Return the body whose contacts below the score depends on most, first of equals."""
+        """Return the body whose contacts below affect the score most, first of equals."""
         total = np.zeros(len(self._names))
         np.add.at(total, np.where(on[:, 1] >= 0, on[:, 1], on[:, 0]), price)
         return self._names[int(np.flatnonzero(total >= total.max() * (1 - 1e-6))[0])]
 
     def _farthest(self, matrix: csc_matrix, bounds: Array, rows: Array) -> str:
-        """Return the body that needs most help from outside for all to be in balance."""
+        """Return the body that needs most external force for all to be in equilibrium."""
         size = len(rows) - 1
         help_ = eye(len(rows), size, -1)
         helped = hstack([matrix, help_, -help_], format="csc")
@@ -388,7 +387,7 @@ def _shares(load: Load | None) -> list[ContactForce]:
 def _minimised(
     cost: Array, matrix: csc_matrix, bounds: Array, rows: Array
 ) -> tuple[Array, Array] | None:
-    """Return the solution of a linear program, and what its bounds cost; None if there is none."""
+    """Return the solution of a linear program, and its dual values; None if there is none."""
     program = highspy.HighsLp()
     program.num_row_, program.num_col_ = matrix.shape
     program.col_cost_ = cost

@@ -1,4 +1,4 @@
-"""Whether parts in their places stand: by contact and friction, by joints, or because they are held.
+"""Stability of parts in their places: by contact and friction, by joints, or because they are held.
 
 A part at rest on others pushes on them where it touches them (``contact_patch``); friction keeps
 the force within a cone about the direction of the push. Joints, such as welds and screws, bear
@@ -67,7 +67,7 @@ class PlacedBody:
 
 
 def body_at(item: CellObject | Fixture, pose: Transform) -> PlacedBody:
-    """Return a thing of a cell as a body in its place."""
+    """Return a cell object as a body in its place."""
     shape = item.shape
     mass = item.mass if isinstance(item, CellObject) else 0.0
     return PlacedBody(
@@ -80,7 +80,7 @@ def body_at(item: CellObject | Fixture, pose: Transform) -> PlacedBody:
 
 
 def ground_bodies(cell: Workcell, placed: Collection[str]) -> dict[str, PlacedBody]:
-    """Return what never moves: fixtures, and objects that are not among what is placed."""
+    """Return the immovable bodies: fixtures, and objects that are not placed."""
     ground = {item.name: body_at(item, item.pose) for item in cell.fixtures}
     return ground | {
         item.name: body_at(item, item.start)
@@ -90,7 +90,7 @@ def ground_bodies(cell: Workcell, placed: Collection[str]) -> dict[str, PlacedBo
 
 
 class StabilityChecker:
-    """Tells which sets of bodies stand in their places.
+    """Checks which sets of bodies are stable in their places.
 
     Args:
         bodies: everything that may be there, by name.
@@ -125,23 +125,23 @@ class StabilityChecker:
         """Everything that is joined where all bodies are there."""
 
     def __reduce__(self) -> tuple[type[StabilityChecker], tuple[Any, ...]]:
-        """Return what it is made of again in another process; solvers and what they found stay here."""
+        """Return the constructor arguments for another process; solvers and results stay here."""
         return StabilityChecker, (self.bodies, self._ground, self.rules)
 
     def touching(self) -> nx.Graph[str]:
-        """Return which bodies touch each other in their places, the ground left out."""
+        """Return which bodies touch each other in their places, without the ground."""
         graph: nx.Graph[str] = nx.Graph()
         graph.add_nodes_from(self.bodies)
         graph.add_edges_from(pair for pair in self.patches if pair[0] in self.bodies)
         return graph
 
     def touched_by(self, body: str) -> set[str]:
-        """Return the bodies, also of the ground, that one touches in its place."""
+        """Return the bodies, ground included, that a body touches in its place."""
         pairs = (pair for pair in self.patches if body in pair)
         return {name for pair in pairs for name in pair} - {body}
 
     def why(self, body: str, there: Collection[str]) -> str:
-        """Return in words why a body is not in balance.
+        """Return in words why a body is not in equilibrium.
 
         Args:
             body: that falls.
@@ -164,7 +164,7 @@ class StabilityChecker:
         held: Collection[str] = (),
         weighing: Collection[str] | None = None,
     ) -> str | None:
-        """Return a body that is not in balance, the one that lacks most; None where all stand.
+        """Return the body farthest from equilibrium; None where all are stable.
 
         Args:
             there: the bodies that are in their places.
@@ -213,7 +213,7 @@ class StabilityChecker:
     def _pushes(
         self, pair: tuple[str, str], patch: ContactPatch
     ) -> Iterator[ContactForce]:
-        """Yield the forces of a contact: at each of its corners, the edges of a cone."""
+        """Yield the forces of a contact: at each of its corners, the edges of a friction cone."""
         across = np.linalg.svd(patch.normal[None, :])[2][1:]
         angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
         aside = np.column_stack([np.cos(angles), np.sin(angles)]) @ across
@@ -232,7 +232,7 @@ class StabilityChecker:
                 yield ContactForce(*ends, (x, y, z), axis, within=limit, turns=turns)
 
     def _ends(self, pair: tuple[str, str]) -> tuple[str | None, str | None]:
-        """Return two names as the program knows them, None for what is of the ground."""
+        """Return two names as the program has them, None for bodies of the ground."""
         first, second = (n if n in self.bodies else None for n in pair)
         return first, second
 
@@ -259,7 +259,7 @@ class StabilityChecker:
         return tuple(patch for patch in patches if patch.gap <= touch)
 
     def _middle(self, joint: Joint) -> Array:
-        """Return where a joint is: the middle of the contact, of the gap, or between the bodies."""
+        """Return the position of a joint: the middle of the contact, of the gap, or between the bodies."""
         pair = (joint.first, joint.second)
         patches = self.patches.get(pair) or self.patches.get(pair[::-1])
         if not patches and joint.gap > 0.0:

@@ -1,4 +1,4 @@
-"""One way from choices to tasks, for every kind of assembly: skills, candidates, handovers, tool changes.
+"""Expansion of assignment choices to tasks for every kind of assembly: skills, candidates, handovers, tool changes.
 
-Imports cell, geometry, motion and tasks; kinds of assemblies bring grips, seats and allowed contacts.
+Imports cell, geometry, motion and tasks; the assembly kinds supply grips, places and allowed contacts.
 """

@@ -29,9 +29,9 @@ class CandidateCollector:
         primaries, supports: the candidates, in the order in which they were found.
         incompatible: pairs of their numbers that cannot go together.
         clashing: pairs of numbers of primaries of different steps that cannot go together.
-        dropped: numbers of primaries that are not to be taken after all.
+        dropped: numbers of primaries that are excluded afterwards.
         rejections: what is not a candidate, and why.
-        blockers: by step, how often things were in the way.
+        blockers: by step, how often each obstacle blocked it.
     """
 
     def __init__(self, robots: Iterable[PlacedRobot]) -> None:
@@ -45,19 +45,19 @@ class CandidateCollector:
         self.blockers: dict[int, Counter[str]] = defaultdict(Counter)
 
     def cost(self, *paths: SkillPath) -> float:
-        """Return the joint distance from HOME to where each of some skills touches what it is for."""
+        """Return the joint distance from HOME to the contact configurations of some skills."""
         return sum(joint_distance(self.home[p.robot], p.contact) for p in paths)
 
     def accept(
         self, step: int, what: str, found: Found | Obstruction, robot: str | None = None
     ) -> Found | None:
-        """Return what was found, None for what is in the way, which is noted as a reason.
+        """Return a found path, or None for an obstruction, which is noted as a reason.
 
         Args:
             step: counted from 1.
             what: was tried, for people.
             found: for it.
-            robot: who would do it; None for nobody in particular.
+            robot: the robot; None for no particular one.
         """
         if not isinstance(found, Obstruction):
             return found
@@ -71,7 +71,7 @@ class CandidateCollector:
         reason: Obstruction | str,
         robot: str | None = None,
     ) -> None:
-        """Note why something is no candidate, and count what was in the way."""
+        """Note why something is no candidate, and count its obstacles."""
         if isinstance(reason, str):
             reason = Obstruction(reason)
         self.rejections.append(Rejection(step, what, reason.words, robot, reason.by))
@@ -81,10 +81,10 @@ class CandidateCollector:
     def problem(
         self, steps: Sequence[str], needs_support: Sequence[bool], **more: Any
     ) -> AssignmentProblem:
-        """Return the problem of what was gathered.
+        """Return the assignment problem of the gathered candidates.
 
         Args:
-            steps: what they are, in words.
+            steps: their descriptions.
             needs_support: whether each is done by two robots.
             more: further attributes of ``AssignmentProblem``.
         """

@@ -1,4 +1,4 @@
-"""Handovers between two robots in the air, whatever is handed over, where meetings are given."""
+"""Handovers of any object between two robots in the air, at given meeting places."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class MeetingPlace:
     """A place in the air where one robot may hand an object over to another.
 
     Attributes:
-        giver: who brings the object.
-        receiver: who takes it.
+        giver: the robot that brings the object.
+        receiver: the robot that takes it.
         item: what is handed over.
         given: how the giver holds it.
-        taken: how the receiver holds it then.
+        taken: the receiver's hold after the handover.
         at: pose of the object in the world as it changes hands.
         pre: where the tool of the receiver comes from, and goes to with the object.
         receive: where that tool is meanwhile.
@@ -56,7 +56,7 @@ class MeetingPlace:
 
 @dataclass(frozen=True)
 class Handover:
-    """A handover that nothing is in the way of.
+    """A collision-free handover.
 
     Attributes:
         meeting: where the two robots meet.
@@ -74,7 +74,7 @@ class Handover:
 def find_handover(
     cell: Workcell, around: Objects, meeting: MeetingPlace
 ) -> Handover | Obstruction | None:
-    """Return the handover at a meeting, in the receiver's first posture that is free.
+    """Return the handover at a meeting, in the receiver's first free posture.
 
     Args:
         cell: all robots but the two stand at HOME.
@@ -82,7 +82,7 @@ def find_handover(
         meeting: of the two.
 
     Returns:
-        What is in the way in the first posture where none is free; None where the receiver has no
+        The obstruction of the first posture where none is free; None where the receiver has no
         posture at all.
     """
     giver, receiver, item = meeting.giver, meeting.receiver, meeting.item
@@ -118,7 +118,7 @@ def find_handover(
 def _receiver_clash(
     scene: SkillScene, meeting: MeetingPlace, pre: Array
 ) -> Obstruction | None:
-    """Return what the receiver touches on its way in, or out with the object.
+    """Return the obstacle of the receiver on its approach, or on its retreat with the object.
 
     Args:
         scene: with the receiver where it receives and the object in its hand.

@@ -1,7 +1,7 @@
-"""A step in which an object is placed: as a plan does it, and as tasks (APEX-MR IV-A).
+"""A step in which an object is placed: its planned skills, and their tasks (APEX-MR IV-A).
 
-A kind of assembly says which skills along which paths these are, and what may touch in them. What comes
-after what, who waits for whom, and who touches what it carries is the same for all.
+Each kind of assembly supplies the skills, their paths and allowed contacts. The dependencies between tasks,
+waits between robots, and contacts with carried objects are the same for all.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class PlannedSkill:
         words: what the skill is, for people.
         pose: of the object once it has changed hands, in the flange frame of who holds it then, or
             in the world; None where nothing changes hands.
-        allowed: who may touch whom in it, besides the tool and what it handles.
-        grazed: who may touch whom no deeper than the contact tolerance.
+        allowed: allowed contacts in it, besides the tool and what it handles.
+        grazed: allowed contacts no deeper than the contact tolerance.
         refill: what comes up where the other one was picked: an object at once, or what machines
             bring; None for nothing.
     """
@@ -51,7 +51,7 @@ class PlannedHandover:
     Attributes:
         handover: postures of the two robots, and the skill of the giver.
         pose: of the object in the flange frame of the receiver.
-        by_home: whether the receiver goes on by way of HOME.
+        by_home: whether the receiver continues via HOME.
     """
 
     handover: Handover
@@ -61,15 +61,15 @@ class PlannedHandover:
 
 @dataclass(frozen=True)
 class PlannedSupport:
-    """What another robot supports, or holds, while the work of a step is done.
+    """Support, or hold, by another robot while the work of a step is done.
 
     Attributes:
         skill: at the end of which it stands there.
-        item: what it holds, None where it only presses against something.
-        leaving: what its way back is, for people.
-        touched: who may touch whom from the skill to the end of the way back.
-        brought: who may touch whom as the work is done.
-        straight: whether the way back is one straight motion, and not a transit a waypoint.
+        item: the held object, None where it only presses against something.
+        leaving: description of its retreat.
+        touched: allowed contacts from the skill to the end of the retreat.
+        brought: allowed contacts as the work is done.
+        straight: whether the retreat is one straight motion, and not a transit a waypoint.
     """
 
     skill: PlannedSkill
@@ -82,17 +82,17 @@ class PlannedSupport:
 
 @dataclass(frozen=True)
 class PlannedPlacement:
-    """A step in which an object is put somewhere, as a plan does it.
+    """A planned step in which an object is placed.
 
     Attributes:
         item: name of the object.
-        pick: how it is taken up first.
+        pick: its pick.
         between: how it changes hands on its way: how it is laid down and taken up again, or
             handed over; None if it does not.
         place: how it is put in its place.
         support: what another robot does meanwhile, None for nothing.
         support_late: whether that one comes when the object is at its place already.
-        kept: whether the robot that placed it stays, and keeps hold of it.
+        kept: whether the robot that placed it stays, and keeps holding it.
     """
 
     item: str
@@ -105,7 +105,7 @@ class PlannedPlacement:
 
 
 def write_placement(build: StepWriter, step: PlannedPlacement) -> int:
-    """Write the tasks of a step in which an object is put somewhere; return the place.
+    """Write the tasks of a placement step; return the place.
 
     Every transit ends at the configuration that the next skill starts from, or at HOME, where
     robots stop between pick and place and at the end of their part.
@@ -136,7 +136,7 @@ def write_placement(build: StepWriter, step: PlannedPlacement) -> int:
 
 
 def write_support(build: StepWriter, support: PlannedSupport) -> int:
-    """Write how a robot comes to support or hold something; return the skill."""
+    """Write the approach and the support, or hold, of a robot; return the skill."""
     skill = support.skill
     build.lead_in(skill.path, skill.coming)
     return _write_skill(build, support.item, skill)
@@ -145,7 +145,7 @@ def write_support(build: StepWriter, support: PlannedSupport) -> int:
 def write_release(
     build: StepWriter, support: PlannedSupport, held: int, begun: int, done: int
 ) -> None:
-    """Write the way back of who supports.
+    """Write the retreat of the supporting robot.
 
     Args:
         build: of the step.
@@ -181,7 +181,7 @@ def _write_skill(
 
 
 def _write_pick(build: StepWriter, item: str, pick: PlannedSkill) -> int:
-    """Write transit, pick and the way HOME; return the pick."""
+    """Write transit, pick and the return HOME; return the pick."""
     robot = pick.path.robot
     build.lead_in(pick.path, pick.coming)
     picked = _write_skill(build, item, pick, robot)
@@ -190,7 +190,7 @@ def _write_pick(build: StepWriter, item: str, pick: PlannedSkill) -> int:
 
 
 def _write_put(build: StepWriter, item: str, taken: int, put: PlannedSkill) -> int:
-    """Write how an object is put down that was taken in an earlier task; return the skill."""
+    """Write the placement of an object picked in an earlier task; return the skill."""
     done = _write_skill(build, item, put)
     build.allow_carried(put.path.robot, item, taken, done)
     return done
@@ -199,7 +199,7 @@ def _write_put(build: StepWriter, item: str, taken: int, put: PlannedSkill) -> i
 def _write_handover(
     build: StepWriter, item: str, picked: int, way: PlannedHandover
 ) -> int:
-    """Write how a picked object is handed over; return how the receiver takes it away."""
+    """Write the handover of a picked object; return how the receiver takes it away."""
     found, meeting = way.handover, way.handover.meeting
     giver, receiver = meeting.giver.name, meeting.receiver.name
     aside = not np.array_equal(meeting.rest, meeting.giver.home)

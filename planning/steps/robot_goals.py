@@ -26,7 +26,7 @@ class RobotGoal:
     """Goal of a robot: a configuration, or a pose of one of its frames.
 
     Attributes:
-        robot: who goes.
+        robot: the robot.
         joints: configuration, shape (n,), or None.
         pose: of the frame in the world, or None.
         frame: tool frame that goes to the pose.
@@ -39,10 +39,10 @@ class RobotGoal:
 
 
 def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
-    """Find the configurations in which each goal is reached; one step a goal, in this order.
+    """Find goal configurations; one step per goal, in this order.
 
     A configuration must be clear of the fixtures, the resting objects and the robot itself.
-    Whether other robots are in the way depends on where they are by then.
+    Other robots are ignored: their configurations are not known yet.
 
     Args:
         cell: the static cell.

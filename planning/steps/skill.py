@@ -1,4 +1,4 @@
-"""A manipulation skill: the poses of its tool, its path in joint space, what may touch meanwhile, and what stands around."""
+"""A manipulation skill: tool poses, joint-space path, allowed contacts, and surroundings."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from planning.motion.sequential import MARGIN
 from planning.transforms import Array, Transform
 
 STRIDE = 0.0075
-"""Longest straight way between two subgoals [m]: between them a robot moves on a straight line in
+"""Longest straight path between two subgoals [m]: between them a robot moves on a straight line in
 joint space, which then strays from the straight line in the world by a fraction of a
 millimetre."""
 
@@ -49,7 +49,7 @@ Objects = Mapping[str, Placed]
 
 @dataclass(frozen=True)
 class Subgoal:
-    """A pose that a tool frame must reach.
+    """A target pose of a tool frame.
 
     Attributes:
         name: "approach", "attach", "twist", "leave" and the like.
@@ -84,7 +84,7 @@ class SkillTargets:
 def straight_subgoals(
     frame: str, name: str, far: Transform, near: Transform
 ) -> list[Subgoal]:
-    """Return subgoals on the straight way from ``far`` to ``near``, the latter left out."""
+    """Return subgoals on the straight path from ``far`` to ``near``, the latter excluded."""
     displacement = near[:3, 3] - far[:3, 3]
     count = max(1, math.ceil(float(np.linalg.norm(displacement)) / STRIDE - 1e-9))
     out = []
@@ -96,7 +96,7 @@ def straight_subgoals(
 
 
 class Phase(Enum):
-    """A part of a skill with the same allowed contacts and the same places of all things."""
+    """A part of a skill with constant allowed contacts and object poses."""
 
     BEFORE = "before"
     UNTIL_CHANGE = "until the object changes hands"
@@ -121,7 +121,7 @@ class SkillContacts:
 
 @dataclass(frozen=True)
 class ToolContact:
-    """Depths by which a tool may overlap objects at rest in a skill, besides what it handles.
+    """Depths by which a tool may overlap resting objects in a skill, besides the handled one.
 
     Attributes:
         grazing: any object [m].
@@ -135,12 +135,12 @@ class ToolContact:
 
 
 def tool_entity(robot: PlacedRobot) -> str:
-    """Return by which name allowed contacts speak of the tool that a robot has on it."""
+    """Return the entity name of a robot's mounted tool in allowed contacts."""
     return str(robot.tool) if robot.tools else entity_name(robot.name, "tool")
 
 
 def handled_contact(robot: PlacedRobot, item: str) -> Pairs:
-    """Return the contact of the tool that a robot has on it with the object that it handles."""
+    """Return the contact of the mounted tool of a robot with the object that it handles."""
     return contacts_with(tool_entity(robot), [item])
 
 
@@ -160,7 +160,7 @@ class SkillPath:
 
     Attributes:
         skill: its name.
-        robot: who does it.
+        robot: the robot.
         lead: goals of the transits before it, shape (l, n); the skill starts from the last.
         path: its reference path after the start, shape (w, n).
         change_at: waypoint of ``[lead[-1], *path]`` at which an object changes hands, None if
@@ -180,18 +180,18 @@ class SkillPath:
 
     @property
     def contact(self) -> Array:
-        """The configuration that costs are measured to: where the object changes hands."""
+        """The configuration for costs: where the object changes hands."""
         at = len(self.path) if self.change_at is None else self.change_at
         return np.asarray(self.waypoints[at])
 
 
 @dataclass(frozen=True)
 class Obstruction:
-    """The reason why a skill cannot be done as it is.
+    """The reason why a skill is not possible as planned.
 
     Attributes:
         words: the reason.
-        by: name of the object, fixture or robot part in the way, None if that is not the cause.
+        by: name of the blocking object, fixture or robot part, None if that is not the cause.
         phase: where that is so before the skill begins or after it is over, else None.
         moving: entity of the robot, or object in its hand, that meets it; None if that is not the cause.
     """
@@ -205,7 +205,7 @@ class Obstruction:
 def skill_postures(
     robot: PlacedRobot, targets: SkillTargets
 ) -> Iterator[SkillPath | Obstruction]:
-    """Yield the skill in every posture found to start in, nearest to HOME first.
+    """Yield the skill in every start posture found, nearest to HOME first.
 
     Where a posture does not lead through all poses, or there is none at all, why that is.
     """
@@ -224,7 +224,7 @@ def skill_postures(
 
 
 def is_possible_in_some_posture(robot: PlacedRobot, targets: SkillTargets) -> bool:
-    """Tell whether a skill is possible in some posture, with nothing around."""
+    """Tell whether a skill is possible in some posture, without obstacles."""
     return any(
         isinstance(displacement, SkillPath)
         for displacement in skill_postures(robot, targets)
@@ -264,14 +264,14 @@ IN_IT = (Phase.UNTIL_CHANGE, Phase.SINCE_CHANGE)
 
 @dataclass(frozen=True)
 class SkillScene:
-    """The scene of a skill: all that stands around the robot, and what changes hands.
+    """The scene of a skill: the surroundings of the robot, and the object that changes hands.
 
     Attributes:
         cell: robots and fixtures; its objects are not used.
         objects: the objects there, by name, each with where it is; of those at rest only what
             changes hands, where ``standing`` is given.
         configurations: of all robots.
-        contacts: who may touch whom.
+        contacts: allowed contacts.
         handed: the object that changes hands in the skill and where it is then, or None.
         refill: what stands there once the skill is complete, such as the next brick of a
             feeding station, or None.
@@ -291,7 +291,7 @@ class SkillScene:
     tool: ToolContact | None = None
 
     def near(self, path: SkillPath) -> StandingBoxes:
-        """Return the fixtures, and the objects at rest that anything on a path may come near to.
+        """Return the fixtures and resting objects that a path may come near to.
 
         Nothing that could touch is left out: what counts are the capsules swept along the
         path by the robot and by all that it ever holds on it. The object that changes hands
@@ -326,7 +326,7 @@ class SkillScene:
             path: of the skill; the robot may deviate from it as the cell says, but before and after.
             boxes: what stands around but for what changes hands, see ``near``.
             phase: of the skill.
-            allowed: who may touch whom in it.
+            allowed: allowed contacts in it.
         """
         robot, error = path.robot, self.cell.deviations.get(path.skill)
         after = phase in (Phase.SINCE_CHANGE, Phase.AFTER)
@@ -373,7 +373,7 @@ class SkillScene:
         )
 
     def _not_at_rest(self, *, after: bool) -> dict[str, Placed]:
-        """Return what changes hands, and what is held, before or after the change."""
+        """Return the objects that change hands, or are held, before or after the change."""
         out = {k: v for k, v in self.objects.items() if v[1].holder is not None}
         if self.handed is not None:
             name, at = self.handed

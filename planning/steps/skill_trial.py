@@ -1,4 +1,4 @@
-"""A skill tried in a scene: collision checks of its path, and the posture that is free."""
+"""Trial of a skill in a scene: collision checks of its path, and the free posture."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from planning.steps.skill import (
 from planning.transforms import Array, inverse
 
 _SURELY = 1e-5
-"""What refuses paths is so much too close: more than distances and poses that are reached are wrong by [m]."""
+"""Least violation for which a body refuses paths: above the error of distances and poses [m]."""
 
 
 _NO_JOINTS = np.empty(0)
@@ -35,7 +35,7 @@ _AS_BEFORE = Obstruction("refused like another path")
 
 @dataclass(frozen=True)
 class PathObstacle:
-    """Two bodies that were in the way of a path at one of its configurations.
+    """Two bodies that blocked a path at one of its configurations.
 
     Where they are so again, another path of the same scene is refused as well, whatever else is in
     its way.
@@ -51,7 +51,7 @@ class PathObstacle:
     pair: BodyPair
 
     def refuses(self, path: SkillPath) -> bool:
-        """Tell whether the two are in the way of another path."""
+        """Tell whether the two bodies block another path."""
         where = path.lead if self.before else path.waypoints
         if not -len(where) <= self.at < len(where):
             return False
@@ -59,7 +59,7 @@ class PathObstacle:
         return gap < limit
 
     def refuses_all(self, robot: PlacedRobot, targets: SkillTargets) -> bool:
-        """Tell whether the two are in the way of every path through some poses.
+        """Tell whether the two bodies block every path through some poses.
 
         What the last joint carries is in one place whatever the posture.
         """
@@ -77,15 +77,15 @@ class PathObstacle:
 
 
 class SkillTrial:
-    """A path in a scene, checked until something is in the way.
+    """A path in a scene, checked up to its first obstacle.
 
     Attributes:
         path: of the skill.
-        found: what is in the way, None when nothing is (any more).
-        gone: names of what has been taken away, in this order.
+        found: the current obstruction, None for none.
+        gone: names of the removed obstacles, in order.
         touched: names of what the tool grazes or leans on, no deeper than it may; whether it
             leans on it.
-        hindrance: of the bodies that are in the way, where that is one that refuses other paths.
+        hindrance: of the blocking bodies, where they also refuse other paths.
     """
 
     def __init__(self, path: SkillPath, scene: SkillScene) -> None:
@@ -101,7 +101,7 @@ class SkillTrial:
         self.found = self._next()
 
     def remove_obstacles(self, names: Collection[str]) -> Obstruction | None:
-        """Go on without whatever is in the way and among some names; return what remains so."""
+        """Continue without the obstacles among some names; return the remaining obstruction."""
         while self.found is not None and self.found.by in names:
             assert self.found.by is not None
             if self.found.by in self.gone:
@@ -112,14 +112,14 @@ class SkillTrial:
         return self.found
 
     def resolved(self) -> ResolvedSkill:
-        """Return the skill as it is once nothing is in the way any more."""
+        """Return the skill after all obstacles are resolved."""
         left = {k: v for k, v in self.touched.items() if k not in self.gone}
         return ResolvedSkill(self.path, frozenset(self.gone), left)
 
     def _in_the_way(self) -> Iterator[Obstruction]:
         """Yield obstructions of the path, from its start to its end.
 
-        Whoever goes on has taken away what was yielded last: the same place is looked at again,
+        The caller continues after removing the last obstacle: the same place is checked again,
         and what was clear before it still is.
         """
         waypoints, change = self.path.waypoints, self.path.change_at
@@ -136,7 +136,7 @@ class SkillTrial:
             yield found
 
     def _at(self, k: int, phase: Phase) -> Obstruction | None:
-        """Return what is in the way at a goal of the transits before, or at a waypoint."""
+        """Return the obstruction at a goal of the transits before, or at a waypoint."""
         path = self.path.lead if phase is Phase.BEFORE else self.path.waypoints
         contact = self._checker(phase).contact(path[k])
         if contact is None:
@@ -156,7 +156,7 @@ class SkillTrial:
         return Obstruction("something touches between two subgoals")
 
     def _next(self) -> Obstruction | None:
-        """Return what is in the way next, but for what the tool may graze or lean on."""
+        """Return the next obstruction, except contacts that the tool may graze or lean on."""
         found = next(self._obstructions, None)
         while found is not None and self._may_touch(found.by):
             found = next(self._obstructions, None)
@@ -166,7 +166,7 @@ class SkillTrial:
         return found
 
     def _deep_in(self, name: str | None) -> PathObstacle | None:
-        """Return where the tool goes deeper into an object than it ever may, if it is at a waypoint."""
+        """Return a waypoint at which the tool goes deeper into an object than ever allowed."""
         tool, path = self._scene.tool, self.path.waypoints
         if tool is None or name not in self._near.names[self._near.fixtures :]:
             return None
@@ -183,7 +183,7 @@ class SkillTrial:
         )
 
     def _explained(self, found: Obstruction) -> Obstruction:
-        """Return an obstruction that says so where a robot is in the way as it waits at HOME."""
+        """Return an obstruction that explains where a robot blocks the path as it waits at HOME."""
         name = (found.by or "").partition("/")[0]
         for robot in self._scene.cell.robots:
             if robot.name == name != self.path.robot:
@@ -194,7 +194,7 @@ class SkillTrial:
         return found
 
     def _may_touch(self, name: str | None) -> bool:
-        """Tell whether the tool comes near to an object, but no deeper into it than it may."""
+        """Tell whether the tool comes near to an object, but no deeper into it than allowed."""
         tool = self._scene.tool
         if tool is None or name is None or name in self.touched:
             return False
@@ -214,7 +214,7 @@ class SkillTrial:
         return True
 
     def _pressed_into(self) -> Obstruction | None:
-        """Return an object that the tool may touch, but goes into deeper than it may."""
+        """Return an object that the tool may touch, but goes into deeper than allowed."""
         tool, scene = self._scene.tool, self._scene
         if tool is None:
             return None
@@ -239,7 +239,7 @@ class SkillTrial:
         return self._checkers[phase]
 
     def _whole(self, phase: Phase) -> SceneChecker:
-        """Build one checker while things stay where they are, whatever may touch."""
+        """Build one checker for as long as object poses stay the same, whatever the allowed contacts."""
         scene, robot = self._scene, self.path.robot
         allowed = scene.contacts.before
         if phase is Phase.AFTER:
@@ -270,7 +270,7 @@ def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
 
 @dataclass(frozen=True)
 class ResolvedSkill:
-    """A skill in joint space that is free of all that stays.
+    """A skill in joint space that is free of permanent obstacles.
 
     Attributes:
         path: of the skill.
@@ -289,13 +289,13 @@ def resolve_skill(
     scene: SkillScene,
     loose: Collection[str] = (),
 ) -> ResolvedSkill | Obstruction:
-    """Return the skill in joint space, in the first way and the posture nearest to HOME that is free.
+    """Return the skill in joint space, by the first alternative and the free posture nearest to HOME.
 
     Args:
-        robot: who does it.
-        ways: poses to reach in order, in each way to do it.
+        robot: the robot.
+        ways: poses to reach in order, for each alternative.
         scene: of the skill.
-        loose: names of objects that may be gone by then, taken away where no posture is free.
+        loose: names of objects that may be gone by then, removed where no posture is free.
 
     Returns:
         The path, what must be gone and what the tool touches; or why, in the first way, the posture
@@ -323,12 +323,12 @@ def _in_a_posture(
     *,
     whether: bool,
 ) -> ResolvedSkill | Obstruction:
-    """Return the skill in one way.
+    """Return the skill by one alternative.
 
     Args:
         robot, targets, scene, loose: see ``resolve_skill``.
-        hindrances: of other paths; those of this way are put before them.
-        whether: nobody asks why there is none.
+        hindrances: of other paths; those of this alternative are put before them.
+        whether: only whether there is one matters, not the reason.
     """
     if whether and any(one.refuses_all(robot, targets) for one in hindrances):
         return _AS_BEFORE
@@ -369,7 +369,7 @@ def _in_a_posture(
 def _first_free(
     trials: Iterable[SkillTrial | Obstruction], loose: Collection[str]
 ) -> ResolvedSkill | Obstruction:
-    """Return the first skill that is free, or the most telling reason."""
+    """Return the first free skill, or the most informative reason."""
     reason: Obstruction | None = None
     for trial in trials:
         found = (
@@ -384,7 +384,7 @@ def _first_free(
 
 
 def _more_telling(known: Obstruction | None, found: Obstruction) -> Obstruction:
-    """Return a collision rather than another reason, and the earlier one of two."""
+    """Return the more informative of two reasons: a collision, then the earlier one."""
     if known is None or (known.by is None and found.by is not None):
         return found
     return known

@@ -1,4 +1,4 @@
-"""Writes the tasks of one step one after another."""
+"""Builder of the tasks of one step."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from planning.transforms import Array, Transform, read_only_copy
 
 @dataclass
 class StepWriter:
-    """Appends tasks and remembers what depends on what and what may touch what.
+    """Appends tasks and records dependencies and allowed contacts.
 
     Attributes:
         cell: robots with the tools on them that they have in the step.
@@ -58,17 +58,17 @@ class StepWriter:
         *,
         goal: bool = False,
     ) -> int:
-        """Append a transit and return its index; with ``goal`` it may not be cut short."""
+        """Append a transit and return its index; with ``goal`` it may not be shortened."""
         path = np.atleast_2d(to)
         return self._append(robot, TRANSIT, label, path, (), carries, goal=goal)
 
     def home(self, robot: str, carries: str | None = None) -> int:
-        """Append the transit of a robot to HOME, with what it carries."""
+        """Append the transit of a robot to HOME, with its load."""
         label = f"HOME with {carries}" if carries else "HOME"
         return self.transit(robot, self.cell.robot(robot).home, label, carries)
 
     def stand(self, robot: PlacedRobot, label: str, handling: Handling) -> int:
-        """Append a task in which something changes hands and the robot stays at HOME."""
+        """Append a task in which something changes hands while the robot stays at HOME."""
         path = robot.home[None]
         return self._append(robot.name, TRANSIT, label, path, (handling,))
 
@@ -92,7 +92,7 @@ class StepWriter:
             path: in joint space.
             label: for people.
             item: the object it is about.
-            holder: who holds it once it has changed hands, None when it is put down.
+            holder: the holder after the change of hands, None when it is put down.
             pose: of the object then; None for skills in which nothing changes hands.
             refill: object that comes up where it first is, at the end of the skill.
             lets_go: whether its robot lets go of something before it moves.
@@ -122,7 +122,7 @@ class StepWriter:
     def _acts(
         self, path: SkillPath, holder: str | None, *, lets_go: bool
     ) -> tuple[int, tuple[tuple[str, str], ...]]:
-        """Return the waypoint of a skill at which tools close or open, and which do what in turn."""
+        """Return the actuation waypoint of a skill, and the actions of the tools there in order."""
         own, last = path.robot, len(path.path)
         at = last if path.change_at is None else path.change_at
         if not self.actuated:
@@ -134,7 +134,7 @@ class StepWriter:
         if path.skill == "handover":
             assert holder is not None
             return at, ((CLOSE, holder), (OPEN, own))
-        # Who stays where it put something down keeps hold of it.
+        # A robot that stays where it put something down keeps holding it.
         opens = path.skill == "place-down" and at < last
         return at, ((OPEN, own),) if opens else ()
 
@@ -146,11 +146,11 @@ class StepWriter:
         item: str | None,
         handlings: tuple[Handling, ...] = (),
     ) -> int:
-        """Append a task of a machine, at an object if any, and return its index."""
+        """Append a task of a machine, possibly on an object, and return its index."""
         return self._append(machine, kind, label, STILL, handlings, item)
 
     def refill(self, refill: Refill, emptied: int) -> None:
-        """Append how machines bring what comes up once a task has emptied its source."""
+        """Append the tasks of machines that refill a source after a task has emptied it."""
         name = refill.parts[0][0]
         if refill.arrivals is not None:
             come = self.unmoved(refill.arrivals, ARRIVE, f"{name} arrives", name)
@@ -160,16 +160,16 @@ class StepWriter:
         self.depend(emptied, there)
 
     def lead_in(self, path: SkillPath, label: str, carries: str | None = None) -> None:
-        """Append the transits to where a skill starts."""
+        """Append the transits to the start of a skill."""
         for goal in path.lead:
             self.transit(path.robot, goal, label, carries)
 
     def depend(self, before: int, after: int) -> None:
-        """Let one task wait for another."""
+        """Add a dependency between tasks."""
         self._dependencies.append((before, after))
 
     def allow(self, pairs: Pairs, *tasks: int, grazing: bool = False) -> None:
-        """Allow contacts during some tasks, if grazing no deeper than the contact tolerance."""
+        """Allow contacts during some tasks; if grazing, no deeper than the contact tolerance."""
         for pair in pairs:
             first, second = sorted(pair)
             self._allowed[grazing, first, second].update(tasks)
@@ -182,10 +182,10 @@ class StepWriter:
     def allow_carried(
         self, robot: str, item: str, first: int, last: int, *also: int
     ) -> None:
-        """Let a robot's tool touch what it carries from one of its tasks to another.
+        """Allow contact of a robot's tool with its load from one task to another.
 
         Args:
-            robot: who carries it.
+            robot: the robot that carries it.
             item: the object.
             first, last: its first and last task with it.
             also: tasks of others in which they touch.

@@ -1,10 +1,10 @@
-"""Changes of tools at racks: the ways there, what they cost, and the tasks that they are.
+"""Tool changes at racks: paths, costs, and tasks.
 
-A tool is left in its rack, or taken from there, with the flange where it is when the tool lies in
-the rack. The robot comes straight along its flange's axis and goes back the same way.
+A tool is left in its rack, or taken from there, with the flange at its place on the resting tool. The robot
+approaches straight along its flange's axis and retreats on the same line.
 
-Plans know such a tool as an object in the hand of a bare arm. Where a single skill is looked for, its
-robot has one tool throughout: then arm and tool are one body, like those of any other robot.
+In plans such a tool is an object in the hand of a bare arm. In the search for a single skill the robot has
+one tool throughout: then arm and tool are one body, like those of any other robot.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ _RACK_TOUCH = 0.002
 """A tool in its rack may touch what is nearer to it than this [m]."""
 
 _RACK_DEPTH = 0.002
-"""Deepest in it: hulls stand for the meshes of a tool, and fill the grooves that a rack reaches into [m]."""
+"""Deepest in it: hulls approximate the meshes of a tool, and fill the grooves that a rack reaches into [m]."""
 
 
 def with_each_tool(robots: Iterable[PlacedRobot]) -> Iterator[PlacedRobot]:
-    """Yield each robot with each of its tools on it, those that change none as they are."""
+    """Yield each robot with each of its tools mounted; robots that change none as they are."""
     for robot in robots:
         if not robot.tools:
             yield robot
@@ -59,17 +59,16 @@ def with_each_tool(robots: Iterable[PlacedRobot]) -> Iterator[PlacedRobot]:
 
 
 def mounted_tool(robot: PlacedRobot) -> Tools:
-    """Return the tool that a robot has on it, nothing of one that keeps its own."""
+    """Return the mounted tool of a robot, nothing for one with a fixed tool."""
     if not robot.tools:
         return NO_TOOLS
     return frozenset({(robot.name, str(robot.tool))})
 
 
 def with_tools(cell: Workcell, tools: Tools) -> Workcell:
-    """Return the cell in which robots have certain tools on them, and all racks are full.
+    """Return the cell with given tools mounted and all racks full.
 
-    A robot that is not named has all of its tools on it at once: nobody knows yet which one it
-    will have.
+    A robot that is not named has all of its tools mounted together, as it is unknown yet which one it will have.
     """
     if not any(robot.tools for robot in cell.robots):
         return cell
@@ -79,7 +78,7 @@ def with_tools(cell: Workcell, tools: Tools) -> Workcell:
 
 
 def with_tools_in_racks(cell: Workcell) -> Workcell:
-    """Return the cell with all tools that are changed in their racks."""
+    """Return the cell with all exchangeable tools in their racks."""
     racks = {tool.name: tool.rack for tool in rack_tools(cell)}
     objects = tuple(
         replace(item, start=racks.get(item.name, item.start)) for item in cell.objects
@@ -88,12 +87,12 @@ def with_tools_in_racks(cell: Workcell) -> Workcell:
 
 
 def with_all_tools_mounted(cell: Workcell) -> Workcell:
-    """Return the cell in which a robot is several: one with each of its tools on it."""
+    """Return the cell in which a robot appears once with each of its tools mounted."""
     return replace(with_tools_in_racks(cell), robots=tuple(with_each_tool(cell.robots)))
 
 
 def rack_tools(cell: Workcell) -> Iterator[RackTool]:
-    """Yield the tools that robots of a cell change."""
+    """Yield the exchangeable tools of a cell."""
     for robot in cell.robots:
         yield from robot.tools
 
@@ -109,19 +108,19 @@ def _with_tool(robot: PlacedRobot, tool: str | None) -> PlacedRobot:
 
 @lru_cache(maxsize=64)
 def _all_at_once(arm: RobotModel, models: tuple[RobotModel, ...]) -> RobotModel:
-    """Return a robot with the bodies of several tools; it only stands in the way of others."""
+    """Return a robot with the bodies of several tools, as an obstacle for others."""
     tools = [p for model in models for p in model.parts if p.group == "tool"]
     return replace(arm, parts=(*arm.parts, *tools))
 
 
 @dataclass(frozen=True)
 class RackPath:
-    """The way of a robot into a rack.
+    """The path of a robot into a rack.
 
     Attributes:
         tool: that has its place there.
         path: straight to where the tool is left and taken.
-        contacts: who may touch whom there.
+        contacts: allowed contacts there.
     """
 
     tool: RackTool
@@ -131,7 +130,7 @@ class RackPath:
 
 @dataclass(frozen=True)
 class ToolChanges:
-    """Ways in which the robots of a cell change their tools.
+    """Tool changes of the robots of a cell.
 
     Attributes:
         cell: with robots as plans know them.
@@ -143,12 +142,12 @@ class ToolChanges:
 
     @property
     def mounted(self) -> dict[str, str]:
-        """The tools that robots which change some have on them at the start."""
+        """The tools mounted at the start on robots that change tools."""
         return {r.name: str(r.tool) for r in self.cell.robots if r.tools}
 
     @cached_property
     def costs(self) -> dict[tuple[str, str, str], float]:
-        """Costs of changes by robot, tool on it before, and after: joint distance [rad].
+        """Costs of changes by robot, tool before, and tool after: joint distance [rad].
 
         The time that it takes to let go and to lock counts as motion at 1 rad/s.
         """
@@ -165,7 +164,7 @@ class ToolChanges:
         return found
 
     def begin(self, build: StepWriter) -> None:
-        """Write that robots have tools on them from the start."""
+        """Record the tools mounted at the start."""
         for robot in self.cell.robots:
             for tool in robot.tools:
                 if tool.name == robot.tool:
@@ -173,7 +172,7 @@ class ToolChanges:
                     build.stand(robot, f"with {tool.name}", mounted)
 
     def change(self, build: StepWriter, robot: str, old: str, new: str) -> None:
-        """Write how a robot leaves one tool and takes another."""
+        """Write the tasks by which a robot leaves one tool and takes another."""
         for name, kind, verb in ((old, LEAVE_TOOL, "leave"), (new, TAKE_TOOL, "take")):
             way = self.paths[robot, name]
             path, stop = way.path, way.path.path[-1:]
@@ -190,7 +189,7 @@ class ToolChanges:
         build.transit(robot, self.cell.robot(robot).home, f"HOME with {new}")
 
     def allow_mounted(self, build: StepWriter, mounted: Mapping[str, str]) -> None:
-        """Allow robots to touch the tools that they have on them, in all tasks written so far.
+        """Allow contact of robots with their mounted tools, in all tasks written so far.
 
         Args:
             build: has the tasks.
@@ -209,10 +208,10 @@ class ToolChanges:
 
 
 def find_tool_changes(cell: Workcell, goals: Mapping[str, Transform]) -> ToolChanges:
-    """Return how robots change their tools, whatever has been built by then.
+    """Return the tool changes of the robots, valid at any stage of the assembly.
 
-    On the way to a rack everything is in the way that may ever be there: parts where they lie at the
-    start and in their places, other tools in their racks.
+    Everything that may ever be present is an obstacle on the path to a rack: parts at their starts and in
+    their places, other tools in their racks.
 
     Args:
         cell: with robots as plans know them.
@@ -238,7 +237,7 @@ def find_tool_changes(cell: Workcell, goals: Mapping[str, Transform]) -> ToolCha
 def _touched_in_racks(
     cell: Workcell, goals: Mapping[str, Transform]
 ) -> dict[str, frozenset[str]]:
-    """Return the fixtures that tools which are changed touch in their racks.
+    """Return the fixtures that exchangeable tools touch in their racks.
 
     Raises:
         InfeasibleStepError: a part lies where a tool has its rack, at the start or in its place.

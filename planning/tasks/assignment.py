@@ -1,4 +1,4 @@
-"""Assignment as data: candidates for every step, with costs, and the choice of one (APEX-MR IV-A).
+"""Assignment as data: candidates for every step, with costs, and their selection (APEX-MR IV-A).
 
 Free of any domain: robots, objects and tools are names, grasps and support poses are numbers whose
 meaning only the maker of the candidates knows.
@@ -20,17 +20,17 @@ NO_TOOLS: Tools = frozenset()
 
 @dataclass(frozen=True)
 class PrimaryCandidate:
-    """One way for a robot to be the primary robot of a step (X_ijkg of Appendix B).
+    """Alternative for the primary robot of a step (X_ijkg of Appendix B).
 
     Attributes:
         step: counted from 1.
-        robot: who places the object.
+        robot: the placing robot.
         object: what is placed.
         grasp: number of the grasp.
         cost: C_ijkg, joint-space distance [rad or m, summed over joints].
         partner: robot that must be the support robot of the step, because it hands the object
             over; None when any may. In a step without support it only hands the object over.
-        after: objects that stand in the way until an earlier step has used them.
+        after: objects that block it until an earlier step has used them.
         tools: that robots which change theirs must have on them.
     """
 
@@ -46,14 +46,14 @@ class PrimaryCandidate:
 
 @dataclass(frozen=True)
 class SupportCandidate:
-    """One way for a robot to support a step (Y_ijg of Appendix B).
+    """Alternative for the supporting robot of a step (Y_ijg of Appendix B).
 
     Attributes:
         step: counted from 1.
-        robot: who supports.
+        robot: the supporting robot.
         pose: number of the support pose.
         cost: C^s_ijg, joint-space distance.
-        tools: that the robot must have on it, if it changes some.
+        tools: tools that must be mounted, if the robot changes tools.
     """
 
     step: int
@@ -71,8 +71,8 @@ class Rejection:
         step: counted from 1.
         what: the candidate in words, such as ``"left places b2_4 with grip 1/1"``.
         reason: such as ``"attach is out of reach"``.
-        robot: whose candidate it is, None where it is nobody's alone.
-        by: name of what is in the way, None if that is not the cause.
+        robot: the robot of the candidate, None for no particular one.
+        by: name of the obstacle, None if that is not the cause.
     """
 
     step: int
@@ -95,7 +95,7 @@ class AssignmentProblem:
         incompatible: pairs (index into primaries, index into supports) that cannot go together,
             such as poses that collide with each other: of one step, or of a step that is kept
             and a later one.
-        unlimited: objects that stand for an endless supply, exempt from use-once (6).
+        unlimited: objects that represent an endless supply, exempt from use-once (6).
         balance: load balance; lambda is this times the mean cost of a step at its cheapest. At
             1 a robot that takes two steps in a row instead of sharing them (a spread of 2 in
             one window) pays two steps' worth of motion, which outweighs all but large detours.
@@ -104,7 +104,7 @@ class AssignmentProblem:
         changes: what it costs to change a tool, by robot, tool before and tool after; empty where
             nobody does.
         rejections: what is not a candidate and why; for messages only.
-        kept: by step whose robot keeps hold of what it placed the step until which it does, so
+        kept: by step whose robot keeps holding what it placed the step until which it does, so
             that it can do no other one.
         clashing: pairs of indices into primaries of different steps that cannot go together.
     """
@@ -147,7 +147,7 @@ class AssignmentProblem:
         return _by_step(item.step for item in self.supports)
 
     def among(self, crew: Collection[str]) -> AssignmentProblem:
-        """Return the problem of some of the robots, as if the others could do nothing.
+        """Return the problem restricted to some robots.
 
         Args:
             crew: their names.
@@ -163,7 +163,7 @@ class AssignmentProblem:
         )
 
     def of_first(self, count: int) -> AssignmentProblem:
-        """Return the problem of the first so many steps."""
+        """Return the problem of a number of first steps."""
         left = self.of_candidates(
             lambda item: item.step <= count, lambda item: item.step <= count
         )
@@ -197,7 +197,7 @@ class AssignmentProblem:
         )
 
     def lacking(self, step: int) -> str | None:
-        """Return in words who is missing for a step, whatever is done in others; None for nobody."""
+        """Return in words which robot is missing for a step, whatever the other choices; None for none."""
         primaries, supports = self.primaries_of.get(step), self.supports_of.get(step)
         needs = self.needs_support[step - 1]
         if needs and not supports:
@@ -211,7 +211,7 @@ class AssignmentProblem:
 
     @property
     def impossible(self) -> tuple[int, ...]:
-        """The steps that nobody can do, or not beside anyone who supports it."""
+        """The steps that no robot can do, or none compatible with a support."""
         steps = range(1, len(self.steps) + 1)
         return tuple(step for step in steps if self.lacking(step) is not None)
 
@@ -225,7 +225,7 @@ class AssignmentProblem:
         return (primary, support) not in self.incompatible
 
     def fits(self, choice: StepChoice, others: Sequence[StepChoice]) -> bool:
-        """Tell whether a choice goes with those of other steps that are kept, or while it is."""
+        """Tell whether a choice is compatible with the held parts of other steps."""
         for other in others:
             first, then = sorted((choice, other), key=lambda c: c.step)
             if not first.step < then.step <= self.kept.get(first.step, 0):
@@ -246,7 +246,7 @@ class AssignmentProblem:
 
     @cached_property
     def able(self) -> tuple[str, ...]:
-        """The robots that can do anything at all: among these work is balanced."""
+        """The robots that can do anything at all: work is balanced among these."""
         named = {item.robot for item in self.primaries}
         named |= {item.robot for item in self.supports}
         named |= {item.partner for item in self.primaries if item.partner is not None}
@@ -275,7 +275,7 @@ class AssignmentProblem:
 def _renumbered(
     pairs: frozenset[tuple[int, int]], first: dict[int, int], second: dict[int, int]
 ) -> frozenset[tuple[int, int]]:
-    """Return the pairs of which both are still there, with their new numbers."""
+    """Return the pairs whose two members remain, with their new numbers."""
     return frozenset(
         (first[a], second[b]) for a, b in pairs if a in first and b in second
     )
@@ -313,7 +313,7 @@ class StepChoice:
 
     @property
     def robots(self) -> frozenset[str]:
-        """Everyone who has something to do."""
+        """All robots that take part."""
         support = None if self.support is None else self.support.robot
         names = (self.robot, self.primary.partner, support)
         return frozenset(name for name in names if name is not None)
@@ -330,7 +330,7 @@ class StepChoice:
 
     @property
     def tools(self) -> Tools:
-        """Tools that robots which change theirs must have on them."""
+        """Tools that must be mounted on robots that change tools."""
         return self.primary.tools | (self.support.tools if self.support else NO_TOOLS)
 
     @property
@@ -345,7 +345,7 @@ class TaskPlan:
 
     Attributes:
         choices: one a step.
-        taken: what steps have taken by now, by number.
+        taken: objects taken by steps so far, by number.
         there: names of the objects that have come up by now.
     """
 
@@ -360,7 +360,7 @@ class TaskPlan:
         return self.choices[step - 1]
 
     def with_choice(self, choice: StepChoice) -> TaskPlan:
-        """Return a plan in which one step is done another way."""
+        """Return a plan with another choice for one step."""
         at = choice.step - 1
         return replace(
             self, choices=(*self.choices[:at], choice, *self.choices[at + 1 :])
@@ -370,7 +370,7 @@ class TaskPlan:
 def alternative_choices(
     problem: AssignmentProblem, plan: TaskPlan, step: int
 ) -> list[StepChoice]:
-    """Return the other ways to do a step that leave all other steps as they are.
+    """Return the alternatives for a step that leave all other steps unchanged.
 
     Used when motion planning fails. Other poses (robot, grasp, support) come before other
     objects with the same poses, as it is mostly the pose that cannot be reached; cheapest

@@ -22,11 +22,11 @@ from planning.tasks.rejections import explain_rejections, find_blockers
 from planning.tasks.rolling_horizon import needs_rolling_horizon, solve_in_windows
 
 _TIME_LIMIT_S = 60.0
-"""Time limit of one solve; the best plan found by then is taken."""
+"""Time limit of one solve; the best plan found so far is used."""
 
 
 def assign_steps(problem: AssignmentProblem) -> TaskPlan:
-    """Return the cheapest plan (1) under (2)-(8): optimal, and the same every time.
+    """Return the cheapest plan (1) under (2)-(8): optimal and deterministic.
 
     Where very many objects that can be used once compete, it is cheapest window by window of
     steps, see ``rolling_horizon``.
@@ -45,7 +45,7 @@ def assign_steps(problem: AssignmentProblem) -> TaskPlan:
 
 
 def check_candidates(problem: AssignmentProblem) -> None:
-    """Check that some robots can do each step.
+    """Check that every step has a candidate.
 
     Raises:
         InfeasibleStepError: a step has no candidate; why each fell out is listed.
@@ -66,7 +66,7 @@ def _solved(problem: AssignmentProblem) -> TaskPlan | None:
 
 
 class _Program:
-    """The integer program; elastic means that steps may be left out at a cost of 1 each."""
+    """The integer program; in elastic mode steps may be left out at a cost of 1 each."""
 
     def __init__(self, problem: AssignmentProblem, *, elastic: bool) -> None:
         self.problem = problem
@@ -112,7 +112,7 @@ class _Program:
         return pulp.LpAffineExpression(terms)
 
     def _imbalance(self) -> Any:
-        """Return what windows add, see ``AssignmentProblem.windows``; of two robots by (7) and (8).
+        """Return the terms of windows, see ``AssignmentProblem.windows``; of two robots by (7) and (8).
 
         That somebody does an even share or more is implied, but not known to the relaxed program.
         """
@@ -137,7 +137,7 @@ class _Program:
         return pulp.lpSum(terms)
 
     def _changes(self) -> Any:
-        """Return what changes of tools cost; a step is done with its tools on the robots."""
+        """Return the cost of tool changes; a step requires its tools to be mounted."""
         problem, steps = self.problem, range(1, len(self.problem.steps) + 1)
         tools: dict[str, set[str]] = defaultdict(set)
         for robot, old, new in problem.changes:
@@ -221,7 +221,7 @@ class _Program:
             self.model += pulp.lpSum(terms_blocked) <= earlier
 
     def _constrain_kept(self) -> None:
-        """Let who keeps hold of what it placed do nothing else, and nothing be in its way."""
+        """Exclude other work of robots that hold placed parts, and anything that blocks them."""
         problem, x = self.problem, self.x
         for step, last in problem.kept.items():
             for later in range(step + 1, last + 1):
@@ -241,7 +241,7 @@ class _Program:
                     self.model += pulp.lpSum(bad) + x[p] <= 1
 
     def solve(self) -> bool:
-        """Solve; return whether there is a solution."""
+        """Solve the program; return whether there is a solution."""
         for presolve in ("choose", "off"):  # presolving fails on some
             limits = {"timeLimit": _TIME_LIMIT_S, "gapRel": 0.0, "presolve": presolve}
             self.model.solve(QuietHighs(**limits))
@@ -286,7 +286,7 @@ def _undominated(problem: AssignmentProblem) -> list[int]:
 
 
 def _competition(problem: AssignmentProblem) -> InfeasibleStepError:
-    """Return the error that names the fewest steps to give up, and whom they compete with."""
+    """Return the error that names the fewest steps to drop, and those they compete with."""
     program = _Program(problem, elastic=True)
     if not program.solve():
         return InfeasibleStepError("no assignment was found within the time limit")

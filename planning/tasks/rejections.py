@@ -1,4 +1,4 @@
-"""Reasons why a step has no candidate, and what is in its way."""
+"""Reasons why a step has no candidate, and its obstacles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _MOST_REASONS = 12
 
 
 def explain_rejections(problem: AssignmentProblem, step: int) -> str:
-    """Return the reasons for which candidates of a step were rejected, a line each.
+    """Return the reasons why candidates of a step were rejected, one per line.
 
     Args:
         problem: with its rejections.
@@ -35,7 +35,7 @@ def explain_rejections(problem: AssignmentProblem, step: int) -> str:
 
 
 def find_blockers(problem: AssignmentProblem, step: int) -> frozenset[str]:
-    """Return the names of what is in the way of a step for the most frequent reasons."""
+    """Return the names of the obstacles of a step, for the most frequent reasons."""
     ordered = _by_reason(problem, step)[:_MOST_REASONS]
     return frozenset(item.by for _, items in ordered for item in items if item.by)
 
@@ -43,7 +43,7 @@ def find_blockers(problem: AssignmentProblem, step: int) -> frozenset[str]:
 def _by_reason(
     problem: AssignmentProblem, step: int
 ) -> list[tuple[str, list[Rejection]]]:
-    """Return the rejections of a step by their reasons, the most frequent first."""
+    """Return the rejections of a step grouped by reason, most frequent first."""
     groups: dict[str, list[Rejection]] = defaultdict(list)
     for item in problem.rejections:
         if item.step == step:

@@ -1,9 +1,9 @@
-"""Assignment of many steps window by window: what is behind is kept, what is far ahead waits.
+"""Assignment of many steps by a rolling horizon: past windows are fixed, later steps wait.
 
-The whole program grows with steps times objects, and branch and bound with more than that. A window
-is the same program over a few steps, after those that are settled: objects that were used are gone,
-what stood on others may be gone, and the balance of robots goes on from the last steps. Of each
-window's choices the first are kept; the others only look ahead.
+The whole program grows with steps times objects, and branch and bound grows faster. A window is the same
+program over a few steps, after the fixed ones: used objects are gone, objects stacked on others may be gone,
+and the balance of robots continues from the last steps. Of each window's choices the first are fixed; the
+others only look ahead.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import replace
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan, Tools
 
 MOST_CONTESTED = 4000
-"""Up to so many candidates whose objects can be used once, the whole program is solved."""
+"""Greatest number of candidates with single-use objects for one solve of the whole program."""
 
 _WINDOW, _KEPT = 16, 8
 """Steps of a window, and how many of its choices are kept."""
@@ -35,7 +35,7 @@ def needs_rolling_horizon(problem: AssignmentProblem) -> bool:
 
 
 def solve_in_windows(problem: AssignmentProblem, solve: Solve) -> TaskPlan | None:
-    """Return a plan that is cheapest in every window, None where windows do not lead to one.
+    """Return a plan that is cheapest in every window, None where no such plan is found.
 
     Where the choices kept leave a later step without an object, windows of twice as many steps are
     tried, up to half of the whole.
@@ -74,7 +74,7 @@ def _roll(
 def _window(
     problem: AssignmentProblem, settled: list[StepChoice], last: int
 ) -> tuple[AssignmentProblem, int]:
-    """Return the problem of the steps after the settled ones, up to a last one.
+    """Return the problem of the steps after the fixed ones, up to a last one.
 
     It begins with the settled steps that share a window of balance with the first open one.
 

@@ -1,4 +1,4 @@
-"""Tasks, steps and windows of time as data, with handlings and allowed contacts, and the cell as they are done (APEX-MR IV-A)."""
+"""Tasks, steps and time windows as data, with handlings and allowed contacts (APEX-MR IV-A)."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ FAILED = "failed-attempt"
 """Kind of a skill of which all attempts have failed: its robot stands where it began."""
 
 TAKEN_OUT = "taken-out"
-"""Kind of a task in which a robot stands at HOME until a person has taken what it holds."""
+"""Kind of a task in which a robot waits at HOME until a person has removed its load."""
 
 LEFT_OUT = "left-out"
-"""Kind of a task that was planned and is not done, because what it was for is done in another way."""
+"""Kind of a planned task that is omitted because its purpose is achieved by other tasks."""
 
 CLOSE, OPEN = "close", "open"
-"""What a tool does to take something and to let go of it: fingers close and open, suction goes on and off."""
+"""Actuations that grip and release: fingers close and open, suction goes on and off."""
 
 ActuationKey = tuple[str, str, str | None]
 """What is done, by whose tool, and the name of that."""
@@ -71,12 +71,12 @@ DOOR = "door"
 """Kind of the object that is the door of a machine while that works."""
 
 GONE = "(gone)"
-"""Stands for the holder of an object that has left the cell; no robot can have this name."""
+"""Placeholder for the holder of an object that has left the cell; no robot can have this name."""
 
 T = TypeVar("T")
 
 ExceptionKey = tuple[str, str | None, str | None]
-"""Skill, robot and type of object of an exception; None stands for any."""
+"""Skill, robot and type of object of an exception; None means any."""
 
 EARLIER = -1
 """In place of the index of a task that was done before the plan begins."""
@@ -84,7 +84,7 @@ EARLIER = -1
 
 @dataclass(frozen=True)
 class Actuation:
-    """A stretch of a skill in which its robot stands and a tool closes or opens.
+    """An interval of a skill in which its robot stands while a tool closes or opens.
 
     Attributes:
         waypoint: index into the task's path (0 = the configuration the task starts from) at which it
@@ -101,7 +101,7 @@ class Actuation:
 
     @property
     def key(self) -> ActuationKey:
-        """What says how long it takes."""
+        """Key of its duration."""
         return self.act, self.robot, self.tool
 
 
@@ -126,11 +126,11 @@ class Handling:
 
 @dataclass(frozen=True)
 class Task:
-    """A piece of work of one robot: a transit to a goal, or a skill.
+    """A unit of work of one robot: a transit to a goal, or a skill.
 
     Attributes:
         index: position in the sequential plan; the task's identity everywhere.
-        robot: who does it.
+        robot: the robot.
         kind: ``"transit"``, ``"straight"``, or the name of a skill: one of SKILLS, ``"hold"``,
             ``"leave-tool"``, ``"take-tool"``, or a process that the scenario names.
         step: assembly step it serves, counted from 1.
@@ -156,7 +156,7 @@ class Task:
 
 
 def still_borders(task: Task, last: int) -> list[int]:
-    """Return the waypoints of a skill at which its motion ends or begins, the first and last included.
+    """Return the waypoints of a skill at which the robot is at rest, first and last included.
 
     Between two of them the robot moves, or it stands and a tool closes or opens.
 
@@ -171,7 +171,7 @@ def still_borders(task: Task, last: int) -> list[int]:
 
 @dataclass(frozen=True)
 class AllowedContact:
-    """A pair of things that may touch while certain tasks are under way.
+    """A pair of things that may touch during certain tasks.
 
     Attributes:
         first, second: ``"<robot>/tool"``, an object's name or a fixture's name, unordered.
@@ -192,7 +192,7 @@ class AllowedContact:
 
 @dataclass(frozen=True)
 class StepTasks:
-    """One assembly step, expanded.
+    """The tasks of one assembly step.
 
     Attributes:
         step: assembly step, from 1.
@@ -210,7 +210,7 @@ class StepTasks:
 
 
 def cell_with_steps(cell: Workcell, steps: Iterable[StepTasks]) -> Workcell:
-    """Return the cell with the objects that come up in some steps, unless they are there."""
+    """Return the cell with the objects that arrive in some steps added."""
     coming = {item.name: item for step in steps for item in step.objects}
     known = {item.name for item in cell.objects} if coming else set()
     new = [item for name, item in coming.items() if name not in known]
@@ -218,14 +218,14 @@ def cell_with_steps(cell: Workcell, steps: Iterable[StepTasks]) -> Workcell:
 
 
 def is_done_to_a_product(task: Task) -> bool:
-    """Tell whether a task is done to a product, by a robot or a machine."""
+    """Tell whether a robot or a machine does a task on a product."""
     return task.kind not in (TRANSIT, "pick", *SUPPLY_KINDS)
 
 
 def shut_door_handlings(door: str, pose: Transform) -> tuple[Handling, Handling]:
-    """Return how a door comes up when a task begins, and is gone when it is over.
+    """Return the handlings by which a door appears when a task begins, and is gone at its end.
 
-    So nobody may be where it is for as long as the task may last, and it rests nowhere in between.
+    So no robot may be there for as long as the task may last, and it rests nowhere in between.
     """
     return Handling(door, 0, None, pose), Handling(door, 1, GONE, pose)
 
@@ -233,7 +233,7 @@ def shut_door_handlings(door: str, pose: Transform) -> tuple[Handling, Handling]
 def strongest_exception(
     exceptions: Mapping[ExceptionKey, T], skill: str, robot: str, kind: str | None
 ) -> T | None:
-    """Return what holds for a skill done by a robot to an object of a kind, None if nothing does.
+    """Return the most specific exception for a robot's skill on an object type, None for none.
 
     Robot and object beat the robot alone, which beats the object alone.
     """
@@ -245,7 +245,7 @@ def strongest_exception(
 
 
 def apply_handlings(state: WorldState, handlings: Iterable[Handling]) -> WorldState:
-    """Return the state after objects have changed hands, the same one if none do."""
+    """Return the state after changes of hands, the same object if there are none."""
     handlings = list(handlings)
     if not handlings:
         return state
@@ -259,7 +259,7 @@ def apply_handlings(state: WorldState, handlings: Iterable[Handling]) -> WorldSt
 
 
 def move_robot(state: WorldState, robot: str, q: Array) -> WorldState:
-    """Return the state with one robot standing at ``q``, shape (n,)."""
+    """Return the state with one robot at ``q``, shape (n,)."""
     return WorldState({**state.configurations, robot: q}, state.attachments)
 
 
@@ -276,7 +276,7 @@ def allowed_pairs(
     Args:
         cell: the cell.
         state: where everything is; an object held by another robot counts as that robot.
-        robot: who moves.
+        robot: the moving robot.
         task: index of its task.
         last_task: task that each other robot did last; absent for one that did none yet.
         allowed: the table of allowed contacts.
@@ -284,7 +284,7 @@ def allowed_pairs(
     tools = {f"{placed.name}/tool": placed.name for placed in cell.robots}
 
     def owner(name: str) -> str | None:
-        """Return the robot that a thing moves with, None for what is at rest."""
+        """Return the robot that a thing moves with, None for a thing at rest."""
         at = state.attachments.get(name)
         return tools.get(name, None if at is None else at.holder)
 
@@ -300,7 +300,7 @@ def allowed_pairs(
 
 @dataclass(frozen=True)
 class TimeLag:
-    """How long after an earlier step a step may begin, and must have begun.
+    """Least and greatest time from an earlier step to the start of a step.
 
     Attributes:
         step: name of the earlier step.
@@ -317,7 +317,7 @@ class TimeLag:
 
 @dataclass(frozen=True)
 class TimeWindow:
-    """Time from the end of a task to the start of another, within which it must lie.
+    """Bounds on the time from the end of a task to the start of another.
 
     As for glue that must be pressed while it is wet, or a part that must cool. The least time is kept by a task
     that lasts as long, so by the graph. The greatest one is not: it is planned for, held back for, and told of.
@@ -343,11 +343,11 @@ class TimeWindow:
 
     @property
     def own(self) -> frozenset[int]:
-        """The tasks of the plan that it is about."""
+        """The tasks of the plan that it refers to."""
         return frozenset({self.begun, self.done, self.due} - {EARLIER})
 
     def moved(self, new: Callable[[int], int]) -> TimeWindow:
-        """Return it with other indices of tasks."""
+        """Return the window with other task indices."""
 
         def index(task: int) -> int:
             return task if task == EARLIER else new(task)

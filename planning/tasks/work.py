@@ -1,7 +1,7 @@
-"""Assembly as the planners need it: the expansion of its steps to tasks, and what machines bring and take away.
+"""Assembly work as input of the planners: expansion of its steps to tasks, and supply by machines.
 
-The task graph (APEX-MR IV-A) says what robots do, where they are then, and what waits for what. It stands between the
-tasks and how anybody moves at once: it knows no conflicts of motions. Whoever asks what a task waits for reads it here.
+The task graph (APEX-MR IV-A) has the tasks of robots, their configurations, and their dependencies. It
+precedes the planning of simultaneous motion: it knows no conflicts of motions.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from planning.tasks.task import StepTasks, Task, TimeWindow
 from planning.transforms import Indices, Transform
 
 _MOST_WAYS = 12
-"""How many ways are tried for one step."""
+"""Greatest number of alternatives tried for one step."""
 
 PlacedPart = tuple[str, Transform]
 """Name of a part and where its centre lies in the world."""
@@ -39,16 +39,16 @@ def _no_spare(_: int, __: object) -> None:
 
 @dataclass(frozen=True)
 class AssemblyWork:
-    """An assembly ready to be assigned and planned, whatever it is made of.
+    """An assembly ready for assignment and planning, of any kind.
 
     Attributes:
-        problem: who can do which step with what.
+        problem: the assignment problem.
         expand: returns the tasks of a step of a plan: given the plan, the step (from 1) and the
             index of its first task.
         waits: yields pairs of tasks, given those of all steps: the second waits for the first.
         windows: yields the windows of time between them, given the same.
         assembly: what is built, such as a ``LegoAssembly``, with its steps in their order; None
-            where nobody asks.
+            where not requested.
         needs: pairs of steps (from 1): without the first, something would fall after the second, as a
             part does that is joined across a gap; what touches need not be among them.
         passing: the steps about each object that lies where others come after it, in a source or where it is
@@ -70,7 +70,7 @@ class AssemblyWork:
     moved: Callable[[Mapping[str, Transform]], AssemblyWork] | None = None
 
     def of_first(self, count: int) -> AssemblyWork:
-        """Return the work of the first so many steps, as if no others came after them, in this order."""
+        """Return the work of a number of first steps, as if no others followed, in this order."""
         return replace(
             self,
             problem=self.problem.of_first(count),
@@ -81,7 +81,7 @@ class AssemblyWork:
         )
 
     def link(self, steps: Sequence[StepTasks]) -> Indices:
-        """Return all dependencies between tasks, those within the steps included.
+        """Return all dependencies between tasks, within steps and between them.
 
         Returns:
             Pairs (a, b) of task indices, shape (e, 2), sorted: a must be complete before b
@@ -110,11 +110,11 @@ def _moved_of_first(
 
 @dataclass(frozen=True)
 class WorkAhead:
-    """An assembly that is ordered, and of which as many steps are looked at as are to be planned.
+    """An ordered assembly of which only the steps to be planned are expanded.
 
     Attributes:
         steps: how many there are.
-        first: returns the work of the first so many of them.
+        first: returns the work of a number of first steps.
         wanted: how many are wanted at first; fewer than all where further products may be ordered.
         product: how many of them make a product, and are planned together; 1 where steps make none.
     """
@@ -125,30 +125,30 @@ class WorkAhead:
     product: int = 1
 
     def whole(self, count: int) -> int:
-        """Return a number of first steps, with those that are planned together with the last of them."""
+        """Return a number of first steps, extended by those planned together with the last of them."""
         return min(-(-count // self.product) * self.product, self.steps)
 
     def made_of(self, steps: Iterable[int]) -> int:
-        """Return of how many products some steps are, from 1."""
+        """Return the number of products of some steps, from 1."""
         return len({(step - 1) // self.product for step in steps})
 
 
 class TaskHistory:
-    """Tasks so far, by what they did and to which object: those that later ones may wait for."""
+    """Tasks so far by action and object, as possible predecessors of later ones."""
 
     def __init__(self) -> None:
         self._tasks: dict[tuple[str, str], list[Task]] = {}
 
     def add(self, did: str, name: str, task: Task) -> None:
-        """Note what a task did to an object, beside all that did so before."""
+        """Record a task on an object, in addition to earlier ones of the same action."""
         self._tasks.setdefault((did, name), []).append(task)
 
     def put(self, did: str, name: str, task: Task) -> None:
-        """Note what a task did to an object, instead of all that did so before."""
+        """Record a task on an object, replacing earlier ones of the same action."""
         self._tasks[did, name] = [task]
 
     def forget(self, did: str, name: str) -> None:
-        """Forget what was done to an object."""
+        """Forget all actions on an object."""
         self._tasks.pop((did, name), None)
 
     def before(self, task: Task, did: str, *names: str) -> Iterator[tuple[Task, Task]]:
@@ -160,11 +160,11 @@ class TaskHistory:
 
 @dataclass
 class StepExpansions:
-    """Expands steps in order, and offers other ways when motion planning fails.
+    """Expands steps in order, and offers alternatives when motion planning fails.
 
     Attributes:
         work: the assembly.
-        plan: the choices; steps that were done another way are updated.
+        plan: the choices; steps done by an alternative are updated.
     """
 
     work: AssemblyWork
@@ -175,7 +175,7 @@ class StepExpansions:
         return [partial(self.ways, choice.step) for choice in self.plan.choices]
 
     def ways(self, step: int, first_index: int) -> Iterator[StepTasks]:
-        """Yield a step as planned, then in other ways; the last one taken is remembered."""
+        """Yield the expansions of a step, the planned one first; the last one taken is remembered."""
         chosen = self.plan
         yield self.work.expand(chosen, step, first_index)
         others = alternative_choices(self.work.problem, chosen, step)
@@ -186,7 +186,7 @@ class StepExpansions:
 
 @dataclass(frozen=True)
 class Refill:
-    """Parts that come up at a source once it is empty.
+    """Parts that arrive at a source once it is empty.
 
     Attributes:
         machine: its chain, whose task is over when they are there.
@@ -223,7 +223,7 @@ class Supply:
         leaves: by number of the step after which they do, from 1.
         elsewhere: numbers of the steps that are not done at the place of a product: a part is put
             down on its way, or worked at there.
-        sourced: names of the parts that are taken from sources.
+        sourced: names of the parts that come from sources.
     """
 
     refills: Mapping[int, Refill] = field(default_factory=dict)
@@ -233,7 +233,7 @@ class Supply:
 
     @cached_property
     def buffers(self) -> dict[str, tuple[str, int]]:
-        """By conveyor that stops when it is full, who presents its parts, and how many may wait."""
+        """By accumulating conveyor: the machine that presents its parts, and its capacity."""
         return {
             refill.arrivals: (refill.machine, refill.buffer)
             for refill in self.refills.values()

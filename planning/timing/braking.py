@@ -1,10 +1,9 @@
-"""Stops in the middle of a skill: braking along its path within limits, and going on from there.
+"""Stops in the middle of a skill: braking along its path within limits, and resuming from there.
 
-A motion is a spline whose control points are points of the path. Up to a stop all stays as it is;
-behind it ways of further control points are chosen such that the speed falls to 0 smoothly, over the
-fewest time steps in which no limit is passed. Where no number of steps will do, as at the end of a
-skill, the motion goes on until one does, or to its end. From where the robot stands it goes on
-along the same path from rest.
+A motion is a spline whose control points are points of the path. It is unchanged up to a stop; after that,
+further control points are chosen such that the speed falls to 0 smoothly, over the fewest time steps within
+limits. Where no number of steps suffices, as at the end of a skill, the motion continues until one does, or
+to its end. From the stop it resumes along the same path from rest.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ StopAfter = Callable[[float], tuple[float, float]]
 
 @dataclass(frozen=True, eq=False)
 class StoppedPath:
-    """A motion along a path, stopped on the way.
+    """A motion along a path with stops.
 
     Attributes:
         begins: when each piece begins [s].
@@ -59,7 +58,7 @@ class StoppedPath:
     ends: Array
 
     def when(self, own: float) -> float:
-        """Return when what the motion without stops does at a rest after its begin is done [s].
+        """Return the times at which the states of the motion without stops are reached [s].
 
         Args:
             own: from the begin of the motion without stops; that of some rest [s].
@@ -119,7 +118,7 @@ def stop_along_path(
 
 
 def _free(stop_after: StopAfter, t: float) -> float:
-    """Return the earliest time from ``t`` on at which nothing has the robot stopped."""
+    """Return the earliest time from ``t`` on at which the robot is not stopped."""
     begin, end = stop_after(t)
     return end if begin <= t else t
 
@@ -169,7 +168,7 @@ def _brake(
     given: int,
     out: Array,
 ) -> int:
-    """Write control ways of a motion that is stopped, and return how many; 0 where it cannot be.
+    """Write control points of a braking motion, and return their number; 0 where braking is impossible.
 
     Speed and acceleration fall to 0 as a polynomial of third degree does.
 
@@ -177,7 +176,7 @@ def _brake(
         limits: of the robot.
         curve: what is followed.
         near: the curvature at its corners, and how far the motion may leave it.
-        motion: control ways of the motion without a stop, and its time step.
+        motion: control points of the motion without a stop, and its time step.
         given: how many of these are settled when the stop begins.
         out: what is written.
     """

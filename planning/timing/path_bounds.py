@@ -1,6 +1,6 @@
-"""Bounds of a path besides limits of joints: the speed of a tool, and what joints can exert.
+"""Bounds of a path besides joint limits: tool speed, and joint efforts.
 
-The quickest motion along a curve is looked for piece by piece of it. What joints exert is gravity, a
+The quickest motion along a curve is searched piece by piece of it. What joints exert is gravity, a
 share that rises with the rate of the speed along the path and one that rises with its square; so it
 bounds both as limits of acceleration do, sample by sample.
 """
@@ -16,21 +16,21 @@ from planning.kernels import inner_kernel
 from planning.transforms import Array, Indices
 
 _SPEED_SHARE = 0.5
-"""Most that full speed by itself takes of the effort that gravity leaves a joint."""
+"""Greatest share of the remaining joint effort (after gravity) used at constant full speed."""
 
 HEAD_ROOM = 0.99
 """Share of the limits that is used around corners: rows of a motion are cubic between them."""
 
 
 class EffortRows(NamedTuple):
-    """How joints bear some pieces of a path, row by row: a joint at a sample of it, to one side.
+    """Joint efforts on some pieces of a path, by row: one joint at a sample, in one direction.
 
-    With s the way along the path at full speed: ``first * abs(s'') + second * s'^2 <= spare``.
+    With s the path parameter, time at full speed: ``first * abs(s'') + second * s'^2 <= spare``.
 
     Attributes:
         spare: effort that gravity leaves, shape (rows,) [N m or N].
         first, second: shape (rows,).
-        joint: whose row it is, shape (rows,).
+        joint: joint of each row, shape (rows,).
         piece: first row of each piece, and the count of rows, shape (pieces + 1,).
     """
 
@@ -41,16 +41,16 @@ class EffortRows(NamedTuple):
     piece: Indices
 
     def full_speed_factor(self) -> float:
-        """Return by what factor full speed has to be lower for joints to speed up and slow down at it.
+        """Return the factor by which full speed must be lowered for joints to accelerate at it.
 
-        It is at least 1. Joints that gravity leaves nothing ask for nothing: no speed mends it.
+        It is at least 1. Joints without effort left by gravity are ignored: no speed helps them.
         """
         known = (self.spare > 0.0) & np.isfinite(self.spare)
         share = self.second[known] / (_SPEED_SHARE * self.spare[known])
         return float(np.sqrt(np.max(share, initial=1.0)))
 
     def shares(self, ramp: float, speed: Array) -> Array:
-        """Return what joints exert over what gravity leaves them, shape (rows,).
+        """Return joint efforts relative to the margin left by gravity, shape (rows,).
 
         Args:
             ramp: time from rest to full speed [s].
@@ -61,7 +61,7 @@ class EffortRows(NamedTuple):
 
 
 class PathEfforts(NamedTuple):
-    """How joints bear a polyline with rounded corners.
+    """Joint efforts on a polyline with rounded corners.
 
     Attributes:
         legs: along the straight legs; a piece is a leg.
@@ -72,7 +72,7 @@ class PathEfforts(NamedTuple):
     bends: EffortRows
 
     def nearest(self, ramp: float, bent_ramp: float, speed: Array) -> int:
-        """Return the joint that comes nearest to its limit of effort.
+        """Return the joint nearest to its effort limit.
 
         Args:
             ramp: time from rest to full speed on the legs [s].
@@ -88,11 +88,11 @@ class PathEfforts(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PathBounds:
-    """Bounds of a polyline with rounded corners besides limits of joints.
+    """Bounds of a polyline with rounded corners besides joint limits.
 
     Attributes:
         cap: greatest share of full speed on each bent piece, shape (p,).
-        efforts: how joints bear it; None where that is not known.
+        efforts: joint efforts; None where unknown.
     """
 
     cap: Array
@@ -100,7 +100,7 @@ class PathBounds:
 
 
 def unlimited_efforts(legs: int, bends: int) -> PathEfforts:
-    """Return bounds that nothing exceeds.
+    """Return effort bounds that nothing exceeds.
 
     Args:
         legs: straight legs of the path.
@@ -117,7 +117,7 @@ def unlimited_efforts(legs: int, bends: int) -> PathEfforts:
 
 @inner_kernel
 def least_ramp(legs: EffortRows) -> float:
-    """Return the shortest time from rest to full speed that joints bear, infinite where none is."""
+    """Return the shortest time from rest to full speed within effort limits, infinite where none is."""
     ramp = 0.0
     for row in range(len(legs.spare)):
         left = legs.spare[row] - legs.second[row]
@@ -129,7 +129,7 @@ def least_ramp(legs: EffortRows) -> float:
 
 @inner_kernel
 def torque_limited_speed(bends: EffortRows, piece: int, rate: float) -> float:
-    """Return the greatest share of full speed that joints bear on a bent piece, 0 where none is.
+    """Return the greatest share of full speed within effort limits on a bent piece, 0 where none is.
 
     Args:
         bends: of the path.

@@ -1,4 +1,4 @@
-"""Polylines whose corners are rounded: curves of continuous curvature, close to them.
+"""Polylines with rounded corners: curves of continuous curvature, close to them.
 
 Skills follow a *rounded path*. Around each corner the direction changes over a length of its own, to both
 sides, at a rate that rises linearly to the corner and falls linearly behind it. With x the way from the
@@ -35,7 +35,7 @@ _RISE = 0.2
 """Share of a window in which the acceleration rises, and in which it falls."""
 
 _BENT = 0.8
-"""Share of the acceleration that bends the way where nothing keeps a robot from full speed."""
+"""Share of the acceleration for bending the path where nothing keeps a robot from full speed."""
 
 _SHORTEST = 1e-9
 """What is between two breaks that are nearer than that is nothing [s]."""
@@ -43,13 +43,13 @@ _SHORTEST = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class RoundedPath:
-    """A curve along a polyline, by the way along that.
+    """A curve near a polyline, parametrised by arc length along that polyline.
 
     Attributes:
         corners: ends and corners of the polyline, no two in a row the same, shape (w, n).
-        at: way from the start to each, shape (w,).
+        at: arc length from the start to each, shape (w,).
         turn: change of direction at each corner, 0 at the ends, shape (w, n).
-        reach: way before and behind each corner on which the curve leaves the polyline, shape (w,).
+        reach: arc length before and after each corner on which the curve leaves the polyline, shape (w,).
     """
 
     corners: Array
@@ -68,7 +68,7 @@ class RoundedPath:
         return out
 
     def curvature(self) -> Array:
-        """Return the curvature at each corner, all coordinates added up, shape (w,).
+        """Return the curvature at each corner, summed over all coordinates, shape (w,).
 
         Between two corners it is nowhere greater than at both of them.
         """
@@ -76,11 +76,11 @@ class RoundedPath:
 
 
 def rounded_path(corners: Array, stray: float) -> RoundedPath:
-    """Return a curve that is nowhere farther from a polyline than ``stray``, and has its ends.
+    """Return a curve that deviates at most ``stray`` from a polyline, and has its ends.
 
     Args:
         corners: of the polyline with its ends, no two in a row the same, shape (w, n), w > 1.
-        stray: allowance, all coordinates added up.
+        stray: allowed deviation, summed over all coordinates.
     """
     steps = np.diff(corners, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
@@ -121,7 +121,7 @@ def curve_points(
 
 @kernel
 def _reaches(at: Array, turn: Array, stray: float) -> Array:
-    """Return how far each corner is rounded to both sides.
+    """Return the extent of the rounding on both sides of each corner.
 
     Between corners every term is convex, so their sum is the largest at a corner.
     """
@@ -187,7 +187,7 @@ class BentPieces(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BlendedPath:
-    """A polyline at full speed whose corners are blends; ways are times at full speed [s].
+    """A polyline at full speed with blended corners; its parameter is time at full speed [s].
 
     Attributes:
         at: of the start, the corners and the end, rising, shape (k + 2,) [s].
@@ -206,7 +206,7 @@ class BlendedPath:
         return np.asarray(np.diff(self.points, axis=0) / np.diff(self.at)[:, None])
 
     def states(self, arc: Array) -> tuple[Array, Array, Array]:
-        """Return configurations at some ways, and their first and second derivatives.
+        """Return configurations at parameter values, and their first and second derivatives.
 
         Args:
             arc: shape (w,) [s].
@@ -230,7 +230,7 @@ class BlendedPath:
         return q, first, second
 
     def breaks(self) -> Array:
-        """Return the ways at which the third derivative changes, rising."""
+        """Return the parameter values at which the third derivative changes, rising."""
         edges = np.array([-0.5, _RISE - 0.5, 0.5 - _RISE, 0.5])
         return np.unique(self.at[1:-1, None] + self.window[:, None] * edges)
 
@@ -256,7 +256,7 @@ class BlendedPath:
         )
 
     def chords(self, low: float, high: float) -> int:
-        """Return how many chords, as much time each, stay within STRAY of a part of the path."""
+        """Return the number of chords, equal in time, that stay within STRAY of a part of the path."""
         _, _, second = self.states(self.breaks())
         bend = float(np.max(np.abs(second).sum(axis=1), initial=0.0))
         return max(2, int(np.ceil((high - low) * np.sqrt(bend / (8.0 * STRAY)))))
@@ -279,7 +279,7 @@ def _averaged(x: Array, integrals: int) -> Array:
 
 
 def longest_window(limits: MotionLimits, turn: Array) -> float:
-    """Return the window at which a corner may be passed at full speed, but for jerks [s].
+    """Return the window at which a corner may be passed at full speed, ignoring jerk [s].
 
     Args:
         limits: of the robot.
@@ -293,7 +293,7 @@ def ordered_windows(at: Array, window: Array, low: float, high: float) -> Array:
     """Return the longest windows that begin and end in the order of their corners.
 
     Args:
-        at: ways of the corners, rising, shape (k,) [s].
+        at: path parameters of the corners, rising, shape (k,) [s].
         window: none is longer than that, shape (k,) [s].
         low, high: none begins before or ends after that [s].
     """

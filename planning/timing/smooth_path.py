@@ -1,16 +1,16 @@
-"""The quickest motion of a skill along its reference path within the limits of a robot.
+"""Time-optimised motion of a skill along its reference path within the limits of a robot.
 
-A polyline cannot be followed at speed around its corners. At sharp ones, and wherever something
-changes hands, the robot is at rest. In between, gentle corners are rounded, within ``STRAY`` of the
-polyline, which is far within what collision checks allow for, and the curve is passed in an S-curve over
-time: its speed rises, stays and falls with bounded jerk. Where a stop at a corner is quicker, it stops.
+A polyline cannot be followed at speed around its corners. At sharp ones, and wherever something changes
+hands, the robot is at rest. In between, gentle corners are rounded, within ``STRAY`` of the polyline, which
+is far within the margins of the collision checks, and the curve is passed in an S-curve over time: its
+speed rises, stays and falls with bounded jerk. Where a stop at a corner is quicker, it stops.
 
-The motion is a uniform cubic spline over time. The way along the path is an S-curve: pieces of constant
-jerk whose lengths are whole numbers of time steps. Its control points are ways; the points of the curve
-there are control points of the motion. A spline is in the hull of its control points, so it stays by the
-curve; and its speeds, accelerations and jerks are differences of control points over powers of the time
-step. Hence the least step that keeps all limits is found at once, and the best lengths of the pieces by
-trying.
+The motion is a uniform cubic spline over time. The arc length along the path is an S-curve: pieces of
+constant jerk whose durations are whole numbers of time steps. Its control points are arc lengths; the
+points of the curve there are control points of the motion. A spline is in the hull of its control points,
+so it stays near the curve; and its speeds, accelerations and jerks are differences of control points over
+powers of the time step. Hence the least step that keeps all limits is found directly, and the best
+durations of the pieces by trial.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _SAME = 1e-12
 
 
 def line_times(limits: MotionLimits, displacement: Array) -> tuple[Array, float]:
-    """Return the quickest motion along a straight line in joint space, from rest to rest.
+    """Return the fastest motion along a straight line in joint space, from rest to rest.
 
     Args:
         limits: of the robot.
@@ -79,12 +79,12 @@ def line_times(limits: MotionLimits, displacement: Array) -> tuple[Array, float]
 def s_curve_times(
     length: float, speed: float, rise: float, jolt: float
 ) -> tuple[float, float, float]:
-    """Return the times of the pieces of an S-curve, which takes the least time that limits allow.
+    """Return the durations of the pieces of a time-optimal S-curve within limits.
 
     The acceleration builds up, stays, and falls to 0; the speed stays; the same in reverse.
 
     Args:
-        length: of the way, above 0.
+        length: of the path, above 0.
         speed: limit of speed.
         rise: limit of acceleration.
         jolt: limit of jerk, maybe infinite.
@@ -139,7 +139,7 @@ class PathPiece:
         return t, q, v, (after - 2.0 * at + before) / self.step**2
 
     def passed(self) -> Array:
-        """Return when each corner of the path is passed, shape (w,) [s]."""
+        """Return the time of passing each corner of the path, shape (w,) [s]."""
         before, at, after = self.ways[:-2], self.ways[1:-1], self.ways[2:]
         gone = (before + 4.0 * at + after) / 6.0
         passed = self.step * np.interp(self.path.at, gone, np.arange(len(at)))
@@ -150,13 +150,13 @@ class PathPiece:
 def quickest_piece(
     limits: MotionLimits, path: RoundedPath, stray: float, begin: float = 0.0
 ) -> PathPiece | None:
-    """Return a quick motion along a rounded path from rest to rest.
+    """Return a fast motion along a rounded path from rest to rest.
 
     Args:
         limits: of the robot.
         path: what to follow.
-        stray: farthest that the motion may leave the curve, all joints added up.
-        begin: way along the path at which the motion starts.
+        stray: allowed deviation from the curve, summed over all joints.
+        begin: arc length at which the motion starts.
 
     Returns:
         The motion; None where that would take more time steps than are offered.
@@ -182,7 +182,7 @@ def quickest_piece(
 
 
 def limit_rows(limits: MotionLimits) -> Limits:
-    """Return limits as kernels take them."""
+    """Return limits in the form that kernels take."""
     return (
         limits.velocity,
         limits.acceleration,
@@ -192,7 +192,7 @@ def limit_rows(limits: MotionLimits) -> Limits:
 
 
 def pack_curve(path: RoundedPath) -> Curve:
-    """Return a rounded path as kernels take it."""
+    """Return a rounded path in the form that kernels take."""
     return path.corners, path.at, path.turn, path.reach
 
 
@@ -243,7 +243,7 @@ def _tried(
         curve: where on it the motion starts, and the curve that is followed.
         near: the curvature at its corners, and how far the motion may leave it.
         shape: steps in which the acceleration changes, four times, and in which it stays, twice.
-        ways, points: what is written.
+        ways, points: outputs.
     """
     jerky, steady = shape
     begin, corners, at, turn, reach = curve
@@ -302,7 +302,7 @@ def least_step(limits: Limits, points: Array) -> float:
 
 @inner_kernel
 def is_near_curve(at: Array, bends: Array, stray: float, ways: Array) -> bool:
-    """Return whether a spline of points of a curve stays near the curve.
+    """Return whether a spline through points of a curve stays near the curve.
 
     It is off by half the curvature times the variance of the ways of the four control points that a
     place of it is made of, which is a third of the square of their distance at most.
@@ -352,7 +352,7 @@ class SmoothPath:
 def smooth_path(
     limits: MotionLimits, path: Array, stops: Collection[int] = ()
 ) -> SmoothPath:
-    """Return a quick motion along a polyline within limits.
+    """Return a fast motion along a polyline within limits.
 
     Any slower motion along the same curve, by a constant factor, keeps the limits as well.
 
@@ -385,7 +385,7 @@ def smooth_path(
 
 
 def _rests(points: Array, stops: Collection[int]) -> list[int]:
-    """Return the corners between the ends at which a robot has to be at rest."""
+    """Return the inner corners at which a robot must be at rest."""
     ways = np.diff(points, axis=0)
     unit = ways / np.linalg.norm(ways, axis=1)[:, None]
     sharp = np.sum(unit[1:] * unit[:-1], axis=1) < np.cos(_SHARP)
@@ -422,6 +422,6 @@ def _motions_between(
 
 
 def _in_one_go(limits: MotionLimits, points: Array) -> PathPiece | None:
-    """Return a motion that is at rest at both ends only, None where it would take too many rows."""
+    """Return a motion without intermediate rests, None where it would take too many rows."""
     path = rounded_path(points, _ROUNDED * STRAY)
     return quickest_piece(limits, path, FOLLOWED)

@@ -1,4 +1,4 @@
-"""The quickest motion from rest to rest along a stretch within limits, and from speed to speed in parts of it.
+"""Fastest motion from rest to rest along a stretch within limits, and from speed to speed in its parts.
 
 A stretch is a straight line in joint space, or a polyline with rounded corners.
 """
@@ -27,7 +27,7 @@ LEAST_BUILD_UP = 1e-6
 """Shortest time in which an acceleration builds up, where no jerk is too much [s]."""
 
 _ROUNDING = 1e-9
-"""Share of a way by which rounding may have made a way of braking longer."""
+"""Relative rounding error allowed in a braking distance."""
 
 _HALVINGS = 48
 
@@ -40,7 +40,7 @@ _SHARES = np.array([0.25, 0.4, 0.6, 0.8])
 
 @dataclass(frozen=True)
 class Stretch:
-    """How a straight line in joint space is passed, from rest to rest.
+    """Timing of a straight line in joint space, from rest to rest.
 
     It is commanded with constant acceleration, full speed and the same deceleration; what is executed
     is the mean of what was commanded during the last ``lag`` seconds. So it stays on the line, is
@@ -67,7 +67,7 @@ class Stretch:
 def straight_stretch(
     limits: MotionLimits, displacement: Array, tool_speed: float = 0.0
 ) -> Stretch:
-    """Return the quickest motion along a straight line in joint space.
+    """Return the fastest motion along a straight line in joint space.
 
     The executed acceleration is a mean of commanded ones, and changes by no more than twice the
     commanded one within ``lag``; hence ``lag`` is twice that over the limit of jerk, and a lower
@@ -95,7 +95,7 @@ def straight_seconds(limits: MotionLimits, ways: Array) -> Array:
 
     Args:
         limits: of the robot.
-        ways: from start to end, shape (..., n) [rad or m].
+        ways: displacements from start to end, shape (..., n) [rad or m].
 
     Returns:
         Shape (...) [s].
@@ -163,10 +163,10 @@ def _quickest_straight(
 
 @kernel
 def rest_to_rest_seconds(cruise: float, ramp: float) -> float:
-    """Return how long it takes from rest to rest, as commanded.
+    """Return the commanded time from rest to rest.
 
     Args:
-        cruise: time of the whole way at full speed.
+        cruise: time of the whole stretch at full speed.
         ramp: time from rest to full speed.
     """
     if cruise >= ramp:
@@ -176,7 +176,7 @@ def rest_to_rest_seconds(cruise: float, ramp: float) -> float:
 
 @kernel
 def exit_bound(length: Array, top: Array, node: int, last: int, ramp: Array) -> float:
-    """Return the greatest speed at the end of a node from which one can stop at the end of another.
+    """Return the greatest speed at the end of a node that still allows a stop at the end of another.
 
     No speed on the way is beyond what its nodes allow, either.
 
@@ -204,7 +204,7 @@ def exit_bound(length: Array, top: Array, node: int, last: int, ramp: Array) -> 
 def passage_seconds(
     length: float, top: float, entry: float, bound: float, ramp: float
 ) -> tuple[float, float, float]:
-    """Return the least time through a piece of a stretch, the speed at its end and the greatest.
+    """Return the least time through a piece of a stretch, its exit speed and its greatest speed.
 
     Args:
         length: of the piece.
@@ -230,7 +230,7 @@ def passage_seconds(
 def brake_within_piece(
     length: float, entry: float, ramp: float
 ) -> tuple[float, float, float]:
-    """Return how long a robot brakes within a piece, its speed then, and how far it got.
+    """Return the braking time of a robot within a piece, its speed then, and its progress.
 
     Args:
         length: of the piece; the robot stands before its end, or leaves it at some speed.
@@ -246,7 +246,7 @@ def brake_within_piece(
 
 @dataclass(frozen=True, eq=False)
 class RoundedStretch:
-    """How a polyline with rounded corners is passed, see ``Stretch``.
+    """Timing of a polyline with rounded corners, see ``Stretch``.
 
     What is executed is the mean of what was commanded in the last ``lag`` seconds, so limits of a
     bent piece hold a little before and after it: in its *zone*.
@@ -272,7 +272,7 @@ class RoundedStretch:
 def rounded_stretch(
     limits: MotionLimits, path: BlendedPath, bounds: PathBounds | None = None
 ) -> RoundedStretch | None:
-    """Return the quickest motion along a polyline with rounded corners.
+    """Return the fastest motion along a polyline with rounded corners.
 
     Args:
         limits: of the robot.
@@ -312,7 +312,7 @@ def _quickest_rounded(
     efforts: PathEfforts,
     most: Array,
 ) -> tuple[float, float, float, float, Array]:
-    """Return ramp, lag, ramp in zones, seconds and caps of the quickest that is tried."""
+    """Return ramp, lag, ramp in zones, seconds and caps of the fastest trial."""
     count = len(bent.low)
     least, jerky = least_ramp(efforts.legs), 0.0
     for leg in range(len(velocity)):
@@ -360,7 +360,7 @@ def _commanded(
     bent_ramp: float,
     lag: float,
 ) -> float:
-    """Return the time from rest to rest as commanded."""
+    """Return the commanded time from rest to rest."""
     count = len(cap)
     edges = np.empty(2 * count + 2)
     edges[0], edges[1] = 0.0, total
@@ -398,7 +398,7 @@ def greatest_speed(
     rate: float,
     lag: float,
 ) -> float:
-    """Return the greatest share of full speed at which a bent piece may be passed, 0 for none.
+    """Return the greatest share of full speed on a bent piece, 0 for none.
 
     Of s the way and q(s) the curve, joints have accelerations q' s'' + q'' s'^2 and jerks
     q' s''' + 3 q'' s' s'' + q''' s'^3. Bounds of the terms are added up.

@@ -1,4 +1,4 @@
-"""Greatest speed of a point of the tool along a motion, with a bound between samples.
+"""Greatest speed of a tool point along a motion, with a bound between samples.
 
 Where the point is follows from turns and slides of the joints, so its first three derivatives by time
 are bounded by how fast these go and how long the links are. The square of its speed, sampled every
@@ -29,7 +29,7 @@ _MOST_SAMPLES = 2048
 def greatest_tool_speed(
     joints: JointTable, tip: Array, t: Array, q: Array, v: Array, a: Array
 ) -> float:
-    """Return a speed that a point of the tool never passes, and comes within 0.1 % of [m/s].
+    """Return an upper bound of the tool point's speed, within 0.1 % of the greatest [m/s].
 
     Args:
         joints: of the robot.
@@ -39,7 +39,7 @@ def greatest_tool_speed(
         v: joint speeds, likewise.
         a: accelerations, linear in time between rows, likewise.
     """
-    # Writable copies: numba compiles read-only arrays anew.
+    # Writable copies: numba recompiles for read-only arrays.
     rows = [np.array(x, dtype=np.float64) for x in (tip, t, q, v, a)]
     return math.sqrt(_greatest_square(joints, *rows))
 
@@ -47,7 +47,7 @@ def greatest_tool_speed(
 def tool_speed_along(
     joints: JointTable, tip: Array, start: Array, displacement: Array
 ) -> float:
-    """Return such a speed along a straight line in joint space that is passed in a second [m/s].
+    """Return such a bound along a straight line in joint space that is passed in one second [m/s].
 
     Args:
         joints: of the robot.
@@ -104,7 +104,7 @@ def _state(
     point: Array,
     rate: Array,
 ) -> None:
-    """Write where the joints are at a share of a piece, and how fast they go."""
+    """Write the joint values and speeds at a fraction of a piece."""
     h = t[k + 1] - t[k]
     s = share * h
     for j in range(q.shape[1]):
@@ -117,7 +117,7 @@ def _state(
 def _square(
     joints: JointTable, tip: Array, point: Array, rate: Array, poses: Array
 ) -> float:
-    """Return the square of the speed of the tip."""
+    """Return the squared speed of the tip."""
     pose_joints(joints, point, poses)
     n = len(point)
     last = poses[n]
@@ -144,7 +144,7 @@ def _square(
 def _bend(
     joints: JointTable, tip: Array, h: float, q: Array, v: Array, a: Array, k: int
 ) -> float:
-    """Return a bound of the second derivative of the square of the tip's speed within a piece.
+    """Return a bound of the second derivative of the squared tip speed within a piece.
 
     A vector of constant length that joints turn changes no faster than their rates add up to; one
     along a joint that slides changes in length as well.
@@ -186,6 +186,6 @@ def _bend(
 
 @inner_kernel
 def _turned(turn: float, turn2: float, turn3: float) -> tuple[float, float, float]:
-    """Return bounds of three derivatives of a unit vector that is turned at such rates."""
+    """Return bounds of three derivatives of a unit vector rotated at given rates."""
     two = turn * turn + turn2
     return turn, two, turn * turn * turn + 3.0 * turn * turn2 + turn3

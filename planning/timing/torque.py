@@ -1,11 +1,11 @@
-"""By how much motions have to be slowed down for joints to bear them: inverse dynamics.
+"""Slowdown of motions for joint effort limits, by inverse dynamics.
 
-If a motion takes k times as long, speeds are 1 / k and accelerations 1 / k^2 of what they were, and so
-is what joints have to exert beside their share of gravity: gravity + share * rest, share = 1 / k^2.
-The greatest share that keeps within the limits of effort follows joint by joint, sample by sample. What
-lies between samples is allowed for by twice what second differences say of it.
+If a motion takes k times as long, speeds are 1 / k and accelerations 1 / k^2 of their values, and so are
+the joint efforts beyond gravity: gravity + share * rest, share = 1 / k^2. The greatest share within the
+effort limits follows joint by joint, sample by sample. The excess between samples is bounded by twice their
+second differences.
 
-Friction and the inertia of rotors are not in descriptions, and not counted; nor is what a process exerts.
+Friction and rotor inertia are not in descriptions, and ignored; so are process forces.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _SPARE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class HandPayload:
-    """A part in hand.
+    """A held part as payload.
 
     Attributes:
         mass: [kg].
@@ -59,7 +59,7 @@ class HandPayload:
 
 @dataclass(frozen=True)
 class TorqueScaling:
-    """What limits of effort make of a motion.
+    """Slowdown of a motion by effort limits.
 
     Attributes:
         factor: how many times as long it has to take.
@@ -77,7 +77,7 @@ class TorqueScaling:
 
 
 def torque_limited_stretch(stretch: Stretch, bearing: TorqueScaling) -> Stretch:
-    """Return a stretch as joints bear it: slower throughout, or with lower accelerations alone.
+    """Return a stretch within effort limits: slower throughout, or with lower accelerations only.
 
     The quicker of the two; the jerk is no greater than it was.
     """
@@ -92,12 +92,12 @@ def torque_limited_stretch(stretch: Stretch, bearing: TorqueScaling) -> Stretch:
 
 
 class ArmDynamics:
-    """Inverse dynamics of a robot with something in its hand.
+    """Inverse dynamics of a robot with its payload.
 
     Args:
         robot: where it stands.
         model: the robot, with the tool that it has on its flange.
-        payloads: what it holds.
+        payloads: its payloads.
     """
 
     def __init__(
@@ -120,14 +120,14 @@ class ArmDynamics:
         self._data = self._body.createData()
 
     def gravity(self, q: Array) -> Array:
-        """Return what gravity asks of the joints at ``q``, shape (n,) [N m or N]."""
+        """Return the gravity load of the joints at ``q``, shape (n,) [N m or N]."""
         still = np.zeros(len(q))
         return np.array(pinocchio.rnea(self._body, self._data, q, still, still))
 
     def along_stretch(
         self, start: Array, displacement: Array, stretch: Stretch
     ) -> TorqueScaling:
-        """Return what limits of effort make of a straight line in joint space.
+        """Return the slowdown of a straight line in joint space by effort limits.
 
         The robot may speed up or slow down anywhere on it, at any speed that it can reach.
 
@@ -168,7 +168,7 @@ class ArmDynamics:
         return replace(slower, easing=easing)
 
     def along_skill(self, motion: SmoothPath, rows: slice) -> TorqueScaling:
-        """Return what limits of effort make of some rows of a skill's motion.
+        """Return the slowdown of some rows of a skill's motion by effort limits.
 
         Args:
             motion: of the skill; what is executed is as quick, or slower by one factor.
@@ -194,10 +194,10 @@ class ArmDynamics:
         return self._bearing(weight, loose, rest[None], extra)
 
     def along_rounded(self, path: BlendedPath, bent: BentPieces) -> PathEfforts:
-        """Return how joints bear a way with rounded corners.
+        """Return the joint efforts along a path with rounded corners.
 
         Args:
-            path: the way.
+            path: the path.
             bent: pieces of it that are not straight.
         """
         span = bent.high - bent.low
@@ -210,7 +210,7 @@ class ArmDynamics:
         )
 
     def along_legs(self, path: BlendedPath) -> EffortRows:
-        """Return how joints bear the straight legs of a way with rounded corners."""
+        """Return the joint efforts along the straight legs of a path with rounded corners."""
         ways = np.diff(path.points, axis=0)
         turns = np.abs(ways).sum(axis=1)
         counts = np.maximum(np.ceil(turns / _TURN).astype(np.int64), _FEWEST)
@@ -221,7 +221,7 @@ class ArmDynamics:
     def _rows(
         self, q: Array, first: Array, second: Array, piece: Indices
     ) -> EffortRows:
-        """Return how joints bear a path that may be passed at any speed.
+        """Return the joint efforts of a path with free speed.
 
         Args:
             q: samples of it, shape (rows, n); what lies between those of a piece is allowed for.
@@ -250,7 +250,7 @@ class ArmDynamics:
         )
 
     def _efforts(self, q: Array, v: Array, a: Array) -> Array:
-        """Return what the joints exert in some states, shape (rows, n) [N m or N]."""
+        """Return the joint efforts in some states, shape (rows, n) [N m or N]."""
         body, data = self._body, self._data
         rows = zip(q, v, a, strict=True)
         return np.array([pinocchio.rnea(body, data, *row).copy() for row in rows])
@@ -258,7 +258,7 @@ class ArmDynamics:
     def _bearing(
         self, weight: Array, loose: Array, rest: Array, extra: Array
     ) -> TorqueScaling:
-        """Return the least factor at which gravity and the rest keep within the limits.
+        """Return the least slowdown factor within effort limits, given gravity and the other terms.
 
         Args:
             weight: what gravity asks for at the samples, shape (rows, n).
@@ -295,7 +295,7 @@ def explain_unchecked_efforts(robot: PlacedRobot) -> str | None:
 
 
 def describe_weak_joint(robot: PlacedRobot) -> str | None:
-    """Return in words which joint does not even hold its arm at HOME; None where all do.
+    """Return in words which joint cannot hold its arm at HOME; None where all can.
 
     None, too, where that cannot be told of a description.
     """
@@ -328,7 +328,7 @@ def _untold(model: RobotModel) -> str | None:
 
 
 def _between(values: Array, inner: npt.NDArray[np.bool_] | None = None) -> Array:
-    """Return by how much values may be more between samples than at them, like ``values``.
+    """Return a bound on how much values may exceed those at the samples, like ``values``.
 
     Args:
         values: at samples, shape (rows, n).
@@ -346,7 +346,7 @@ def _between(values: Array, inner: npt.NDArray[np.bool_] | None = None) -> Array
 
 
 def _samples(counts: Indices) -> tuple[Indices, Array]:
-    """Return samples of pieces of a path: which piece each is of, and its share of that.
+    """Return samples of pieces of a path: the piece and the fraction of each.
 
     Args:
         counts: steps from sample to sample of each piece, from its one end to the other, shape (p,).
@@ -358,7 +358,7 @@ def _samples(counts: Indices) -> tuple[Indices, Array]:
 
 @lru_cache(maxsize=64)
 def _body(model: RobotModel) -> pinocchio.Model:
-    """Return the joints of a robot, and what hangs on them, as pinocchio has them."""
+    """Return the joints of a robot and the bodies on them, as pinocchio's model."""
     body, own = pinocchio.Model(), model.inertias
     assert own is not None
     for k in range(model.dof):

@@ -1,1 +1,1 @@
-"""Plans that begin in the middle of an assembly: the world there is, and what is left to do in it."""
+"""Replanning from the middle of an assembly: the current world, and the remaining work."""

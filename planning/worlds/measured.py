@@ -1,4 +1,4 @@
-"""Parts that were found beside where they were said to lie: what can be done with them there."""
+"""Parts measured off their nominal poses: which candidates remain feasible there."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Poses = Mapping[str, Transform]
 
 
 def offset_on_surface(pose: Transform, displacement: Array, turn: float) -> Transform:
-    """Return a pose that is moved on what it lies on, and turned about the vertical.
+    """Return a pose displaced within its support plane, and rotated about the vertical.
 
     Args:
         pose: in the world.
@@ -33,20 +33,20 @@ def offset_on_surface(pose: Transform, displacement: Array, turn: float) -> Tran
 
 @dataclass
 class MeasuredWork:
-    """The candidates of an assembly with parts where they were measured; looked for once."""
+    """Cache of the candidates of an assembly for measured part poses."""
 
     _known: dict[tuple[tuple[str, bytes], ...], AssemblyWork | None] = field(
         default_factory=dict
     )
 
     def of(self, work: AssemblyWork | None, poses: Poses) -> AssemblyWork:
-        """Return the work with parts in poses that are allowed."""
+        """Return the work with parts at allowed poses."""
         found = self.find(work, poses)
         assert found is not None
         return found
 
     def find(self, work: AssemblyWork | None, poses: Poses) -> AssemblyWork | None:
-        """Return the work with parts in these poses, None where nobody can do something any more."""
+        """Return the work with parts at these poses, None where a step becomes infeasible."""
         if not poses or work is None:
             return work
         key = _key(poses)
@@ -59,13 +59,13 @@ class MeasuredWork:
         return self._known[key]
 
     def keep(self, work: AssemblyWork, poses: Poses) -> bool:
-        """Take note that there are more candidates with parts in these poses, if there are such parts."""
+        """Record that these poses have further candidates, if such parts exist."""
         if poses:
             self._known[_key(poses)] = work
         return bool(poses)
 
     def allows(self, work: AssemblyWork | None, plan: TaskPlan, poses: Poses) -> bool:
-        """Tell whether parts in these poses can be used, and all others as a plan says."""
+        """Tell whether parts are usable at these poses, with all others as planned."""
         found = self.find(work, poses)
         if found is None:
             return False
@@ -91,7 +91,7 @@ def _of_step(problem: AssignmentProblem, step: int) -> list[PrimaryCandidate]:
 def choices_at_measured_poses(
     work: AssemblyWork, plan: TaskPlan, poses: Poses
 ) -> TaskPlan:
-    """Return choices in which parts that were measured are picked where they are, if need be by another grip."""
+    """Return choices that pick measured parts where they are, with another grip if needed."""
     problem = work.problem
     known = set(problem.primaries) if poses else set()
     for choice in plan.choices:

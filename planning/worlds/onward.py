@@ -1,8 +1,8 @@
-"""What is left of an assembly, planned from a world on: steps that have begun go on, the others are chosen anew.
+"""Replanning of the rest of an assembly: begun steps continue, the others are reassigned.
 
-The integer program is that of the whole assembly in which every step that has begun keeps its choice,
-and what is out is chosen no more. So costs, balance and everything that choices have to do with each
-other are what they are in a plan that is made at once.
+The integer program is that of the whole assembly, in which every begun step keeps its choice, and
+unavailable robots and objects are excluded. So costs, balance and dependencies between choices are those of
+a plan made in one piece.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ from planning.worlds.world import UnfinishedStep, World, picked_steps, unfinishe
 
 @dataclass(frozen=True)
 class OnwardPlan:
-    """A plan from a world on.
+    """A plan of the remaining work from a world on.
 
     Attributes:
-        motions: of the new tasks, whose indices go on from the world's.
+        motions: of the new tasks, whose indices continue those of the world.
         task_plan: choices of all steps, those that have begun included.
-        steps, past: as of a world, with the new tasks.
+        steps, past: as in ``World``, with the new tasks.
     """
 
     motions: MotionPlan
@@ -57,15 +57,14 @@ class OnwardPlan:
 
 @dataclass(frozen=True)
 class ReplanningState:
-    """A world, and what has become of the plan in it.
+    """A world, and the status of the plan in it.
 
     Attributes:
         world: where everything is, what is complete and what is out.
         task_plan: the choices up to now.
-        reopened: steps that have begun and are to be done anew, with the robots that do nothing more
-            for them.
-        given_up: steps that are not to be done.
-        aside: robots that go HOME with what they hold, and come back, so that others may pass.
+        reopened: begun steps that are to be repeated, with the robots that do no more work for them.
+        given_up: steps that will not be done.
+        aside: robots that make way: they go HOME with what they hold, and return later.
     """
 
     world: World
@@ -76,7 +75,7 @@ class ReplanningState:
 
     @property
     def kept(self) -> dict[int, StepChoice]:
-        """Choices that stay as they are, by step: of what has begun, and of what is not to be done."""
+        """Fixed choices by step: of begun steps, and of those given up."""
         begun = self.world.begun().keys() - self.reopened.keys()
         return {
             c.step: c for c in self.task_plan.choices if c.step in begun | self.given_up
@@ -84,14 +83,14 @@ class ReplanningState:
 
     @property
     def taken(self) -> dict[int, str]:
-        """What steps have taken that are not begun anew, by number; a name of their own for those that are not done."""
+        """Objects taken by steps that are not reopened, by number; a placeholder for given-up steps."""
         nothing = {step: f"nothing, for step {step}" for step in self.given_up}
         own = picked_steps(self.world.begun(), self.world.complete)
         return {**nothing, **{k: t for k, t in own.items() if k not in self.reopened}}
 
     @property
     def there(self) -> frozenset[str]:
-        """Objects that have come up."""
+        """Objects that are present."""
         return frozenset(self.world.state.attachments)
 
 
@@ -102,14 +101,14 @@ def plan_onward(
     now: ReplanningState,
     known: MotionCache | None = None,
 ) -> OnwardPlan:
-    """Plan what is left of an assembly.
+    """Plan the rest of an assembly.
 
     Args:
         cell: with the objects that have come up.
         work: all candidates, and the tasks that follow from choices.
         settings: how tasks are turned into motions.
         now: where it begins.
-        known: ways found before.
+        known: cache of paths.
 
     Raises:
         InfeasibleStepError: a step can no longer be done by anyone; says which and why.
@@ -157,7 +156,7 @@ def plan_onward(
     begun = world.begun()
     steps = {number: begun[number] for number in begun.keys() - now.reopened.keys()}
     done = {number: _done(step, world) for number, step in steps.items()}
-    # What an earlier plan had in mind and nobody has done has the numbers of new tasks.
+    # Tasks of an earlier plan that were never done have the numbers of new ones.
     left_behind = (step for step in world.steps if step.step not in steps)
     past = [_done(step, world) for step in (*world.past, *left_behind)]
     for step in now.given_up & there.keys():
@@ -202,13 +201,13 @@ def plan_onward(
 
 @dataclass(frozen=True)
 class _Item:
-    """Something to plan.
+    """One item of the remaining work.
 
     Attributes:
-        ways: yields its tasks in ever less preferred ways, given the index of the first.
+        ways: yields its tasks, alternatives in order of preference, given the index of the first.
         step: number of the step that it is, None for what only clears the way.
         whole: returns the tasks of the step, those done before included.
-        machines: number of the step that is not done, and for which machines go on.
+        machines: number of a given-up step for which machines continue.
         back: whether a robot comes back with it to where the next one goes on.
     """
 
@@ -222,7 +221,7 @@ class _Item:
 def _back_before(
     planned: Iterable[tuple[_Item, StepTasks]],
 ) -> Iterator[tuple[int, int]]:
-    """Yield who is back from aside before others do a skill for which that one stands where it was."""
+    """Yield dependencies: robots that made way return before others' skills, since those assume it."""
     back: list[Task] = []
     for item, own in planned:
         if item.back:
@@ -237,12 +236,12 @@ def _back_before(
 def _there(
     scrap: RemovalPlan, ways: Callable[[int], Iterator[StepTasks]], first: int
 ) -> Iterator[StepTasks]:
-    """Yield the ways of a step in which only what is there leaves the cell."""
+    """Yield the expansions of a step in which only present objects leave the cell."""
     yield from map(scrap.there, ways(first))
 
 
 def _fresh(again: StepExpansions, step: int, brought: tuple[Task, ...]) -> _Item:
-    """Return a step that is done from its begin on, and in which nothing is brought again."""
+    """Return a step that is done from its beginning, without repeating its deliveries."""
 
     def alternatives(first: int) -> Iterator[StepTasks]:
         for planned in again.ways(step, first):
@@ -257,7 +256,7 @@ def _fresh(again: StepExpansions, step: int, brought: tuple[Task, ...]) -> _Item
 def _going_on(
     again: StepExpansions, left: UnfinishedStep, first: int
 ) -> Iterator[StepTasks]:
-    """Yield what is left of a step, among what stands around by now."""
+    """Yield the rest of a step, among its current surroundings."""
     fresh = again.work.expand(again.plan, left.step.step, first)
     yield left.numbered(first, fresh)
 
@@ -275,7 +274,7 @@ def fix_choices(
     out: Collection[str],
     busy_until: Mapping[str, int],
 ) -> AssignmentProblem:
-    """Return a problem in which some steps keep their choices, and what is out is not chosen.
+    """Return a problem in which some steps keep their choices, and unavailable things are excluded.
 
     Args:
         problem: of the whole assembly.
@@ -311,11 +310,11 @@ def fix_choices(
 
 @dataclass(frozen=True)
 class BlockedStep:
-    """A step that nobody can do as things are.
+    """A step that no robot can do in the current state.
 
     Attributes:
         step: its number.
-        robot: who could if it had not something in its hand for a later one; None for nobody.
+        robot: the robot that could if its hand were not occupied for a later step; None for none.
         later: that one, 0 where there is no such robot.
     """
 
@@ -327,7 +326,7 @@ class BlockedStep:
 def find_blocked_step(
     cell: Workcell, problem: AssignmentProblem, now: ReplanningState
 ) -> BlockedStep | None:
-    """Return the first step that nobody can do in a situation, None where there is none."""
+    """Return the first step that no robot can do in a situation, None where there is none."""
     busy = _busy_until(cell, unfinished_steps(now.world, now.reopened), now.reopened)
     held = {at.holder for _, at in now.world.held()}
     about = problem, now.kept, now.world.out
@@ -343,7 +342,7 @@ def find_blocked_step(
 
 
 def _carriers(left: list[UnfinishedStep]) -> Iterator[Task]:
-    """Yield the tasks in which robots are to put down, or hand over, what they have in their hands."""
+    """Yield the tasks in which robots put down, or hand over, their loads."""
     for item in left:
         if not item.ends:
             yield from (task for task in item.tasks if task.kind != TRANSIT)
@@ -352,12 +351,12 @@ def _carriers(left: list[UnfinishedStep]) -> Iterator[Task]:
 def _busy_until(
     cell: Workcell, left: list[UnfinishedStep], reopened: Collection[int]
 ) -> dict[str, int]:
-    """Return the last step that robots cannot begin for what they bring to an end before, by robot."""
+    """Return, by robot, the last step that it cannot begin because of unfinished work."""
     until: dict[str, int] = {}
     for task in _carriers(left):
         if cell.is_machine(task.robot):
             continue
-        # A step that is done anew comes after what is left of it.
+        # A step that is repeated comes after what is left of it.
         last = task.step - (task.step in reopened)
         until[task.robot] = max(last, until.get(task.robot, 0))
     return until
@@ -375,7 +374,7 @@ def _once(
 def _away(
     cell: Workcell, world: World, left: list[UnfinishedStep], gone: Collection[str]
 ) -> Iterator[str]:
-    """Yield the robots that stand somewhere with nothing to bring to an end there, and not at a goal.
+    """Yield the robots that stand away from HOME without unfinished work, and not at a goal.
 
     Of those that have gone a way by then, the ones that go no farther than out of where they were.
     """
@@ -392,9 +391,9 @@ def _away(
 
 
 def _burdens(world: World, left: list[UnfinishedStep]) -> dict[str, str]:
-    """Return what robots hold that they are to put nowhere any more, by robot."""
+    """Return the objects in hands that have no placement any more, by robot."""
     going = {task.robot for item in left if not item.ends for task in item.tasks}
-    # Also in a step that was then begun anew, if another plan came before the hand was emptied.
+    # Also in a step that was then restarted, if another plan came before the hand was emptied.
     steps = (*world.past, *world.steps)
     picked = {t.object for s in steps for t in s.tasks if t.kind == "pick"}
     return {
@@ -409,7 +408,7 @@ def _burdens(world: World, left: list[UnfinishedStep]) -> dict[str, str]:
 def _to(
     world: World, robot: str, q: Array, *, stands: bool = True
 ) -> Callable[[int], Iterator[StepTasks]]:
-    """Return how a robot goes from, or back to, where it stands in a world, if it does still."""
+    """Return the transit of a robot to or from its configuration in a world, if it still stands there."""
     last = world.beginning.last_task.get(robot)
     known = (*world.past, *world.steps)
     steps = [step for step in known for t in step.tasks if t.index == last]
@@ -433,6 +432,6 @@ def _to(
 
 
 def _done(step: StepTasks, world: World) -> StepTasks:
-    """Return what has been done of a step."""
+    """Return the completed part of a step."""
     tasks = tuple(t for t in step.tasks if t.index in world.complete)
     return replace(step, tasks=tasks, dependencies=())

@@ -1,8 +1,8 @@
-"""What machines bring and take away while an assembly goes on from a world, whatever becomes of its steps.
+"""Supply and removal by machines while an assembly continues from a world.
 
-A source is filled and a tray is exchanged once each: what has been brought is not brought again with a step that
-is begun anew, and what comes after a step comes also where that is not done. What nobody does anything with
-any more is taken by a person from where others pass, or from the hand of a robot.
+A source is refilled and a tray exchanged once each: deliveries are not repeated when a step is restarted,
+and those after a step also happen where the step is given up. A person removes objects without further use
+where they block others, or from the hand of a robot.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from planning.transforms import Transform, read_only_copy
 from planning.worlds.world import World, renumber_contacts
 
 REMOVAL = "removal"
-"""Name of the machine by which a person takes what lies in the way of others."""
+"""Name of the pseudo-machine by which a person removes obstacles."""
 
 
 def brings_parts(task: Task) -> bool:
-    """Tell whether a machine brings parts or takes them away in a task."""
+    """Tell whether a machine delivers or removes parts in a task."""
     return task.kind in SUPPLY_KINDS and task.kind != LAG
 
 
 def supplied_tasks_by_step(world: World) -> dict[int, tuple[Task, ...]]:
-    """Return what was brought and taken away in each step, by its number, in order."""
+    """Return the completed deliveries and removals of each step, by its number, in order."""
     found: dict[int, dict[int, Task]] = {}
     for step in (*world.past, *world.steps):
         own = {
@@ -53,7 +53,7 @@ def supplied_tasks_by_step(world: World) -> dict[int, tuple[Task, ...]]:
 
 
 def without_supplied_tasks(step: StepTasks, there: Sequence[Task]) -> StepTasks:
-    """Return a step without what was brought and taken away in it before."""
+    """Return a step without its completed deliveries and removals."""
     if not there:
         return step
     old = {(t.kind, t.robot, t.object): t.index for t in there}
@@ -65,7 +65,7 @@ def without_supplied_tasks(step: StepTasks, there: Sequence[Task]) -> StepTasks:
 def _some_of(
     step: StepTasks, tasks: Sequence[Task], done: Mapping[int, int]
 ) -> StepTasks:
-    """Return a step of some of its tasks, which wait for what has other indices as it was done before."""
+    """Return a step of some of its tasks, which wait for the completed ones by their old indices."""
     first = min((task.index for task in step.tasks), default=0)
     new = {task.index: first + k for k, task in enumerate(tasks)}
     known = {**done, **new}
@@ -81,14 +81,14 @@ def _some_of(
 
 @dataclass
 class RemovalPlan:
-    """What is taken away of steps that are not done any more, so that those after them can be.
+    """Removal of the objects of given-up steps, so that later steps become possible.
 
     Attributes:
         world: where the plan begins.
         passing: objects that lie where others come after them.
         given_up: objects of the steps that are not done.
-        taken: those that a person takes in the plan, with the task.
-        lies: where objects lie by then, of those that the plan has moved; None for what is in a hand or gone.
+        taken: those that a person removes in the plan, with the task.
+        lies: current poses of objects that the plan has moved; None for those in a hand or gone.
     """
 
     world: World
@@ -100,7 +100,7 @@ class RemovalPlan:
     def of_step(
         self, again: StepExpansions, step: int, there: Sequence[Task], first: int
     ) -> Iterator[StepTasks]:
-        """Yield what is done in place of a step that is not: its part is taken away, and machines go on.
+        """Yield the substitute of a given-up step: its part is removed, and machines continue.
 
         Args:
             again: expands it.
@@ -124,7 +124,7 @@ class RemovalPlan:
         yield StepTasks(step, (*tasks, *later), tuple(waits), ())
 
     def _lies(self, name: str) -> Transform | None:
-        """Return where an object lies from which it is taken, None where it stays or is nowhere."""
+        """Return the pose of an object that must be removed, None where it stays or is nowhere."""
         if name not in self.passing or name in self.taken:
             return None
         if name in self.lies:
@@ -133,7 +133,7 @@ class RemovalPlan:
         return None if at is None or at.holder is not None else at.pose
 
     def there(self, step: StepTasks) -> StepTasks:
-        """Return a step in which only what is there leaves the cell, and take note of where it leaves things."""
+        """Return a step in which only present objects leave the cell, and record their final poses."""
 
         def stays(h: Handling) -> bool:
             return h.holder == GONE and h.object in self.given_up
@@ -149,7 +149,7 @@ class RemovalPlan:
         return replace(step, tasks=tasks)
 
     def waits(self, tasks: Iterable[Task]) -> Iterator[tuple[int, int]]:
-        """Yield which tasks a removal waits for, and what comes up there once that is over."""
+        """Yield the dependencies of removals: what precedes them, and deliveries to the freed places."""
         tasks = tuple(tasks)
         for task in tasks:
             for name, index in self.taken.items():
@@ -158,7 +158,7 @@ class RemovalPlan:
                 )
                 if about and task.index < index:
                     yield task.index, index
-        # Also what comes up anew waits for what an earlier plan had taken from there.
+        # Also what comes up again waits for what an earlier plan had taken from there.
         removed = {t.index: t for t in tasks if t.robot == REMOVAL}
         for index, own in removed.items():
             pose = own.handlings[0].pose
@@ -171,13 +171,13 @@ class RemovalPlan:
 def find_removal(
     cell: Workcell, world: World, robot: str, name: str, first: int
 ) -> StepTasks:
-    """Return how a robot stands at HOME until what it holds has been taken from it.
+    """Return the step of a robot that waits at HOME until its load has been removed.
 
     Args:
         cell: with the robot.
         world: in which it holds that.
-        robot: who does.
-        name: what it holds.
+        robot: the robot.
+        name: the held object.
         first: index of the task.
     """
     placed = cell.robot(robot)

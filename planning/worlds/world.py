@@ -1,7 +1,7 @@
-"""The world that a plan begins in: where everything is when nothing moves, and which tasks are complete.
+"""The world in which a plan begins: poses at a standstill, and completed tasks.
 
-HOME with everything at its start and nothing done is one of them. A world is read from what was executed,
-never from what was planned; what cannot be used any more is named as being out.
+The initial state, with all robots at HOME and nothing done, is one of them. A world is derived from
+executed tasks, never from planned ones; robots and objects that are no longer usable are listed as ``out``.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ class World:
     """State of a cell in the middle of an assembly.
 
     Attributes:
-        state: where everything is; what has left the cell, or lies nobody knows where, has no place.
+        state: all poses; things that have left the cell, or whose pose is unknown, have none.
         steps: the tasks of each step that has been planned, those that are complete included, one
             entry a step.
-        past: what was done of steps that were then begun anew, and ways HOME that belong to none.
+        past: completed tasks of steps that were then restarted, and transits HOME of no step.
         complete: indices of the tasks that are complete.
-        out: robots that do nothing any more, and objects that are of no use.
+        out: robots out of service, and unusable objects.
         tasks: index of the next new task.
-        ago: how long ago the tasks ended that opened windows of time, by their index; 0 of others [s].
+        ago: time since the end of the tasks that opened time windows, by their index; 0 for others [s].
     """
 
     state: WorldState
@@ -54,12 +54,12 @@ class World:
 
     @property
     def beginning(self) -> StartConfiguration:
-        """Where a sequential plan begins in it."""
+        """Initial state of a sequential plan in this world."""
         return StartConfiguration(self.state, self._last_tasks, self.tasks)
 
     @property
     def _last_tasks(self) -> dict[str, int]:
-        """The task that each robot completed last, by robot; absent for one that did none yet."""
+        """The last completed task of each robot; absent for one that did none yet."""
         last: dict[str, int] = {}
         for task in (t for step in (*self.past, *self.steps) for t in step.tasks):
             if task.index in self.complete:
@@ -67,13 +67,13 @@ class World:
         return last
 
     def held(self) -> Iterator[tuple[str, Attachment]]:
-        """Yield what is in hands, with who holds it."""
+        """Yield the objects in hands, with their holders."""
         for name, at in self.state.attachments.items():
             if at.holder is not None:
                 yield name, at
 
     def begun(self) -> dict[int, StepTasks]:
-        """Return the steps of which a skill is complete, or a goal reached, by number: they go on as planned.
+        """Return the steps with a completed skill or a reached goal, by number: they continue as planned.
 
         What is brought for one does not begin it.
         """
@@ -91,7 +91,7 @@ class World:
 def picked_steps(
     begun: Mapping[int, StepTasks], complete: Collection[int]
 ) -> dict[int, str]:
-    """Return what has been picked in steps that have begun, by number, given the tasks that are complete."""
+    """Return the objects picked in begun steps, by number, given the completed tasks."""
     return {
         number: task.object
         for number, step in begun.items()
@@ -103,7 +103,7 @@ def picked_steps(
 def pending_windows(
     world: World, windows: Iterable[TimeWindow]
 ) -> Iterator[TimeWindow]:
-    """Yield the windows of time in which something is due that is new in a world; some are open by then."""
+    """Yield the time windows whose due task is new in a world; some are already open."""
     for window in windows:
         if window.due < world.tasks:
             continue
@@ -113,7 +113,7 @@ def pending_windows(
 
 
 def object_pose(cell: Workcell, state: WorldState, name: str) -> Transform:
-    """Return where an object is in the world, be it in a hand or at rest."""
+    """Return the pose of an object in the world, in a hand or at rest."""
     at = state.attachments[name]
     if at.holder is None:
         return at.pose
@@ -123,14 +123,14 @@ def object_pose(cell: Workcell, state: WorldState, name: str) -> Transform:
 
 @dataclass(frozen=True)
 class UnfinishedStep:
-    """What is left of a step that has begun, to be done as it was planned.
+    """The rest of a begun step, to be done as planned.
 
     Attributes:
         step: its tasks, those that are complete included.
         tasks: those that are left, in order.
         complete: indices of those that are complete. All others, of what was planned and is not done, may be
             those of other tasks by now.
-        ends: whether nothing is left but ways to go.
+        ends: whether nothing is left but transits.
     """
 
     step: StepTasks
@@ -140,11 +140,11 @@ class UnfinishedStep:
 
     @property
     def _itself(self) -> dict[int, int]:
-        """What is complete, by its own index."""
+        """The completed tasks, by their own indices."""
         return {index: index for index in self.complete}
 
     def with_done(self, numbered: StepTasks) -> StepTasks:
-        """Return the step with the new indices of what is left."""
+        """Return the step with the new indices of the remaining tasks."""
         new = dict(zip((t.index for t in self.tasks), numbered.tasks, strict=True))
         return replace(
             numbered,
@@ -156,7 +156,7 @@ class UnfinishedStep:
         )
 
     def numbered(self, first: int, fresh: StepTasks | None = None) -> StepTasks:
-        """Return what is left with new indices, from the given one on.
+        """Return the remaining tasks with new indices, from the given one on.
 
         Args:
             first: that index.
@@ -187,7 +187,7 @@ class UnfinishedStep:
 
 
 def _renamed(task: Task, fresh: Task) -> Task:
-    """Return a task about the objects of another one that does the same."""
+    """Return a task with the objects of another one that does the same."""
     if task.object == fresh.object:
         return task
     moved = zip(task.handlings, fresh.handlings, strict=True)
@@ -196,7 +196,7 @@ def _renamed(task: Task, fresh: Task) -> Task:
 
 
 def _alike(fresh: StepTasks, step: StepTasks) -> bool:
-    """Tell whether a step is done by the same tasks as another one."""
+    """Tell whether a step has the same tasks as another one."""
     return [(t.robot, t.kind) for t in fresh.tasks] == [
         (t.robot, t.kind) for t in step.tasks
     ]
@@ -207,11 +207,11 @@ def renumber_contacts(
     known: Mapping[int, int],
     among: Collection[int] | None = None,
 ) -> tuple[AllowedContact, ...]:
-    """Return allowed contacts in which tasks have other indices, and those that have none are left out.
+    """Return allowed contacts with renumbered tasks, without those of no remaining task.
 
     Args:
         allowed: the contacts.
-        known: the other index by the one before.
+        known: new index by old index.
         among: the contacts of these tasks only; None for all.
     """
     own = known.keys() if among is None else among
@@ -227,14 +227,14 @@ def renumber_contacts(
 def unfinished_steps(
     world: World, reopened: Mapping[int, frozenset[str]]
 ) -> list[UnfinishedStep]:
-    """Return what is left of the steps that have begun, ways to go first, then in their order.
+    """Return the rest of the begun steps, straight exits first, then in their order.
 
     Args:
         world: what is complete.
-        reopened: steps that are to be done anew, by number, with the robots that have nothing to bring
+        reopened: steps that are to be repeated, by number, with the robots that have nothing to bring
             to an end in them. Of the others only those go on that have done a skill in it, as far as
-            their way back: they stand where they are in the way. Whoever has something in the hand that
-            goes nowhere any more does not go back as if it had been put down. Who is where a straight way
+            their retreat: they stand where they are in the way. Whoever has something in the hand that
+            goes nowhere any more does not go back as if it had been put down. Who is where a straight path
             leads out of, as of a rack of tools, goes that way.
     """
     found, holders = [], {at.holder for _, at in world.held()}
@@ -262,7 +262,7 @@ def unfinished_steps(
 
 
 def _way_out(step: StepTasks, robot: str, world: World) -> Iterator[Task]:
-    """Yield the straight way by which a robot goes on, or back, from where it stands in the middle of a step."""
+    """Yield the straight path of a robot out of the middle of a step, forwards or backwards."""
     own = [task for task in step.tasks if task.robot == robot]
     done = [task for task in own if task.index in world.complete]
     left = [task for task in own if task.index not in world.complete]
@@ -272,7 +272,7 @@ def _way_out(step: StepTasks, robot: str, world: World) -> Iterator[Task]:
     if left[0].kind == STRAIGHT and last.kind != TRANSIT:
         yield left[0]
     elif left[0].kind != TRANSIT and last.kind == STRAIGHT and before:
-        # It has its number: what touches on the way there touches on the way back.
+        # It has its number: what touches on the way there touches on the retreat.
         back = np.concatenate([last.path[-2::-1], before[-1].path[-1:]])
         yield replace(last, label=f"back: {last.label}", path=read_only_copy(back))
 
@@ -280,7 +280,7 @@ def _way_out(step: StepTasks, robot: str, world: World) -> Iterator[Task]:
 def robots_with_unfinished_steps(
     left: Sequence[UnfinishedStep], but: int | None = None
 ) -> frozenset[str]:
-    """Return the robots that have something to bring to an end where they stand, but in one step.
+    """Return the robots with unfinished work where they stand, except in one step.
 
     Not those that keep something in its place: it might fall.
     """
@@ -290,7 +290,7 @@ def robots_with_unfinished_steps(
 
 
 def _keeps(left: UnfinishedStep, robot: str) -> bool:
-    """Tell whether a robot holds something in its place, or is to let go of something before it goes."""
+    """Tell whether a robot holds something in its place, or must release something before it leaves."""
     own = [task for task in left.step.tasks if task.robot == robot]
     done = [task for task in own if task.index in left.complete]
     then = next((task for task in left.tasks if task.robot == robot), None)
@@ -301,7 +301,7 @@ def _keeps(left: UnfinishedStep, robot: str) -> bool:
 
 
 def as_start_of(cell: Workcell, world: World, busy: frozenset[str]) -> Workcell:
-    """Return a cell in which a world is how everything is at the start.
+    """Return a cell whose initial state is a world.
 
     Args:
         cell: with all objects.
@@ -325,7 +325,7 @@ def as_start_of(cell: Workcell, world: World, busy: frozenset[str]) -> Workcell:
 
 
 def rebase_first_tasks(tasks: Sequence[Task], world: World) -> tuple[Task, ...]:
-    """Return tasks in whose first ones robots take up what they hold when a plan begins in a world."""
+    """Return tasks whose first ones pick up the loads of robots when a plan begins in a world."""
     held: dict[str, list[Handling]] = {}
     for name, at in world.held():
         held.setdefault(at.holder or "", []).append(

@@ -1,4 +1,4 @@
-"""Conflicts between nodes of different robots, by what the nodes occupy; ``DerivedTpg`` is asked.
+"""Conflicts between nodes of different robots, by their swept volumes; ``DerivedTpg`` is the entry point.
 
 Imports graph and planning's geometry.
 """

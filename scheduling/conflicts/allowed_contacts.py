@@ -1,4 +1,4 @@
-"""Allowed contacts, and least distances otherwise, as arrays for compiled code."""
+"""Allowed contacts and required clearances, as arrays for compiled code."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from planning.tasks.task import AllowedContact
 from planning.transforms import Array, Indices
 
 ALWAYS = -1
-"""Stands for a task that is part of every allowed contact: the thing is no robot's node."""
+"""Placeholder for a task that is part of every allowed contact: the thing is no robot's node."""
 
 
 class ContactTable(NamedTuple):
@@ -51,7 +51,7 @@ def contact_table(
     allowed: Iterable[AllowedContact],
     clearances: Clearances,
 ) -> ContactTable:
-    """Return the table of the contacts whose two sides have a number.
+    """Return the table of the contacts between numbered entities.
 
     Args:
         entities: number of each entity.
@@ -88,7 +88,7 @@ def contact_table(
 def least_distance(
     table: ContactTable, x: int, x_joint: int, y: int, y_joint: int
 ) -> float:
-    """Return how near two entities of different occupancies may come [m].
+    """Return the required clearance of two entities of different occupancies [m].
 
     What a robot carries moves with a joint, as its own parts do, and keeps the same clearance.
 

@@ -1,4 +1,4 @@
-"""Bodies that may come too close on two stretches of motion, compiled, and the state of a descent.
+"""Close bodies on two stretches of motion, compiled, and the state of a dual-tree descent.
 
 Separating planes dismiss pairs of bodies, for ever shorter stretches of both motions; on two
 segments hulls decide.
@@ -49,18 +49,18 @@ PROVED = -1
 """In the place of a number of bodies: there is a conflict for certain."""
 
 _LEVELS = 2 * LEAF.bit_length() + 2
-"""Lists of bodies that are needed at once: one a halving of two leaves, and two more."""
+"""Lists of bodies that are needed simultaneously: one a halving of two leaves, and two more."""
 
 _Sizes = tuple[int, ...]
 _LEFT: defaultdict[tuple[_Sizes, _Sizes], list[DescentRoom]] = defaultdict(list)
-"""Room that nobody uses, by the sizes of what is compared."""
+"""Free work arrays, by the sizes of the compared occupancies."""
 
 _KINDS = 200
 """Room of more sizes is not kept."""
 
 
 class DescentRoom(NamedTuple):
-    """Room for a descent.
+    """Work arrays for a descent.
 
     Attributes:
         stack: what is still to be looked at: (block, -1, other block, -1, 0, 0), or two
@@ -83,7 +83,7 @@ class DescentRoom(NamedTuple):
 
 
 class Descent(NamedTuple):
-    """Two occupancies that are compared, how far that has come, and room to go on.
+    """State of a descent over two occupancies, with its work arrays.
 
     Attributes:
         a: occupancy of the nodes v that may have to wait.
@@ -92,7 +92,7 @@ class Descent(NamedTuple):
         floor: last u that each v waits for already, never falling, by node of ``a``; raised
             as conflicts are noted.
         limit: first u that is not at stake for each v, never falling, by node of ``a``.
-        slack: taken off the clearances [m].
+        slack: subtracted from the clearances [m].
         room: to work in.
     """
 
@@ -114,7 +114,7 @@ def start_descent(
     limit: Indices,
     slack: float,
 ) -> Iterator[Descent]:
-    """Provide a descent that begins at both roots, the first row of the stack.
+    """Set up a descent from both roots, the first row of the stack.
 
     Its room is that of one that is over: making it would take as long as half of a descent.
     """
@@ -124,7 +124,7 @@ def start_descent(
     except IndexError:
         room = _make_room(a, b)
     room.stack[0] = 0, BLOCKS, 0, BLOCKS, 0, 0
-    # Stretches and directions go on being counted: nothing known of them is of those to come.
+    # Stretches and directions are numbered on: cached data never matches later ones.
     room.on_a.span[:2] = room.on_b.span[:2] = 0
     room.scratch.posed[:] = -1
     room.planes[:] = 0.0
@@ -137,7 +137,7 @@ def start_descent(
 
 
 def _sizes(of: SweptSequence) -> _Sizes:
-    """Return what the room to compare an occupancy depends on."""
+    """Return the sizes that determine the work arrays of an occupancy."""
     hulls = of.hulls
     joints, bodies = hulls.q_a.shape[1], hulls.solid.shape[1]
     return joints, bodies, len(hulls.joint), len(hulls.radius), hulls.most_corners
@@ -162,7 +162,7 @@ def _make_room(a: SweptSequence, b: SweptSequence) -> DescentRoom:
 def keep_close_bodies(
     descent: Descent, s: int, s_last: int, t: int, t_last: int, first: int, count: int
 ) -> int:
-    """Copy a list of bodies behind itself but for those that stay apart on two stretches.
+    """Append the list of bodies without those proved apart on two stretches.
 
     Returns:
         How many are left; PROVED when two segments are proved to conflict.
@@ -234,7 +234,7 @@ def keep_close_bodies(
 
 @inner_kernel
 def _keep_unseparated(descent: Descent, first: int, end: int) -> int:
-    """Drop the pairs of bodies that planes separate on two stretches, posed.
+    """Drop the pairs of bodies that planes separate on two posed stretches.
 
     A plane found for one pair is tried on all others: few pairs need one of their own. More
     than the clearance is asked for, as much as the exact decision tolerates: so what it says

@@ -35,7 +35,7 @@ _MOST_HITS = 32768
 def hulls_conflict(
     a: Occupancy, s: int, b: Occupancy, t: int, descent: Descent, proposed: slice
 ) -> bool:
-    """Decide by the distance of convex hulls over both whole motions whether segments conflict.
+    """Decide by convex hull distances over both whole motions whether segments conflict.
 
     Args:
         a, s: an occupancy and a segment of it.
@@ -83,14 +83,14 @@ def search_conflicts(
         a: occupancy of the nodes v.
         b: occupancy of the nodes u.
         floor: last u implied for each v already, never falling; raised here.
-        limit: first u that is not asked for, for each v, never falling.
+        limit: first u outside the query, for each v, non-decreasing.
         table: allowed contacts and clearances.
-        slack: taken off the clearances [m].
+        slack: subtracted from the clearances [m].
     """
     if are_apart_everywhere(a.sequence, b.sequence, table.gap):
         return
     depth = 1
-    # Who asks for the first conflict alone does not have to wait for more.
+    # A caller of the first conflict only does not wait for more.
     hits = np.empty((1, 2), dtype=np.int64)
     sequences = a.sequence, b.sequence
     with start_descent(*sequences, table, floor, limit, slack) as descent:
@@ -127,7 +127,7 @@ def first_conflict(
 def next_proposal(
     descent: Descent, depth: int, hits: Indices
 ) -> tuple[int, int, int, int, int, int]:
-    """Go on with a descent until it has to be decided whether two segments conflict.
+    """Continue a descent up to the next pair of segments that needs an exact decision.
 
     What is proved to conflict is noted in ``hits``.
 
@@ -207,14 +207,14 @@ def next_proposal(
 
 @kernel
 def are_apart_everywhere(a: SweptSequence, b: SweptSequence, gap: float) -> bool:
-    """Tell whether even the volumes that hold all of two occupancies are apart."""
+    """Tell whether even the bounding volumes of two whole occupancies are apart."""
     pairs = np.empty((1, 2), dtype=np.int64)
     return close_blocks(a, ZERO, b, ZERO, gap, ZERO > 0, pairs) == 0
 
 
 @kernel
 def raise_wait_floor(floor: Indices, v: int, u: int) -> None:
-    """Note that v, and so every later node of its robot, waits for u."""
+    """Record that v, and so every later node of its robot, waits for u."""
     while v < len(floor) and floor[v] < u:
         floor[v] = u
         v += 1

@@ -1,10 +1,10 @@
-"""A temporal plan graph, what follows from it, and stretches of it: what they occupy, and how two get on.
+"""A temporal plan graph with cached derived data, and the occupancies and conflicts of its stretches.
 
 The order of the nodes, the entities and their allowed contacts, where objects are, and what
-everything occupies are asked of one ``DerivedTpg`` while edges are drawn, proved and changed.
+everything occupies are obtained from one ``DerivedTpg`` while edges are drawn, proved and changed.
 
 A stretch is some nodes of a chain, some holds of it, or an object at rest. Whether two of them
-conflict depends on what they consist of and who may touch whom in both, not on the graph.
+conflict depends on their content and their allowed contacts, not on the graph.
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ _KEPT_ANSWERS = 100_000
 """Answers that are kept."""
 
 Window = tuple[Indices, Indices]
-"""Nodes that are asked for: above the floor and below the limit, see ``search_conflicts``."""
+"""Nodes of a query: above the floor and below the limit, see ``search_conflicts``."""
 
 
 @dataclass(frozen=True, eq=False)
 class DerivedTpg:
-    """A graph, and what is derived from it when it is first asked for.
+    """A graph with derived data, computed on first use.
 
     Attributes:
         tpg: the graph.
@@ -84,7 +84,7 @@ class DerivedTpg:
 
     @cached_property
     def entities(self) -> dict[str, int]:
-        """Numbers of the robots' arms and tools and of the handled objects."""
+        """Entity numbers of the robots' arms and tools and of the handled objects."""
         handled = dict.fromkeys(handling.object for handling in self.tpg.handlings)
         return entity_numbers((robot.name for robot in self.tpg.cell.robots), handled)
 
@@ -103,7 +103,7 @@ class DerivedTpg:
 
     @cached_property
     def spans(self) -> tuple[tuple[ObjectSpan, ...], ...]:
-        """The objects that are part of each chain's occupancy."""
+        """The objects in each chain's occupancy."""
         return tuple(
             tuple(span for span in self.history.spans if span.robot == chain)
             for chain in range(len(self.tpg.chains))
@@ -111,7 +111,7 @@ class DerivedTpg:
 
     @cached_property
     def deviations(self) -> dict[int, PoseError]:
-        """How far the flange may be from the path of each task whose skill says so."""
+        """Allowed deviation of the flange from the path, for each task whose skill states one."""
         known = self.tpg.cell.deviations
         return {t.index: known[t.kind] for t in self.tpg.tasks if known.get(t.kind)}
 
@@ -132,7 +132,7 @@ class DerivedTpg:
         return earliest_times(self.tpg, flat=self.flat)
 
     def spans_within(self, chain: int, first: int, stop: int) -> list[ObjectSpan]:
-        """Return the objects that are part of some nodes of a chain, numbered from 0.
+        """Return the objects in the occupancy of some nodes of a chain, numbered from 0.
 
         Args:
             chain: the chain.
@@ -172,7 +172,7 @@ class DerivedTpg:
         Args:
             tpg: the graph.
             same: attributes that are the same for both.
-            known: attributes of the other graph that are known already.
+            known: attributes of the other graph to reuse.
         """
         other = DerivedTpg(tpg)
         kept = {"entities", "table", *same} & vars(self).keys()
@@ -189,13 +189,13 @@ class DerivedTpg:
 
 @dataclass
 class GraphStretch:
-    """Part of a graph that occupies space.
+    """Part of a graph with a swept volume.
 
     Attributes:
         nodes: how many nodes of its own it has.
         tasks: that it is part of, in order; None for what is part of all, an object at rest.
-        parts: returns what it consists of but for its tasks.
-        make: returns what it occupies.
+        parts: returns its content except its tasks.
+        make: returns its occupancy.
     """
 
     nodes: int
@@ -205,12 +205,12 @@ class GraphStretch:
 
     @cached_property
     def occupancy(self) -> Occupancy:
-        """What it occupies, worked out when it is first asked for."""
+        """Its occupancy, computed on first use."""
         return self.make()
 
     @cached_property
     def content(self) -> bytes:
-        """Digest of what it consists of."""
+        """Digest of its content."""
         digest = hashlib.blake2b(digest_size=16)
         for part in self.parts():
             digest.update(part)
@@ -301,7 +301,7 @@ def rest_stretch(graph: DerivedTpg, rest: Rest) -> GraphStretch:
 
 
 def standing_stretch(graph: DerivedTpg, robot: PlacedRobot) -> GraphStretch:
-    """Return a robot without nodes, which stands at HOME, as a stretch."""
+    """Return a robot without nodes, standing at HOME, as a stretch."""
     return GraphStretch(
         1,
         None,
@@ -311,7 +311,7 @@ def standing_stretch(graph: DerivedTpg, robot: PlacedRobot) -> GraphStretch:
 
 
 class StretchConflicts:
-    """Conflicts of stretches, searched when they are asked for.
+    """Conflicts of stretches, searched on request.
 
     Args:
         kept: whether they are remembered, from one graph of a cell to the next.
@@ -343,7 +343,7 @@ class StretchConflicts:
     def are_clear(
         self, graph: DerivedTpg, a: GraphStretch, b: GraphStretch, window: Window
     ) -> bool:
-        """Tell whether none of the nodes asked for conflict, see ``search_conflicts``."""
+        """Tell whether none of the queried nodes conflict, see ``search_conflicts``."""
 
         def find() -> bool:
             both = a.occupancy, b.occupancy
@@ -357,7 +357,7 @@ class StretchConflicts:
     def _question(
         self, graph: DerivedTpg, a: GraphStretch, b: GraphStretch, window: Window
     ) -> bytes | None:
-        """Return all that an answer depends on, None where no node is asked for."""
+        """Return the cache key of a query, None where it has no nodes."""
         floor, limit = np.maximum(window[0], -1), np.minimum(window[1], b.nodes)
         if np.all(floor + 1 >= limit):
             return None
@@ -369,7 +369,7 @@ class StretchConflicts:
         return digest.digest()
 
     def _contacts(self, graph: DerivedTpg, a: GraphStretch, b: GraphStretch) -> bytes:
-        """Return who may touch whom in which tasks of both."""
+        """Return the allowed contacts of two stretches, by their tasks."""
         allowed = graph.tpg.allowed
         if allowed is not self._allowed:
             self._allowed, self._of_task = allowed, defaultdict(set)

@@ -31,7 +31,7 @@ Node = tuple[int, int]
 
 @dataclass(frozen=True)
 class ObjectSpan:
-    """An object is part of a robot's occupancy.
+    """An interval of nodes in which an object is part of a robot's occupancy.
 
     Attributes:
         object: its name.
@@ -51,7 +51,7 @@ class ObjectSpan:
 
 @dataclass(frozen=True)
 class Rest:
-    """An object is at rest, or in the hand of a robot that stands, between two nodes.
+    """An interval between two nodes in which an object is at rest, or in the hand of a standing robot.
 
     Attributes:
         object: its name.
@@ -127,7 +127,7 @@ class _Place:
 
 
 class _Trace:
-    """Follows one object through its handlings, and notes its spans and rests."""
+    """Follows one object through its handlings, and records its spans and rests."""
 
     def __init__(
         self, tpg: TemporalPlanGraph, ranks: Sequence[Indices], name: str
@@ -159,7 +159,7 @@ class _Trace:
         self._to_the_end(place)
 
     def _held_from_the_start(self, event: NodeHandling) -> _Place | None:
-        """Return who holds an object before its first node, None where that only takes it then."""
+        """Return the robot that holds an object before its first node, None if it takes it then."""
         if not self._tpg.holds_before(event):
             return None
         return _Place(event.pose, event.robot, None, _BEFORE)
@@ -167,7 +167,7 @@ class _Trace:
     def _leave(
         self, place: _Place, event: NodeHandling, events: list[NodeHandling]
     ) -> None:
-        """Refuse to let an object leave that is in a hand, or handled afterwards."""
+        """Check that an object that leaves is in no hand, and is not handled afterwards."""
         task = self._task((event.robot, event.node))
         if place.holder is not None:
             raise PlanInvariantError(
@@ -205,7 +205,7 @@ class _Trace:
         if event.holder is None:
             tried = self._tpg.task_of(event).kind == FAILED
             found = place.holder is None and tried
-            # Who failed to pick it has measured where it lies.
+            # A robot that failed to pick it has measured its pose.
             if place.holder != event.robot and not found:
                 raise PlanInvariantError(
                     f"task {self._task(node)} of robot {chain.robot!r} puts down"
@@ -241,7 +241,7 @@ class _Trace:
             self._span(place.holder, place.since, end, True, place.pose)
 
     def _rest_of_node(self, place: _Place) -> None:
-        """Note that the object rests to the end of the node that left it, if one did."""
+        """Record that the object rests to the end of the node that released it, if any."""
         if place.node is not None:
             end = self._end_of(place.node)
             self._span(place.node[0], place.since, end, False, place.pose)
@@ -259,12 +259,12 @@ class _Trace:
         return int(self._ranks[chain].searchsorted(self._ranks[node[0]][node[1]])) - 1
 
     def _end_of(self, node: Node) -> Moment:
-        """Return the moment in which a node (-1: the start) ends."""
+        """Return the moment at which a node ends (-1: the start)."""
         chain, k = self._tpg.chains[node[0]], node[1]
         return (0, 0) if k < 0 else (k, int(chain.first[k + 1] - chain.first[k]))
 
     def _hand(self, node: Node) -> Transform:
-        """Return the flange pose of a robot that stands after a node (-1: at its start)."""
+        """Return the flange pose of a robot standing after a node (-1: at its start)."""
         chain, k = self._tpg.chains[node[0]], node[1]
         return frame_pose(self._tpg.cell.robot(chain.robot), chain.stands_at(k + 1))
 
@@ -272,7 +272,7 @@ class _Trace:
 def nodes_meeting_rest(
     order: NodeOrder, rest: Rest, robot: int, count: int
 ) -> tuple[int, int]:
-    """Return the nodes of a robot, ``range(floor + 1, limit)``, that meet an object at rest.
+    """Return the nodes of a robot, ``range(floor + 1, limit)``, that collide with an object at rest.
 
     Args:
         order: what precedes what.

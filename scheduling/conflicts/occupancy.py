@@ -1,4 +1,4 @@
-"""Occupancy of nodes: the space of robot, tool and handled objects, segment by segment.
+"""Occupancy of nodes: swept volume of robot, tool and handled objects, segment by segment.
 
 Every node is cut into straight joint-space segments short enough that no point of the robot
 moves further than MOTION in one. What is proved of a segment holds for the whole motion within
@@ -59,12 +59,12 @@ class Occupancy:
 
     @property
     def hulls(self) -> HullTable:
-        """Corners of the bodies, and which of them are where."""
+        """Corners of the bodies, and their segments."""
         return self.sequence.hulls
 
     @property
     def nodes(self) -> int:
-        """Number of nodes, one for what rests or stands."""
+        """Number of nodes, one for a resting object or a standing robot."""
         return int(self.sequence.node[-1]) + 1
 
 
@@ -110,7 +110,7 @@ def cut_into_segments(
 def _with_ball(
     robot: PlacedRobot, held: Sequence[tuple[Shape, Transform]]
 ) -> HullTable:
-    """Return a robot's bodies, and a ball that contains what is ever held."""
+    """Return a robot's bodies, and a ball that contains everything it ever holds."""
     hulls = robot_bodies(robot).hulls
     if not held:
         return hulls
@@ -222,7 +222,7 @@ def hold_occupancy(
 def standing_occupancy(
     cell: Workcell, robot: PlacedRobot, entities: Mapping[str, int]
 ) -> Occupancy:
-    """Return the occupancy of a robot without nodes: it stands at HOME, in one segment."""
+    """Return the occupancy of a robot without nodes: at HOME, in one segment."""
     q = np.array(robot.home[None], dtype=np.float64)
     segments = _Segments(q, q, np.zeros(1, dtype=np.int64), _NO_TASK, _NO_TASK)
     return _assemble(cell, robot, segments, [], entities)
@@ -234,7 +234,7 @@ def rest_occupancy(
     entities: Mapping[str, int],
     holder: PlacedRobot | None = None,
 ) -> Occupancy:
-    """Return the occupancy of an object at rest, or in the hand of a robot that stands."""
+    """Return the occupancy of an object at rest, or in the hand of a standing robot."""
     pieces = cell.object(rest.object).shape.pieces
     solids = tuple(resting_solid(rest.object, body, rest.pose) for body in pieces)
     hulls = standing_hulls(solids)
@@ -251,7 +251,7 @@ def rest_occupancy(
 def _segments_of(
     span: ObjectSpan, node: Indices, waypoint: Indices, chain: NodeChain
 ) -> tuple[int, int]:
-    """Return the segments, ``range(first, stop)``, in which an object is there."""
+    """Return the segments, ``range(first, stop)``, in which an object is present."""
     room = int(np.max(np.diff(chain.first))) + 2
     leads_to = node * room + waypoint
     (a, wa), (b, wb) = span.start, span.end

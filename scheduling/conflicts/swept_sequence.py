@@ -1,10 +1,9 @@
-"""What is occupied, segment after segment, with a binary tree of bounding blocks over it.
+"""Sequence of swept segments, with a binary tree of bounding blocks over it.
 
-A block bounds a run of consecutive segments twice: by one box, and capsule by capsule. The
-capsules of a leaf stand where the joints are in the middle of all they do in it, grown by a
-rigorous bound of how far they get from there; those of a larger block are those of one of
-its halves, grown until they hold the other's. Capsules of single segments are not kept: what
-they could tell the hulls tell better.
+A block bounds a run of consecutive segments twice: by one box, and capsule by capsule. The capsules of a
+leaf are placed at the middle of its joint ranges, and enlarged by a rigorous bound on the displacement from
+there; those of a larger block are those of one of its halves, enlarged until they contain the other's.
+Capsules of single segments are not stored: their hulls decide better.
 """
 
 from __future__ import annotations
@@ -86,7 +85,7 @@ def swept_sequence(
     """
     leaves = -(-len(node) // leaf)
     blocks = 2 * leaves - 1
-    widths = np.append(np.diff(hulls.capsule_first), 0)  # the last one stands for none
+    widths = np.append(np.diff(hulls.capsule_first), 0)  # the last one means none
     column = np.cumsum([0, *np.max(widths[hulls.solid], axis=0)]).astype(np.int64)
     out = packed(
         SweptSequence(
@@ -185,7 +184,7 @@ def bound_leaf(seq: SweptSequence, block: int, room: PosedStretch) -> None:
 def _write_capsule(
     out: npt.NDArray[np.float32], c: int, start: Array, end: Array, radius: float
 ) -> None:
-    """Write a capsule in single precision, grown so that it holds the one given."""
+    """Write a capsule in single precision, enlarged so that it contains the given one."""
     far = radius
     for k in range(3):
         out[c, k], out[c, k + 3] = start[k], end[k]
@@ -197,7 +196,7 @@ def _write_capsule(
 def _bound_both(
     capsules: npt.NDArray[np.float32], block: int, left: int, right: int
 ) -> None:
-    """Write capsules that hold those of two blocks: those of one of them, grown."""
+    """Write capsules that contain those of two blocks: those of one of them, enlarged."""
     one, two, out = capsules[left], capsules[right], capsules[block]
     for c in range(len(out)):
         r, s = float(one[c, 6]), float(two[c, 6])

@@ -10,12 +10,12 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 
 def actuation_nodes(tpg: TemporalPlanGraph) -> list[dict[int, Actuation]]:
-    """Return what tools do in which nodes, chain by chain; of a contracted graph only nodes of their own."""
+    """Return the actuations by node, chain by chain; of a contracted graph only nodes of their own."""
     return [chain_actuations(tpg, k) for k in range(len(tpg.chains))]
 
 
 def chain_actuations(tpg: TemporalPlanGraph, index: int) -> dict[int, Actuation]:
-    """Return what a tool does in which nodes of a chain.
+    """Return the actuations of a chain by node.
 
     It is the node whose one waypoint is that at which the task says that it is over.
     """

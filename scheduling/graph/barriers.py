@@ -18,7 +18,7 @@ from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGr
 def with_barriers(
     tpg: TemporalPlanGraph, cause: int = TASK_DEPENDENCY
 ) -> TemporalPlanGraph:
-    """Return the graph in which no robot enters a slot before everyone has left all earlier ones.
+    """Return the graph with barriers: no robot enters a slot before all have left the earlier ones.
 
     Every node that is the first of its robot in a slot waits for the last node of each other
     robot in any earlier slot.

@@ -1,4 +1,4 @@
-"""How the arrays of data classes lie in plan.npz: type, shape and range, said once beside each field.
+"""Schema of the arrays in plan.npz: type, shape and range, declared with each field.
 
 A field ``duration: Annotated[Array, Column("nodes", least=0.0)]`` is the array ``<prefix>duration``.
 """
@@ -39,12 +39,12 @@ class Column:
     def read(
         self, name: str, arrays: Mapping[str, npt.NDArray[Any]], sizes: dict[str, int]
     ) -> npt.NDArray[Any]:
-        """Return an array that is as it should be.
+        """Return a validated array.
 
         Args:
             name: of the array.
             arrays: all there are.
-            sizes: by name; those that are not known yet are taken from the array.
+            sizes: by name; unknown ones are read from the array.
 
         Raises:
             OutputError: it has another type or shape than it should, or a value that is not finite
@@ -56,7 +56,7 @@ class Column:
         return values
 
     def check(self, name: str, values: npt.NDArray[Any], sizes: dict[str, int]) -> None:
-        """Raise an OutputError unless an array is as it should be, see ``read``."""
+        """Raise an OutputError unless an array is valid, see ``read``."""
         if values.ndim == len(self.shape):
             for size, count in zip(self.shape, values.shape, strict=True):
                 if isinstance(size, str):
@@ -119,7 +119,7 @@ def read_columns(
 def require_values(
     ok: npt.NDArray[np.bool_], name: str, values: npt.NDArray[Any], wrong: str
 ) -> None:
-    """Refuse an array whose values are not all right.
+    """Refuse an array with invalid values.
 
     Raises:
         OutputError: one is not; the message says which, what it is, and what is wrong.

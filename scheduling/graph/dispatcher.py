@@ -1,4 +1,4 @@
-"""State machine over a temporal plan graph that tells which nodes may start; it has no clock."""
+"""State machine over a temporal plan graph: which nodes may start; it has no clock."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Node = tuple[int, int]
 
 
 class Dispatcher:
-    """Tells which nodes have become safe as nodes are reported complete (APEX-MR IV-D).
+    """Reports which nodes have become safe as others complete (APEX-MR IV-D).
 
     A node is *safe* once every node that precedes it by an edge is complete. A robot works its
     nodes one after the other, so at most one node of each robot is safe and incomplete.
@@ -44,7 +44,7 @@ class Dispatcher:
         self._lifted: frozenset[tuple[int, int]] = frozenset()
 
     def copy(self) -> Dispatcher:
-        """Return a dispatcher in the same state; both go on independently."""
+        """Return an independent dispatcher in the same state."""
         twin = copy(self)
         twin._unmet = self._unmet.copy()
         twin._done = self._done.copy()
@@ -60,7 +60,7 @@ class Dispatcher:
         ]
 
     def is_safe(self, robot: int, node: int) -> bool:
-        """Tell whether all that a node waits for is complete (true also once it is complete)."""
+        """Tell whether all predecessors of a node are complete (true also once it is complete itself)."""
         return self._unmet[self._number(robot, node)] == 0
 
     def complete(self, robot: int, node: int) -> list[Node]:
@@ -94,7 +94,7 @@ class Dispatcher:
         return self._advance(robot)
 
     def observe(self, robot: int, node: int) -> None:
-        """Take note that a robot has completed a node, whether it was allowed to or not.
+        """Record that a robot has completed a node, whether it was allowed to or not.
 
         All its nodes before it count as complete too.
         """
@@ -103,7 +103,7 @@ class Dispatcher:
             self._advance(robot)
 
     def _advance(self, robot: int) -> list[Node]:
-        """Take a robot's next node as complete; return the nodes that have become safe by it."""
+        """Mark a robot's next node as complete; return the nodes that have become safe by it."""
         done = self._done[robot]
         number = self._first[robot] + done
         self._done[robot] = done + 1
@@ -120,14 +120,14 @@ class Dispatcher:
         return safe
 
     def lift(self, source: Node, target: Node) -> None:
-        """Let a node wait no longer for one that is not complete; nothing happens where it is."""
+        """Remove a node's wait for an incomplete node; no effect where that is complete."""
         pair = self._number(*source), self._number(*target)
         if source[1] >= self._done[source[0]] and pair not in self._lifted:
             self._lifted = self._lifted | {pair}
             self._unmet[pair[1]] -= 1
 
     def waits_for(self, robot: int, node: int) -> list[Node]:
-        """Return the incomplete sources of a node's type-2 edges: what it still waits for."""
+        """Return the incomplete sources of a node's type-2 edges."""
         out = []
         number = self._number(robot, node)
         for source in self._sources.get(number, ()):
@@ -137,7 +137,7 @@ class Dispatcher:
         return out
 
     def completed(self, robot: int) -> int:
-        """Return how many nodes of a robot are complete."""
+        """Return the number of complete nodes of a robot."""
         return self._done[robot]
 
     @property
@@ -157,7 +157,7 @@ class Dispatcher:
 
 
 def timed_edges(tpg: TemporalPlanGraph) -> dict[Node, list[tuple[Node, int]]]:
-    """Return targets of the edges that hold for some time at most, by source, with that time [ns]."""
+    """Return the targets of edges with a time limit, by source, with the limit [ns]."""
     found: dict[Node, list[tuple[Node, int]]] = {}
     for k in np.flatnonzero(tpg.patience < EVER).tolist():
         a, u, b, v = tpg.edges[k].tolist()

@@ -1,4 +1,4 @@
-"""What plan.json and plan.npz say of a temporal plan graph, and the graph that they make."""
+"""Mapping between a temporal plan graph and the content of plan.json and plan.npz."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class _Window(Entry):
 
 
 class PlanDocument(Entry):
-    """What plan.json says, but for format, version and the sum of the arrays."""
+    """Content of plan.json, except format, version and the hash of the arrays."""
 
     cell: CellEntry
     tasks: tuple[_Task, ...]
@@ -132,7 +132,7 @@ class PlanDocument(Entry):
         return {k: v for k, v in write(self).items() if k != "windows" or v}
 
     def check_names(self) -> None:
-        """Check that every name is known, and given once.
+        """Check that every name is known, and unique.
 
         Raises:
             OutputError: one is not; the message names the place.
@@ -176,7 +176,7 @@ def _check_name(place: str, name: str, known: Collection[str]) -> None:
 
 
 def write_graph(tpg: TemporalPlanGraph) -> tuple[PlanDocument, Arrays]:
-    """Return a graph as what plan.json and plan.npz have, see the head of plan_files.
+    """Return a graph as the content of plan.json and plan.npz, see the head of plan_files.
 
     Raises:
         OutputError: a quantity is beyond the bounds of ``planning.bounds``; the message names it.
@@ -226,7 +226,7 @@ def read_graph(
         document: what there is.
         arrays: the numbers.
         models: robot types by name, used before the registry and URDF files.
-        folder: where URDF files are looked for.
+        folder: where URDF files are searched.
 
     Raises:
         KeyError: an array is missing.

@@ -7,13 +7,13 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 
 def machine_chains(tpg: TemporalPlanGraph) -> frozenset[int]:
-    """Return the indices of the chains whose tasks no robot does."""
+    """Return the indices of the chains of machines."""
     machines = {item.name for item in tpg.cell.machines}
     return frozenset(k for k, chain in enumerate(tpg.chains) if chain.robot in machines)
 
 
 def working_machines(tpg: TemporalPlanGraph) -> tuple[int, ...]:
-    """Return the indices of the chains of machines that work at parts, and bring or take none."""
+    """Return the indices of the chains of machines that process parts, and do not supply or remove any."""
     kind = {task.robot: task.kind for task in tpg.tasks}
     return tuple(
         k
@@ -23,7 +23,7 @@ def working_machines(tpg: TemporalPlanGraph) -> tuple[int, ...]:
 
 
 def idle_robots(tpg: TemporalPlanGraph) -> tuple[str, ...]:
-    """Return the robots of the cell that have nothing to do in a graph, and are not out of service."""
+    """Return the robots of the cell without nodes in a graph that are not out of service."""
     out = () if tpg.cell.begun is None else tpg.cell.begun.out
     working = {*out, *(chain.robot for chain in tpg.chains if len(chain))}
     return tuple(r.name for r in tpg.cell.robots if r.name not in working)

@@ -1,8 +1,8 @@
-"""Temporal plan graphs as files: plan.json says what there is, plan.npz holds the numbers.
+"""Temporal plan graphs as files: plan.json for the structure, plan.npz for the numbers.
 
-plan.json is a ``PlanDocument`` with format, version and the sum of plan.npz. ``model`` of a robot is
-a name of the registry; null says that the robot is read from ``urdf``, which then lies with its
-meshes beside the plan. ``sha256`` is that of the description and the meshes that the robot
+plan.json is a ``PlanDocument`` with format, version and the hash of plan.npz. ``model`` of a robot is
+a name of the registry; null says that the robot is read from ``urdf``, which is stored with its meshes next
+to the plan. ``sha256`` is that of the description and the meshes that the robot
 collides with: a plan is refused when they have changed.
 
 plan.npz has the columns of ``TemporalPlanGraph``, and of its chains as ``chain_<i>_`` and
@@ -130,7 +130,7 @@ def _check_drive(prefix: str, chain: NodeChain, drive: Drive) -> None:
 
 
 def _check_corners(name: str, chain: NodeChain, corners: RoundedCorners) -> None:
-    """Check that rounded corners are pose nodes of a stretch, one bend after another."""
+    """Check that rounded corners are pose nodes of a stretch, bend by bend."""
     begin, stop, length = corners.begin, corners.stop, corners.length
     bend, at, window = corners.bend, corners.at, corners.window
     after = np.append(0, stop[:-1])
@@ -211,7 +211,7 @@ def _check_waypoints(
 
 
 def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
-    """Write ``plan.json`` and ``plan.npz`` into a folder, which is made if need be.
+    """Write ``plan.json`` and ``plan.npz`` into a folder, which is created if needed.
 
     Args:
         tpg: the graph.
@@ -253,7 +253,7 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
 
 
 def plan_sha256(tpg: TemporalPlanGraph) -> str:
-    """Return a hash of all that a plan says, wherever its robots' descriptions lie."""
+    """Return a hash of the content of a plan, wherever its robots' descriptions are."""
     document, arrays = write_graph(tpg)
     for robot in document.cell.robots:
         robot.urdf = ""
@@ -304,7 +304,7 @@ def load_plan(
         described.check_names()
         arrays = read_npz(content, kinds="fiub", most=LARGEST_BYTES)
         for name, values in arrays.items():
-            # Robots stay as cells build them: numba compiles read-only arrays anew.
+            # Robots stay as cells build them: numba recompiles for read-only arrays.
             if not name.startswith("robot_"):
                 values.setflags(write=False)
         tpg = read_graph(described, arrays, models or {}, folder)

@@ -1,4 +1,4 @@
-"""Earliest and latest times of nodes that all run as early as the graph lets them."""
+"""Earliest and latest times of nodes when all start as early as the graph allows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from scheduling.graph.total_order import FlatGraph, flatten_graph, planned_ranks
 
 @dataclass(frozen=True)
 class Rollout:
-    """Start and end of every node, one array of shape (nodes,) a chain.
+    """Start and end of every node, one array of shape (nodes,) per chain.
 
     Attributes:
         start, end: [s] or [ns], as the durations were.

@@ -1,4 +1,4 @@
-"""What plan.json and plan.npz say of a cell, and the cell that they make."""
+"""Mapping between a cell and the content of plan.json and plan.npz."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ T = TypeVar("T")
 
 
 class Entry(BaseModel):
-    """A mapping of plan.json, made of what it tells of: no silent conversion, finite numbers."""
+    """A mapping of plan.json for a data class: no silent conversion, finite numbers."""
 
     model_config = ConfigDict(
         strict=True, allow_inf_nan=False, from_attributes=True, populate_by_name=True
@@ -97,19 +97,19 @@ class Entry(BaseModel):
 
 
 def to_entry(kind: type[E], item: object, **others: object) -> E:
-    """Return the entry of something: its attributes, and what they do not say."""
+    """Return the entry of an object: its attributes, and fields computed in addition."""
     names = [name for name in kind.model_fields if hasattr(item, name)]
     return kind.model_validate({n: getattr(item, n) for n in names} | others)
 
 
 def from_entry(kind: type[T], entry: Entry, **others: object) -> T:
-    """Return what an entry tells of: its values, and what it does not say."""
+    """Return the object of an entry."""
     names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
     return kind(**{n: value for n, value in entry if n in names} | others)
 
 
 def stack(values: Sequence[Array], *shape: int) -> Array:
-    """Return arrays of a shape as one, also where there are none."""
+    """Return arrays of a shape as one, also if there are none."""
     return np.array(values, dtype=np.float64).reshape(-1, *shape)
 
 
@@ -184,7 +184,7 @@ class _Begun(Entry):
 
 
 class CellEntry(Entry):
-    """What plan.json says of a cell."""
+    """Content of plan.json on a cell."""
 
     robots: Annotated[tuple[_Robot, ...], Field(min_length=1, max_length=MOST_ROBOTS)]
     fixtures: tuple[_Fixture, ...]
@@ -199,7 +199,7 @@ class CellEntry(Entry):
 
 
 def write_cell(cell: Workcell, arrays: Arrays) -> CellEntry:
-    """Return what is written of a cell; its arrays are added to the others."""
+    """Return the entry of a cell; its arrays are added to the others."""
     things = (("fixture", "pose", cell.fixtures), ("object", "start", cell.objects))
     for what, pose, items in things:
         arrays[f"{what}_size"] = stack([item.size for item in items], 3)
@@ -227,7 +227,7 @@ def _write_robot(i: int, robot: PlacedRobot, arrays: Arrays) -> _Robot:
     if limits is not None:
         joints = np.array([limits.velocity, limits.acceleration, limits.jerk])
         caps = limits.sum_of_speeds, limits.tool_speed, limits.loaded_tool_speed
-        # 0 stands for no limit.
+        # 0 means no limit.
         for name, values in (("limits", joints), ("caps", np.array(caps))):
             arrays[f"robot_{i}_{name}"] = np.where(np.isfinite(values), values, 0.0)
         _RATES.check(f"robot_{i}_limits", arrays[f"robot_{i}_limits"], {})
@@ -247,7 +247,7 @@ def _write_robot(i: int, robot: PlacedRobot, arrays: Arrays) -> _Robot:
 
 
 def _write_thing(kind: type[E], item: Fixture | CellObject, arrays: Arrays) -> E:
-    """Return what is written of a thing; a box is described by its size alone."""
+    """Return the entry of a thing; a box is described by its size alone."""
     if item.shape.is_box:
         return to_entry(kind, item, body=item.shape.pieces[0].name, shape=None)
     elements = item.shape.elements
@@ -272,7 +272,7 @@ def _write_form(prefix: str, form: Form, arrays: Arrays) -> Entry:
 def read_cell(
     document: CellEntry, arrays: Arrays, models: Mapping[str, RobotModel], folder: Path
 ) -> Workcell:
-    """Return the cell that was written, see ``document.read_graph``."""
+    """Return the cell of an entry, see ``document.read_graph``."""
     robots = tuple(
         _read_robot(i, entry, arrays, models, folder)
         for i, entry in enumerate(document.robots)
@@ -355,7 +355,7 @@ def _read_things(
 
 
 def _read_shape(prefix: str, entry: _Thing, arrays: Arrays) -> Shape:
-    """Return the shape of what is no box."""
+    """Return the shape of a thing that is no box."""
     assert entry.shape is not None
     poses = POSES.read(f"{prefix}pose", arrays, {"rows": len(entry.shape)})
     forms = [

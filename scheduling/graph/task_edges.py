@@ -1,4 +1,4 @@
-"""The nodes of each task, and the type-2 edges that task dependencies ask for."""
+"""The nodes of each task, and the type-2 edges that task dependencies require."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from scheduling.graph.temporal_plan_graph import (
 
 @dataclass(frozen=True)
 class TaskNodes:
-    """The nodes of a task that has any.
+    """The nodes of a task.
 
     Attributes:
         task: its index.
@@ -94,7 +94,7 @@ def dependency_edges(tpg: TemporalPlanGraph) -> Indices:
 def _last_nodes(
     graph: TaskGraph, nodes: dict[int, TaskNodes]
 ) -> dict[int, frozenset[tuple[int, int]]]:
-    """Return, by task, the nodes (chain, node) whose completion says that it is complete."""
+    """Return, by task, the nodes (chain, node) at whose completion it is complete."""
     ends = {task: frozenset([(own.chain, own.stop - 1)]) for task, own in nodes.items()}
     empty = {
         task: list(graph.predecessors(task)) for task in graph if task not in nodes
@@ -111,7 +111,7 @@ def _last_nodes(
 def add_edges(
     tpg: TemporalPlanGraph, edges: Sequence[Indices], cause: int
 ) -> TemporalPlanGraph:
-    """Return the graph with more edges, each once, its own ones first."""
+    """Return the graph with further edges, without duplicates, its own ones first."""
     every = np.concatenate([tpg.edges, *edges])
     unique, first = np.unique(every, axis=0, return_index=True)
     causes = np.full(len(every), cause, dtype=np.uint8)
@@ -120,7 +120,7 @@ def add_edges(
 
 
 def sequential_order(tpg: TemporalPlanGraph) -> Iterator[int]:
-    """Yield node numbers, chain by chain from 0, in the order of the sequential policy.
+    """Yield node numbers, counted chain by chain from 0, in the order of the sequential policy.
 
     Of the nodes that are safe, that of the earliest task comes first. Machines do what they can at
     once: robots take their turns in the same order however long they wait for them.
@@ -142,7 +142,7 @@ def sequential_order(tpg: TemporalPlanGraph) -> Iterator[int]:
 
 
 def turn_edges(tpg: TemporalPlanGraph) -> Indices:
-    """Return the edges by which robots wait for their turn, in the order of the sequential policy."""
+    """Return the edges that make robots wait for their turn, in the order of the sequential policy."""
     first = np.cumsum([0, *(len(chain) for chain in tpg.chains)])
     order = np.fromiter(sequential_order(tpg), dtype=np.int64)
     chain = np.searchsorted(first, order, side="right") - 1
@@ -153,7 +153,7 @@ def turn_edges(tpg: TemporalPlanGraph) -> Indices:
 
 
 def with_turns(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Return the graph in which robots take their turns by edges of their own.
+    """Return the graph with edges that make robots take turns.
 
     So a robot knows how far it may go before it is another one's turn.
     """

@@ -39,7 +39,7 @@ NO_EDGES = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.uint8)
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Times in which the nodes of a chain can be passed, one entry a node.
+    """Timing limits of the nodes of a chain, one entry per node.
 
     Consecutive pose nodes on a straight line in joint space, and around rounded corners of it, are a
     *stretch*: the robot passes the borders between them at speed, and is at rest at both ends of it.
@@ -80,21 +80,21 @@ class Drive:
         return Drive(**own)
 
     def repeated(self, times: int) -> Drive:
-        """Return the entries again and again."""
+        """Return the entries repeated a number of times."""
         return joined_drives([self] * times)
 
 
 def joined_drives(parts: Sequence[Drive]) -> Drive:
-    """Return the entries of some nodes, and then those of others."""
+    """Return the concatenated entries of two runs of nodes."""
     columns = zip(*(vars(part).values() for part in parts), strict=True)
     return Drive(*map(np.concatenate, columns))
 
 
 @dataclass(frozen=True, eq=False)
 class RoundedCorners:
-    """Corners of a chain that are rounded, in order, in *bends*: those of a bend share its curve.
+    """Rounded corners of a chain, in order, in *bends*: the corners of a bend share its curve.
 
-    The pose nodes of a bend are a curve from one straight way to another, see
+    The pose nodes of a bend are a curve from one straight path to another, see
     ``planning.timing.rounded_path``; their waypoints are on it, so close that chords are as good, and equal
     times apart. It begins where the first node does and ends where the last one does.
 
@@ -103,9 +103,9 @@ class RoundedCorners:
         stop: the node after the last one of each bend, shape (b,).
         length: time of each bend at full speed, in a unit of its own, shape (b,).
         bend: the bend that each corner is part of, shape (k,).
-        at: way of each corner since its bend began, in that unit, shape (k,).
+        at: path parameter of each corner from the start of its bend, in that unit, shape (k,).
         window: over which it is rounded, in that unit, shape (k,).
-        corner: where straight ways would meet, shape (k, n).
+        corner: intersection of the straight legs, shape (k, n).
     """
 
     begin: Annotated[Indices, Column(("bends",), np.int64)]
@@ -117,17 +117,17 @@ class RoundedCorners:
     corner: Annotated[Array, Column(("corners", "joints"))]
 
     def inside(self, first: int, stop: int) -> RoundedCorners | None:
-        """Return those among nodes ``range(first, stop)``, numbered from ``first``; None for none."""
+        """Return the corners within nodes ``range(first, stop)``, numbered from ``first``; None for none."""
         own = np.flatnonzero((self.begin >= first) & (self.stop <= stop))
         return joined_corners((self._picked(own), -first))
 
     def outside(self, first: int, stop: int) -> RoundedCorners | None:
-        """Return those of which no node is among nodes ``range(first, stop)``; None for none."""
+        """Return the corners without a node within ``range(first, stop)``; None for none."""
         own = np.flatnonzero((self.begin >= stop) | (self.stop <= first))
         return joined_corners((self._picked(own), 0))
 
     def repeated(self, times: int, nodes: int) -> RoundedCorners | None:
-        """Return the corners of a chain of some nodes that comes again and again."""
+        """Return the corners of a repeated chain of some nodes."""
         return joined_corners(*((self, k * nodes) for k in range(times)))
 
     def _picked(self, own: Indices) -> RoundedCorners:
@@ -209,11 +209,11 @@ class NodeChain:
         return len(self.task)
 
     def stands_at(self, count: int) -> Array:
-        """Return where its robot stands when so many of its nodes are complete, shape (n,)."""
+        """Return the configuration of its robot when a number of its nodes are complete, shape (n,)."""
         return self.start if count == 0 else self.waypoints[self.first[count] - 1]
 
     def frozen(self) -> NodeChain:
-        """Return it with arrays that nobody writes to."""
+        """Return it with read-only arrays."""
         for values in vars(self).values():
             if isinstance(values, np.ndarray):
                 values.setflags(write=False)
@@ -250,7 +250,7 @@ def pose_nodes(
     *,
     skill: bool = False,
 ) -> NodeChain:
-    """Return nodes of one waypoint each; a number stands for all of them."""
+    """Return nodes of one waypoint each; a scalar applies to all of them."""
     count = len(waypoints)
     return NodeChain(
         robot,
@@ -266,7 +266,7 @@ def pose_nodes(
 
 
 def join_chains(parts: Sequence[NodeChain]) -> NodeChain:
-    """Return the nodes of several chains of one robot, one after another."""
+    """Return the concatenated nodes of several chains of one robot."""
     counts = np.concatenate([np.diff(part.first) for part in parts])
     names = ("waypoints", "fraction", "task", "skill", "duration", "planned_start")
     joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
@@ -283,7 +283,7 @@ def join_chains(parts: Sequence[NodeChain]) -> NodeChain:
 
 @dataclass(frozen=True)
 class NodeHandling:
-    """An object changes hands within a node.
+    """A change of hands of an object within a node.
 
     Attributes:
         object: its name.
@@ -304,7 +304,7 @@ class NodeHandling:
 
 @dataclass(frozen=True)
 class TemporalPlanGraph:
-    """Nodes, type-2 edges and what the nodes carry.
+    """Temporal plan graph: node chains, type-2 edges, handlings and tasks.
 
     Attributes:
         cell: the static cell.
@@ -314,7 +314,7 @@ class TemporalPlanGraph:
             that may then start; robots are indices of ``chains``. Sorted.
         cause: TASK_DEPENDENCY or MOTION_CONFLICT per edge, shape (e,).
         handlings: in planned order.
-        allowed: who may touch whom, and when.
+        allowed: allowed contacts, with their times.
         dependencies: pairs (a, b) of tasks, shape (d, 2): a must be complete before b starts.
             The edges say so too, but some of them only through others.
         slots: slot of each task where the plan was made in slots, from 0, shape (tasks,);
@@ -349,7 +349,7 @@ class TemporalPlanGraph:
         return {chain.robot: i for i, chain in enumerate(self.chains)}
 
     def task_at(self, chain: int, node: int) -> Task:
-        """Return the task that a node of a chain is of."""
+        """Return the task of a node of a chain."""
         return self.tasks[int(self.chains[chain].task[node])]
 
     def task_of(self, h: NodeHandling) -> Task:
@@ -357,6 +357,6 @@ class TemporalPlanGraph:
         return self.task_at(h.robot, h.node)
 
     def holds_before(self, h: NodeHandling) -> bool:
-        """Tell whether by a handling a robot has in its hand what it had before its first node."""
+        """Tell whether a handling picks up what its robot holds before its first node."""
         begins = (h.node, h.waypoint) == (0, 0)
         return begins and h.holder == self.chains[h.robot].robot

@@ -1,4 +1,4 @@
-"""The one total order of all nodes (planned start, then task, then node), and graphs as arrays in it.
+"""The total order of all nodes (planned start, then task, then node), and graphs as arrays in it.
 
 Every type-2 edge follows this order, so a temporal plan graph has no cycle. Task indices settle
 ties (a robot's index never does): zero-length nodes start when the node before them does.
@@ -25,7 +25,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain
 
 
 def planned_ranks(chains: Sequence[NodeChain]) -> tuple[Indices, ...]:
-    """Return the place of every node in the total order, one array of shape (nodes,) a chain.
+    """Return the position of every node in the total order, one array of shape (nodes,) per chain.
 
     Raises:
         PlanInvariantError: a robot's own nodes are not in this order.
@@ -57,7 +57,7 @@ def nodes_before(ranks: Sequence[Indices], robot: int, other: int) -> Indices:
 
 
 class FlatGraph(NamedTuple):
-    """The nodes of all chains, numbered through chain by chain, and the edges into each of them.
+    """The nodes of all chains, numbered chain by chain, and the edges into each of them.
 
     Attributes:
         first: first node of each chain, and the number of nodes, shape (chains + 1,).
@@ -93,7 +93,7 @@ def flatten_graph(ranks: Sequence[Indices], edges: Indices) -> FlatGraph:
 
 
 def with_edges(graph: FlatGraph, edges: Indices) -> FlatGraph:
-    """Return a graph of the same nodes in the same order with other edges, shape (e, 4)."""
+    """Return a graph with the same ordered nodes and other edges, shape (e, 4)."""
     first = graph.first
     target = first[edges[:, 2]] + edges[:, 3]
     row = np.argsort(target, kind="stable")
@@ -136,11 +136,11 @@ class NodeOrder:
     ) -> Indices:
         """Return, for nodes of ``robot``, the first node of ``other`` that waits for each.
 
-        The number of nodes of ``other`` stands for none.
+        The number of nodes of ``other`` means none.
 
         Args:
             robot: whose nodes.
-            other: who waits.
+            other: the waiting robot.
             nodes: which of them, all by default.
         """
         waits_for = np.ascontiguousarray(self.of(other)[:, robot])
@@ -156,7 +156,7 @@ def _clocks(
     clock: Indices,
     changed: npt.NDArray[np.bool_],
 ) -> None:
-    """Work out clocks; ``keep`` becomes False for edges that other paths imply.
+    """Compute vector clocks; ``keep`` becomes False for edges that other paths imply.
 
     Args:
         graph: the graph.
@@ -216,7 +216,7 @@ def _clocks(
 def transitive_reduction(
     ranks: Sequence[Indices], edges: Indices
 ) -> tuple[NodeOrder, npt.NDArray[np.bool_]]:
-    """Return the order that edges impose, and which of them say it already.
+    """Return the order that edges impose, and which of them are redundant.
 
     Args:
         ranks: place of every node in the total order, one array a robot, see ``planned_ranks``.
@@ -249,7 +249,7 @@ def transitive_reduction(
 def update_reduction(
     graph: FlatGraph, before: NodeOrder, changed: npt.NDArray[np.bool_]
 ) -> tuple[NodeOrder, npt.NDArray[np.bool_]]:
-    """Return order and reduction, see ``transitive_reduction``, after some edges have changed.
+    """Return order and reduction, see ``transitive_reduction``, after changes of some edges.
 
     Args:
         graph: with its edges, which follow the total order.

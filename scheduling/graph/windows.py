@@ -1,10 +1,10 @@
-"""Windows of time between tasks: how long was passed, what cannot be kept, and whom to hold back.
+"""Time windows between tasks: elapsed times, violations, and edges that hold robots back.
 
-A window opens when a node is complete, and another one is due in it. What opens it is held back by edges
-of time that lead to its first node, from nodes of other robots that the due node needs as well: from the
-last of each robot from the begin of which the way to the due node may take too long. Such an edge holds
-until so much of that way has passed that the rest will fit, or its source is complete. It never comes from a
-node that waits for what it would hold back, so there is no cycle: every run ends, whatever the delays.
+A window opens when a node is complete, and another node is due in it. To keep it, timed edges delay its
+opening: they lead to the first node of the opening task, from nodes of other robots that the due node needs
+as well: the last of each robot from whose start the longest path to the due node may take too long. Such an
+edge holds until the rest of that path fits, or its source is complete. It never comes from a node that
+waits for the delayed one, so there is no cycle: every run ends, under any delays.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ Times = npt.NDArray[np.int64]
 _NANOSECONDS = 1_000_000_000
 
 _NO_WAY = -1
-"""Length of the way from a node that does not lead to the one that is asked for."""
+"""Length of the path from a node that does not lead to the target."""
 
 
 def window_nodes(tpg: TemporalPlanGraph) -> Indices:
-    """Return the nodes of each window, numbered through chain by chain, shape (windows, 3).
+    """Return the nodes of each window, numbered chain by chain, shape (windows, 3).
 
     The first node of the work that opens it, the last one, and the one that is due; EARLIER for what was done
     before. That is the same for a contracted graph, whose nodes are of one task each.
@@ -49,7 +49,7 @@ def window_nodes(tpg: TemporalPlanGraph) -> Indices:
 def window_opening_times(
     tpg: TemporalPlanGraph, end: npt.NDArray[np.int64]
 ) -> dict[int, int]:
-    """Return when the tasks ended that opened windows, by their index, of all that have ended.
+    """Return the end times of completed tasks that opened windows, by their index.
 
     Args:
         tpg: the graph.
@@ -66,7 +66,7 @@ def window_opening_times(
 def window_gaps(
     tpg: TemporalPlanGraph, start: npt.NDArray[np.generic], end: npt.NDArray[np.generic]
 ) -> npt.NDArray[np.generic]:
-    """Return the time that passed from the opening of each window to what was due in it.
+    """Return the elapsed time from the opening of each window to its due task.
 
     Args:
         tpg: the graph.
@@ -85,7 +85,7 @@ def window_gaps(
 
 
 def least_gaps(tpg: TemporalPlanGraph, busy: Times) -> Times:
-    """Return the time that passes in each window however late it is opened, shape (windows, r).
+    """Return the least elapsed time of each window if it is opened late, shape (windows, r).
 
     Args:
         tpg: the graph.
@@ -106,7 +106,7 @@ def least_gaps(tpg: TemporalPlanGraph, busy: Times) -> Times:
 
 
 def plan_cost(tpg: TemporalPlanGraph) -> tuple[float, float]:
-    """Return by how much a plan breaks windows at nominal times, and its makespan: less is better [s]."""
+    """Return the window violations of a plan at nominal times, and its makespan: less is better [s]."""
     times = earliest_times(tpg)
     if not tpg.windows:
         return 0.0, float(times.makespan)
@@ -119,7 +119,7 @@ def plan_cost(tpg: TemporalPlanGraph) -> tuple[float, float]:
 def with_window_hold_edges(
     tpg: TemporalPlanGraph, busy: Times, share: float, cause: int
 ) -> TemporalPlanGraph:
-    """Return a graph with edges that hold back what opens windows, its own ones first.
+    """Return a graph with edges that delay the opening of windows, its own ones first.
 
     What is held back for one window counts for the others: all are looked at from the last to the first,
     and once more from the first to the last. Each robot that the due node needs gets an equal part of the
@@ -161,7 +161,7 @@ def with_window_hold_edges(
 def _with_patience(
     tpg: TemporalPlanGraph, more: Mapping[int, tuple[Indices, Indices]], cause: int
 ) -> TemporalPlanGraph:
-    """Return a graph with more edges, and how long they hold at most."""
+    """Return a graph with further edges, each with a time limit."""
     edges = np.concatenate([tpg.edges, *(rows for rows, _ in more.values())])
     causes: Causes = np.full(len(edges) - len(tpg.edges), cause, dtype=np.uint8)
     ever = np.full(len(tpg.edges), EVER, dtype=np.int64)
@@ -174,7 +174,7 @@ def _with_patience(
 
 
 def followed_order(graph: FlatGraph, tpg: TemporalPlanGraph) -> FlatGraph:
-    """Return a graph with an order that its edges follow, where they go against the planned one."""
+    """Return a graph with an order that its edges follow, where they contradict the planned one."""
     place = np.empty_like(graph.order)
     place[graph.order] = np.arange(len(place))
     target = np.repeat(np.arange(len(place)), np.diff(graph.edge_first))
@@ -191,7 +191,7 @@ def _last_late(
     most: float,
     share: float,
 ) -> dict[int, int]:
-    """Return the last node of each chain with which the way may be too long, and after how long it fits.
+    """Return the last node of each chain with too long a path behind it, and the delay after which it fits.
 
     Args:
         graph: its order follows its edges.
@@ -240,7 +240,7 @@ def _as_edges(graph: FlatGraph, sources: list[int], begun: int) -> Indices:
 
 @kernel
 def _after(graph: FlatGraph, node: int) -> npt.NDArray[np.bool_]:
-    """Return which nodes come after a node, itself included."""
+    """Return the nodes reachable from a node, itself included."""
     after = np.zeros(len(graph.order), np.bool_)
     after[node] = True
     for n in graph.order:
@@ -256,9 +256,9 @@ def _after(graph: FlatGraph, node: int) -> npt.NDArray[np.bool_]:
 def _ways_to(
     graph: FlatGraph, patience: Times, busy: Times, due: int, but: int
 ) -> Times:
-    """Return the longest way from the start of each node to the start of one, shape (nodes, r).
+    """Return the longest path from the start of each node to the start of one, shape (nodes, r).
 
-    Ways through the node ``but`` are left out.
+    Paths through the node ``but`` are excluded.
     """
     longest = np.full(busy.shape, _NO_WAY, np.int64)
     longest[due] = 0

@@ -1,4 +1,4 @@
-"""Task order: which robot goes first where two conflict, better plans, and the synchronous baseline.
+"""Task order: precedence of conflicting tasks, better plans, and the synchronous baseline.
 
 Imports graph, conflicts, shortcuts and build_tpg.
 """

@@ -1,11 +1,10 @@
-"""Beam search for a better order of the tasks of different robots.
+"""Beam search for a better precedence of the tasks of different robots.
 
-Every robot keeps its own order of tasks. What is left to choose is how the robots' tasks follow
-each other: a way through the grid of how many tasks each robot has completed, the task-completion
-diagram of O'Donnell and Lozano-Perez (1989). A step of the way is allowed where the plan stays
-safe one task after another: what the task depends on is done, and it keeps clear of robots that
-stand and objects that lie there now. It is rated by when everyone would be ready if all moved as
-early as the temporal plan graph of this order lets them.
+Every robot keeps its own order of tasks; the search is over their interleaving: a path through the grid of
+how many tasks each robot has completed, the task-completion diagram of O'Donnell and Lozano-Perez (1989). A
+step of the path is allowed where the plan stays safe in sequential execution: the predecessors of the task
+are done, and it is clear of standing robots and resting objects. It is rated by the completion times of all
+robots when all nodes start as early as the temporal plan graph of this order allows.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class _DoneUnit(NamedTuple):
 
 
 def _end_of(done: Sequence[_DoneUnit | None], unit: int) -> float:
-    """Return when a completed unit ends [s]."""
+    """Return the end time of a completed unit [s]."""
     for item in done:
         while item is not None:
             if item.unit == unit:
@@ -62,7 +61,7 @@ class TaskOrderPath:
         late: by how much windows of time are broken, all together [s].
         rating: what is compared.
         move: block of units that was completed last.
-        parent: the way before it.
+        parent: the path before it.
     """
 
     counts: tuple[int, ...]
@@ -75,7 +74,7 @@ class TaskOrderPath:
     parent: TaskOrderPath | None
 
     def order(self) -> list[int]:
-        """Return the blocks, one after another."""
+        """Return the blocks in the order of the path."""
         blocks = []
         path: TaskOrderPath | None = self
         while path is not None and path.parent is not None:
@@ -87,8 +86,8 @@ class TaskOrderPath:
 class TaskOrderSearch:
     """Searches for a better order of blocks.
 
-    A block is a unit, or units of several robots that move in each other's way at once and so
-    stay as they are.
+    A block is a unit, or several units of different robots that conflict while simultaneous, and so stay as
+    they are.
 
     Args:
         relations: of the units.
@@ -125,10 +124,10 @@ class TaskOrderSearch:
                 due.append((opens, window.most - window.ago))
 
     def best_path(self, width: int) -> TaskOrderPath:
-        """Return the best complete path through the grid that is found.
+        """Return the best complete path found through the grid.
 
         Args:
-            width: ways that are followed at once.
+            width: beam width in paths.
         """
         none, zero = tuple(None for _ in self._chains), tuple(0 for _ in self._chains)
         start = TaskOrderPath(
@@ -153,7 +152,7 @@ class TaskOrderSearch:
         )
 
     def _best(self, states: list[TaskOrderPath], width: int) -> list[TaskOrderPath]:
-        """Return the best ways, not too many that have done the same."""
+        """Return the best partial paths, a bounded number per set of completed units."""
         states.sort(key=lambda state: (state.rating, state.waited))
         kept: list[TaskOrderPath] = []
         seen: dict[tuple[int, ...], list[TaskOrderPath]] = {}
@@ -174,7 +173,7 @@ class TaskOrderSearch:
         return kept
 
     def _moves(self, state: TaskOrderPath) -> list[int]:
-        """Return the blocks that could come next by their robots' own orders."""
+        """Return the blocks that could come next by the precedence within chains."""
         found = set()
         for own, count in zip(self._relations.of_chain, state.counts, strict=True):
             if count == len(own):
@@ -217,7 +216,7 @@ class TaskOrderSearch:
         )
 
     def _safe(self, state: TaskOrderPath, block: int) -> bool:
-        """Tell whether a block can be done next, one task after another."""
+        """Tell whether a block can be executed next, one task after another."""
         inside = self._blocks[block]
         busy = {self._units[w].chain for w in inside}
         return all(
@@ -238,7 +237,7 @@ class TaskOrderSearch:
         return u.place < state.counts[u.chain]
 
     def _chain_clear(self, state: TaskOrderPath, unit: int, chain: int) -> bool:
-        """Tell whether a unit is clear of what another robot does sooner or later than planned."""
+        """Tell whether a unit is clear of the reordered units of another robot."""
         relations = self._relations
         count, planned = state.counts[chain], self._planned[unit][chain]
         if count == planned:
@@ -252,7 +251,7 @@ class TaskOrderSearch:
         ) and relations.stands_clear(chain, count, unit)
 
     def _rest_clear(self, number: int, state: TaskOrderPath, unit: int) -> bool:
-        """Tell whether an object is not at rest there now, or not in a unit's way."""
+        """Tell whether an object is not at rest in the current state, or clear of a unit."""
         relations = self._relations
         rest = relations.graph.history.rests[number]
         if rest.after is not None:
@@ -266,7 +265,7 @@ class TaskOrderSearch:
         return relations.rest_clear(number, unit)
 
     def _ready(self, state: TaskOrderPath, unit: int) -> list[tuple[int, float]]:
-        """Return nodes of a unit, and times before which they cannot start."""
+        """Return nodes of a unit, and their earliest start times."""
         chain = self._units[unit].chain
         now = state.clocks[chain]
         found = []
@@ -295,7 +294,7 @@ class TaskOrderSearch:
     def _ends_together(
         self, state: TaskOrderPath, inside: Sequence[int]
     ) -> list[tuple[int, Array]]:
-        """Return when the nodes of units end that move at once, as far apart as planned."""
+        """Return the end times of units that move simultaneously, with planned offsets."""
         if len(inside) == 1:
             return [(inside[0], self._ends_alone(state, inside[0]))]
         start = 0.0
@@ -320,7 +319,7 @@ class TaskOrderSearch:
         return found
 
     def _tails(self) -> list[float]:
-        """Return the longest way from the start of each unit to the end, by dependencies."""
+        """Return the longest path from the start of each unit to the end, by dependencies."""
         tail = [0.0] * len(self._units)
         after: list[list[int]] = [[] for _ in tail]
         for own in self._relations.of_chain:

@@ -1,4 +1,9 @@
-"""Collision checks of robots planned as one beside skills: clear of all that these sweep, at any time."""
+"""Collision checks of a composite transit in parallel to skills: clear of their whole swept volumes.
+
+A skill follows its reference path and takes a time that is unknown in advance, so the transit cannot move in
+lock step with it. Motion and skill are compared as in the conflict search, which therefore finds no conflict
+between them later.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +26,7 @@ from scheduling.graph.temporal_plan_graph import pose_nodes
 
 
 class BesideSkills:
-    """Collision checks of robots that move as one while others do skills.
+    """Collision checks of a composite of robots while others do skills.
 
     Args:
         checker: of the robots that move, without those that do skills.
@@ -60,7 +65,7 @@ class BesideSkills:
         return self._checker.motion_free(q_a, q_b) and self._clear(q_a, q_b)
 
     def seems_free(self, q_a: Array, q_b: Array) -> bool:
-        """Tell whether some configurations of the line are free, and all of it of the skills."""
+        """Tell whether some configurations of the line are free, and all of it is clear of the skills."""
         return self._checker.seems_free(q_a, q_b) and self._clear(q_a, q_b)
 
     def motions(self, path: Array) -> dict[str, TaskMotion] | None:
@@ -81,7 +86,7 @@ class BesideSkills:
         )
 
     def _clear_of_skills(self, robot: str, path: Array) -> bool:
-        """Tell whether a robot on a polyline, shape (w, n), is clear of what the skills sweep."""
+        """Tell whether a robot on a polyline, shape (w, n), is clear of the skills' swept volumes."""
         path = path if len(path) > 1 else np.repeat(path, 2, axis=0)
         count = len(path) - 1
         task = self._transits[robot].task
@@ -99,7 +104,7 @@ class BesideSkills:
 
 
 def _in_hand(graph: DerivedTpg, nodes: TaskNodes) -> list[ObjectSpan]:
-    """Return what a robot carries all through a transit, as spans from its first node on."""
+    """Return the objects that a robot carries throughout a transit, as spans from its first node on."""
     return [
         replace(span, start=(0, 0))
         for span in graph.spans[nodes.chain]

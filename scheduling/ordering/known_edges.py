@@ -1,11 +1,4 @@
-"""Edges of a graph whose task order is given, from the known relations between pairs of tasks.
-
-Robots planned as one beside skills: clear of all that these sweep, whenever they are done.
-
-A skill follows its reference path and takes a time that nobody knows before, so there is no lock
-step with it. What a motion and a skill occupy is compared as in the search for conflicts, which
-therefore finds none between them later.
-"""
+"""Edges of a graph with a given task order, from cached relations between pairs of tasks."""
 
 from __future__ import annotations
 
@@ -33,7 +26,7 @@ def connect_in_order(
     relations: TaskRelations,
     order: Sequence[tuple[int, ...]],
 ) -> TemporalPlanGraph:
-    """Return the graph that ``connect_nodes`` makes of some chains, without checking it.
+    """Return the graph that ``connect_nodes`` makes of some chains, unchecked.
 
     Args:
         chains: with planned starts in that order, see ``put_in_order``.
@@ -41,7 +34,7 @@ def connect_in_order(
         order: blocks of units, one after another.
 
     Raises:
-        PlanInvariantError: units that move at once get into each other's way.
+        PlanInvariantError: units that move simultaneously get into each other's way.
     """
     tpg = replace(relations.graph.tpg, chains=tuple(chains))
     if any(len(block) > 1 for block in order):
@@ -57,7 +50,7 @@ def connect_in_order(
 def _motion_edges(
     relations: TaskRelations, tasks: Indices, order: Sequence[int]
 ) -> Indices:
-    """Return edges that imply all that conflicts of units ask for, given those of tasks."""
+    """Return edges that imply all conflicts of units, given those of tasks."""
     units, chains = relations.units, range(len(relations.of_chain))
     needs: dict[int, list[int]] = defaultdict(list)
     for i, u, k, v in tasks.tolist():

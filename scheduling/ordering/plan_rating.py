@@ -1,6 +1,6 @@
 """Rating of task plans by the makespan of their temporal plan graphs.
 
-The integer program adds up distances; it does not see who waits for whom. A plan is rated by its own
+The integer program adds up distances; it does not model waits between robots. A plan is rated by its own
 motions, the best order of its tasks that a beam search finds, and transits smoothed past HOME.
 """
 
@@ -25,7 +25,7 @@ from scheduling.shortcuts.shortcutting import smooth_runs
 from scheduling.shortcuts.static_scene import SmoothedPathCache
 
 _WIDTH = 8
-"""Orders followed at once; the plan that is found is ordered again with care."""
+"""Beam width of the rating; the final plan is ordered again with a wider beam."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class RatedPlan:
 
     Attributes:
         work: what it is a plan of, with its steps in their order.
-        task_plan: who does what.
+        task_plan: the assignment.
         motion_plan: how everyone moves.
         by_home_s: makespan of the graph of the best order of its tasks that was found, by way of
             HOME [s].
@@ -49,7 +49,7 @@ class RatedPlan:
 
 
 class PlanRater:
-    """Rates plans of one assembly; how two tasks get on is searched once for all plans.
+    """Rates plans of one assembly by makespan, sharing cached conflicts between tasks.
 
     Args:
         cell: where it is built.
@@ -71,7 +71,7 @@ class PlanRater:
         self._ways = SmoothedPathCache(settings.seed)
 
     def rate(self, work: AssemblyWork, plan: TaskPlan) -> RatedPlan | None:
-        """Plan the motions of a plan and rate them; None where there are none.
+        """Plan the motions of a task plan and rate it; None where no motions are found.
 
         Args:
             work: what it is a plan of.
@@ -94,7 +94,7 @@ class PlanRater:
     def rate_motions(
         self, work: AssemblyWork, plan: TaskPlan, motions: MotionPlan
     ) -> RatedPlan:
-        """Rate motions that are planned already, see ``rate``.
+        """Rate already planned motions, see ``rate``.
 
         Raises:
             PlanInvariantError: the order that was found breaks a guarantee.

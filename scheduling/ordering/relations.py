@@ -1,8 +1,7 @@
 """Conflicts and dependencies between pairs of tasks, whichever of the two comes first.
 
-Tasks with nodes are *units*, numbered robot by robot. A relation holds for the nodes as they are;
-only the order of the robots' tasks among each other is left open. Each is searched when it is
-first asked for, and remembered.
+Tasks with nodes are *units*, numbered robot by robot. A relation holds for the nodes as they are; only the
+interleaving of the robots' tasks is left open. Each relation is searched on first use, and cached.
 """
 
 from __future__ import annotations
@@ -80,7 +79,7 @@ class TaskRelations:
         return self.of_chain[chain][place]
 
     def stairs(self, earlier: int, later: int) -> Stair | None:
-        """Return the nodes of a unit that wait for another robot's, and for which; None for none.
+        """Return the nodes of a unit that wait for another robot's, with their sources; None for none.
 
         Each node of the later unit waits for the last node of the earlier one that it conflicts
         with; what follows from the stairs below is left out.
@@ -97,12 +96,12 @@ class TaskRelations:
         return self._stairs[earlier, later]
 
     def sweeps_clear(self, first: int, second: int) -> bool:
-        """Tell whether two units of different robots keep clear at any times."""
+        """Tell whether two units of different robots are clear of each other at any times."""
         a, b = sorted((first, second))
         return self._clear_of(("unit", a), lambda: self.stretch(a), b)
 
     def stands_clear(self, chain: int, done: int, unit: int) -> bool:
-        """Tell whether a unit keeps clear of a robot that has done its first ``done`` units."""
+        """Tell whether a unit is clear of a robot that has done its first ``done`` units."""
         own = self.of_chain[chain]
         hold = self.units[own[done - 1]].stop if done else 0
         return self._clear_of(
@@ -112,14 +111,14 @@ class TaskRelations:
         )
 
     def idle_clear(self, robot: str, unit: int) -> bool:
-        """Tell whether a unit keeps clear of a robot without nodes."""
+        """Tell whether a unit is clear of a robot without nodes."""
         placed = self.graph.tpg.cell.robot(robot)
         return self._clear_of(
             ("idle", robot), lambda: standing_stretch(self.graph, placed), unit
         )
 
     def rest_clear(self, number: int, unit: int) -> bool:
-        """Tell whether a unit keeps clear of an object at rest."""
+        """Tell whether a unit is clear of an object at rest."""
         rest = self.graph.history.rests[number]
         return self._clear_of(
             ("rest", number), lambda: rest_stretch(self.graph, rest), unit
@@ -138,7 +137,7 @@ class TaskRelations:
         return self._things[key]
 
     def _clear_of(self, key: _Key, make: Callable[[], GraphStretch], unit: int) -> bool:
-        """Tell whether a unit keeps clear of what the key stands for, which is made if need be."""
+        """Tell whether a unit is clear of a static stretch with a key, created on first use."""
         if (key, unit) not in self._clear:
             a, b = self._thing(key, make), self.stretch(unit)
             clear = self._conflicts.are_clear(self.graph, a, b, _all_nodes(a, b))
@@ -146,7 +145,7 @@ class TaskRelations:
         return self._clear[key, unit]
 
     def _prerequisites(self) -> list[set[int]]:
-        """Return what tasks depend on, and who had each object before."""
+        """Return the predecessors of tasks, including the previous holders of their objects."""
         graph, before = self.graph, [set[int]() for _ in self.units]
         for i, u, k, v in dependency_edges(graph.tpg).tolist():
             before[self.unit_of((k, v))].add(self.unit_of((i, u)))
@@ -166,6 +165,6 @@ class TaskRelations:
 
 
 def _all_nodes(a: GraphStretch, b: GraphStretch) -> Window:
-    """Return the window of a search that leaves nothing out."""
+    """Return an unrestricted search window."""
     floor = np.full(a.nodes, -1, dtype=np.int64)
     return floor, np.full(a.nodes, b.nodes, dtype=np.int64)

@@ -1,8 +1,8 @@
 """Reordering of the tasks of a temporal plan graph for a shorter makespan.
 
-Who goes first where two nodes conflict is what the input plan says (APEX-MR IV-C). A sequential
-plan was not made with robots in mind that work at once: it lets one place a brick before the
-other picks, though they might pick together. So its order is searched anew, and the edges are
+The input plan decides the precedence of conflicting nodes (APEX-MR IV-C). A sequential
+plan was not made with robots in mind that work simultaneously: it lets one place a brick before the
+other picks, though they might pick together. So its order is searched again, and the edges are
 made again from the same nodes.
 """
 
@@ -23,7 +23,7 @@ from scheduling.ordering.beam_search import BLOCK_GAP_S, TaskOrderSearch
 from scheduling.ordering.relations import TaskRelations
 
 _WIDTH = 24
-"""Ways followed at once; three times as many find nothing better in the shipped scenarios."""
+"""Beam width; three times as many paths find nothing better in the shipped scenarios."""
 
 
 def reorder_tasks(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
@@ -52,7 +52,7 @@ def reorder_tasks(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 def find_blocks(
     chains: Sequence[NodeChain], relations: TaskRelations
 ) -> list[tuple[int, ...]]:
-    """Return the units that stay together, in the planned order.
+    """Return the inseparable blocks of units, in the planned order.
 
     Units whose planned times overlap, and that get into each other's way, take turns node by
     node: none of them could be complete before the other starts.
@@ -85,7 +85,7 @@ def find_blocks(
 def _in_turns(
     relations: TaskRelations, groups: Sequence[Sequence[int]]
 ) -> list[tuple[int, ...]]:
-    """Return groups one after another, those joined that are in each other's way for that."""
+    """Return groups in order, merged where they conflict as separate ones."""
     done: Counter[int] = Counter()
     out: list[tuple[int, ...]] = []
     joined: list[int] = []
@@ -104,7 +104,7 @@ def put_in_order(
     relations: TaskRelations,
     order: Sequence[tuple[int, ...]],
 ) -> tuple[NodeChain, ...]:
-    """Return chains whose planned starts put blocks one after another, in this order."""
+    """Return chains with planned starts that put blocks one after another, in this order."""
     planned: list[Array] = [chain.planned_start.copy() for chain in chains]
     clock = 0.0
     for block in order:

@@ -1,11 +1,10 @@
-"""Plans in which some of the robots have nothing to do, rated against the one in which all may have.
+"""Plans that use only some of the robots, rated against the plan that may use all.
 
-The integer program shares steps out among all robots and does not see who waits for whom. Where every
-step stands on the one before it, a third robot does not end sooner what two can do, it only stands in
-their way. So with more than two robots, each crew of at least two of them is given the work as if the
-others were not able to do any of it, and its plan is rated by the makespan of its graph. A robot that is
-not of the crew stays at HOME. What a cell of fewer robots would do is then among the plans of a cell
-that has one more, and is not lost unless that one is in the way even at its HOME.
+The integer program shares steps out among all robots and does not model waits between robots. Where every
+step depends on the one before it, a third robot saves no time, it only blocks the others. So with more than
+two robots, each subset of at least two of them is given the work as if the others could do none of it, and
+its plan is rated by the makespan of its graph. The other robots stay at HOME. The plan of a cell with fewer
+robots is then among the plans of a cell with one more, unless that one is an obstacle even at HOME.
 """
 
 from __future__ import annotations
@@ -25,11 +24,11 @@ _SMALLEST = 2
 """Robots of the smallest crew that is tried."""
 
 _MOST_CREWS = 32
-"""So many crews are tried, larger ones first: all there are of up to five robots."""
+"""Greatest number of crews to try, larger ones first: all there are of up to five robots."""
 
 
 def robot_subsets(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
-    """Yield the robots that may do everything while others of those that could help do nothing.
+    """Yield subsets of robots: those that may do everything, while other capable ones idle.
 
     Args:
         problem: the work of all robots.
@@ -49,13 +48,13 @@ def rate_robot_subsets(
     start: RatedPlan,
     progress: Progress = no_progress,
 ) -> list[RatedPlan]:
-    """Return the plan of all robots and those of crews of fewer, each once, best rated first.
+    """Return the plan of all robots and those of subsets, without duplicates, best first.
 
     Args:
         rater: rates plans.
         work: of all robots.
         start: the plan of all robots.
-        progress: told how many crews were looked at, and of how many.
+        progress: called with how many crews were looked at, and of how many.
     """
     rated = {start.task_plan: start}
     tried = list(robot_subsets(work.problem))

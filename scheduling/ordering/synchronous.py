@@ -2,7 +2,7 @@
 
 In a slot every robot does its next task or waits; the next slot starts when everyone has
 finished. Tasks keep the order of the sequential plan wherever two of them cannot be done at
-once. Whoever does not come into another's way moves as in the sequential plan, at its own pace;
+once. A robot without conflicts moves as in the sequential plan, at its own pace;
 transits that would collide are planned as one robot, in lock step. As in the paper, all transits
 of a slot can be planned so, whether they would collide or not.
 """
@@ -32,11 +32,11 @@ from scheduling.ordering.beside_skills import BesideSkills
 from scheduling.ordering.relations import TaskRelations
 
 _SHORTEST = 1e-3
-"""A slot in which nobody moves takes this long, so that slots do not start at once [s]."""
+"""Duration of a slot without motion, so that slots do not start simultaneously [s]."""
 
 
 class TaskConflicts:
-    """Tells which parts of a sequential plan get into each other's way, by what nodes occupy.
+    """Conflicts between tasks of a sequential plan, by the occupancy of their nodes.
 
     Tasks are given by index. Motions are those of the sequential plan, with what is carried,
     picked up and put down; contacts that the plan allows are no conflicts.
@@ -60,16 +60,16 @@ class TaskConflicts:
         }
 
     def sweeps(self, first: int, second: int) -> bool:
-        """Tell whether two tasks of different robots conflict if done at any times."""
+        """Tell whether two tasks of different robots conflict if executed at any times."""
         if first not in self._unit or second not in self._unit:
             return False
         return not self._relations.sweeps_clear(self._unit[first], self._unit[second])
 
     def hold(self, robot: str, after: int | None, task: int) -> bool:
-        """Tell whether a task runs into a robot that stands where one of its tasks ended.
+        """Tell whether a task collides with a robot standing where one of its tasks ended.
 
         Args:
-            robot: who stands.
+            robot: the standing robot.
             after: its task, None for before its first.
             task: a task of another robot.
         """
@@ -87,7 +87,7 @@ class TaskConflicts:
     def beside(
         self, checker: CompositeChecker, transits: Sequence[int], skills: Sequence[int]
     ) -> BesideSkills:
-        """Return checks of robots that move for some transits while skills are done.
+        """Return checks of robots in transit while others do skills.
 
         Args:
             checker: of the robots that move, without those that do skills.
@@ -104,11 +104,11 @@ class TaskConflicts:
         )
 
     def left_behind(self, first: int, task: int) -> bool:
-        """Tell whether a task runs into an object where the task ``first`` leaves it."""
+        """Tell whether a task collides with an object where the task ``first`` leaves it."""
         return self._rests_in_the_way(self._relations.left_by, first, task)
 
     def not_yet_taken(self, task: int, later: int) -> bool:
-        """Tell whether a task runs into an object that the task ``later`` picks up."""
+        """Tell whether a task collides with an object that the task ``later`` picks up."""
         return self._rests_in_the_way(self._relations.taken_by, later, task)
 
     def _rests_in_the_way(
@@ -248,7 +248,7 @@ class _Planner:
         )
 
     def _finish_still(self, clock: float, slot: int) -> None:
-        """Let everyone be done with tasks in which nothing moves and nothing changes hands."""
+        """Complete all tasks in which nothing moves and nothing changes hands."""
         again = True
         while again:
             again = False
@@ -285,7 +285,7 @@ class _Planner:
                 )
         if not self.always_jointly or self._plan_slot(slot):
             return slot
-        # Not all of them at once: as many as can, in the order of the plan.
+        # Not all of them together: as many as possible, in the order of the plan.
         refused, slot = tuple(slot.motions), _Slot()
         for index in filter(self._ready, candidates):
             if self._admit(slot, index):
@@ -295,7 +295,7 @@ class _Planner:
         return slot
 
     def _plan_slot(self, slot: _Slot) -> bool:
-        """Plan the transits of a slot as one robot, beside its skills; tell whether there is a way."""
+        """Plan the transits of a slot as one composite, in parallel to its skills; tell whether it succeeded."""
         if len(slot.motions) < 2:
             return True
         skills = [index for index in slot.motions if not self._is_transit(index)]
@@ -313,7 +313,7 @@ class _Planner:
         return self.tasks[index].kind == TRANSIT and index not in self.handles
 
     def _admit(self, slot: _Slot, index: int) -> str:
-        """Take a task into the slot; return why not, empty when it is taken."""
+        """Add a task to the slot; return the reason if it is refused, empty when added."""
         task, conflicts = self.tasks[index], self.conflicts
         earlier = self._earlier(index, slot)
         for later in earlier | (slot.motions.keys() & self.handles):
@@ -334,7 +334,7 @@ class _Planner:
             fixed = [i for i in (*slot.motions, index) if not self._is_transit(i)]
             if index in fixed and any(conflicts.sweeps(index, i) for i in fixed[:-1]):
                 return "it is in the way of another robot's skill"
-        # Who moves in lock step has left its sequential path, which is all that is known.
+        # A robot in lock step has left its sequential path, the only one known.
         elif slot.joint or any(conflicts.sweeps(index, i) for i in slot.motions):
             return self._move_together(slot, index)
         motion = self.motions[index]
@@ -342,7 +342,7 @@ class _Planner:
         return ""
 
     def _earlier(self, index: int, slot: _Slot) -> set[int]:
-        """Return the tasks of others that come first in the sequential plan, but later now."""
+        """Return the tasks of others that precede it in the sequential plan, but not here."""
         found = set()
         for robot, queue in self.queue.items():
             if robot == self.tasks[index].robot:
@@ -355,7 +355,7 @@ class _Planner:
         return found
 
     def _move_together(self, slot: _Slot, index: int) -> str:
-        """Plan everyone who moves in the slot anew, as one robot, where that saves time."""
+        """Replan the transits of the slot as one composite, where that saves time."""
         indices = (*slot.motions, index)
         if not all(map(self._is_transit, indices)):
             return "it is in the way of another robot's skill, or that in its"
@@ -371,7 +371,7 @@ class _Planner:
     def _plan_composite(
         self, indices: Sequence[int], without: float, skills: Sequence[int] = ()
     ) -> Mapping[str, TaskMotion] | None:
-        """Return motions of a composite path that takes less than the tasks apart.
+        """Return motions of a composite path that takes less time than separate ones.
 
         Args:
             indices: transits.

@@ -1,1 +1,1 @@
-"""The rolling graph: a plan that is cut while it is executed, and extended from the world at the cut."""
+"""Rolling graph: a plan cut during its execution, and extended from the world at the cut."""

@@ -1,9 +1,9 @@
-"""Cuts through a temporal plan graph: what is still executed of it, and the world that comes of that.
+"""Cuts of a temporal plan graph: the committed prefix, and the world after it.
 
-A cut has one border for each chain. What lies before it is *committed*: all that has been released, and
-whatever of the rest can be brought to an end without what is not to happen any more. Committed nodes
-wait for committed nodes only, so they are executed to the end whatever comes after the cut, and
-nobody who stands at it is in the way of any of them: who would be is ordered after a node beyond it.
+A cut has one border for each chain. The nodes before it are the *committed prefix*: all released nodes, and
+those that can be completed without the steps to be replaced. Committed nodes wait for committed nodes only,
+so they are executed to the end whatever comes after the cut, and no robot standing at the cut blocks any of
+them: any that would is ordered after a node beyond it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def cut_after(
     steps: bool = True,
     go_on: Sequence[float] = (),
 ) -> Counts:
-    """Return a cut: how many nodes of each chain are committed.
+    """Return a cut: the number of committed nodes of each chain.
 
     Args:
         tpg: the graph.
@@ -52,7 +52,7 @@ def cut_after(
             have been released.
         steps: whether a robot goes on to the end of what it does for the step that it has begun a
             skill of; else to the end of its task.
-        go_on: for how long each robot goes on, task by task, beyond what has been released [s].
+        go_on: for how long each robot continues, task by task, beyond its released nodes [s].
 
     Returns:
         A number of nodes a chain. Where something can be committed, a robot stops neither within a
@@ -72,7 +72,7 @@ def cut_after(
 
 
 class _Commitment:
-    """Nodes that are committed, closed under what they wait for."""
+    """Committed prefix, closed under predecessors."""
 
     def __init__(
         self,
@@ -94,7 +94,7 @@ class _Commitment:
         ]
 
     def commit(self, chain: int, count: int) -> bool:
-        """Commit the nodes of a chain up to some number with all that they wait for, if that can be."""
+        """Commit the nodes of a chain up to a number, with all their predecessors, if possible."""
         counts, todo = list(self.counts), [(chain, count)]
         while todo:
             k, upto = todo.pop()
@@ -108,13 +108,13 @@ class _Commitment:
         return True
 
     def finish_task(self, chain: int) -> None:
-        """Commit what is left of the task that a robot is within."""
+        """Commit the rest of the current task of a robot."""
         while (own := self._within(chain)) is not None:
             if not self.commit(chain, own.stop):
                 return
 
     def finish_step(self, chain: int) -> None:
-        """Commit what is left of the step that a robot has begun a skill of, task by task."""
+        """Commit the rest of the current step of a robot, task by task."""
         tasks, chains = self.tpg.tasks, self.tpg.chains
         at = self.counts[chain]
         own = chains[chain].task[:at]
@@ -130,7 +130,7 @@ class _Commitment:
                 return
 
     def go_on(self, chain: int, released: int, seconds: float) -> None:
-        """Commit tasks of a chain that take so long, beyond its nodes that have been released [s]."""
+        """Commit further tasks of a chain for a duration beyond its released nodes [s]."""
         duration = self.tpg.chains[chain].duration
         while (node := self.counts[chain]) < len(duration):
             following = self._of_node[chain][node].stop
@@ -140,7 +140,7 @@ class _Commitment:
                 return
 
     def let_pass(self, chain: int) -> None:
-        """Commit the least time after a step if it begins by itself."""
+        """Commit the minimum time lag after a step if it starts automatically."""
         node = self.counts[chain]
         own = self._of_node[chain].get(node)
         if own is None or self.tpg.tasks[own.task].kind != LAG:
@@ -155,7 +155,7 @@ class _Commitment:
 
 
 def complete_tasks(tpg: TemporalPlanGraph, counts: Sequence[int]) -> frozenset[int]:
-    """Return the tasks that are complete when so many nodes of each chain are.
+    """Return the tasks that are complete after a number of nodes of each chain.
 
     A task without nodes is complete as soon as all before it are.
     """
@@ -173,7 +173,7 @@ def complete_tasks(tpg: TemporalPlanGraph, counts: Sequence[int]) -> frozenset[i
 
 
 def world_state_after(tpg: TemporalPlanGraph, counts: Sequence[int]) -> WorldState:
-    """Return where everything is when so many nodes of each chain are complete, and nothing moves.
+    """Return the world state at rest after a number of complete nodes of each chain.
 
     Args:
         tpg: the graph.
@@ -191,7 +191,7 @@ def world_state_after(tpg: TemporalPlanGraph, counts: Sequence[int]) -> WorldSta
 
 
 def planned_steps(tpg: TemporalPlanGraph) -> tuple[StepTasks, ...]:
-    """Return the tasks of a graph step by step, with what belongs to them.
+    """Return the tasks of a graph grouped by step, with their dependencies and contacts.
 
     Nothing of what is brought or taken out, and no attempts that failed.
     """
@@ -221,11 +221,11 @@ def planned_steps(tpg: TemporalPlanGraph) -> tuple[StepTasks, ...]:
 
 
 class KeptHold(NamedTuple):
-    """A part in its place that is kept hold of, or was.
+    """A placed part that is, or was, still held.
 
     Attributes:
         part: its name.
-        robot: who keeps hold of it.
+        robot: the robot that holds it.
         last: what has come by which it stands; nothing as long as nothing has.
         left: whether its robot has left it.
     """
@@ -239,10 +239,10 @@ class KeptHold(NamedTuple):
 def active_holds(
     tpg: TemporalPlanGraph, complete: Collection[int]
 ) -> Iterator[KeptHold]:
-    """Yield the parts that are kept hold of in their places when some tasks are complete, or were.
+    """Yield the placed parts that are, or were, held when some tasks are complete.
 
-    The way back of who keeps hold of a part is a task of its own that is about the part and in which nothing
-    changes hands; it waits for what is put down until then. Of all others it belongs to the skill that places.
+    The retreat of a robot that holds a part is a task of its own, with the part as its object but without a
+    handling; it waits for the placements until then. Other retreats belong to the placing skill.
     """
     until: dict[int, Task] = {}
     for first, second in tpg.dependencies.tolist():

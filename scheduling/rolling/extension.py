@@ -1,9 +1,9 @@
-"""Extensions: a graph cut and continued by motions that were planned from the world at the cut.
+"""Extension of a cut graph by motions planned from the world at the cut.
 
-All committed nodes come before all new ones in the total order, so edges point from committed to new
-ones and there is no cycle. Edges among committed nodes, and among new ones, are there already; what is
-searched are conflicts between the two. The union keeps the invariant of every graph, and is checked
-like every graph before anybody executes it.
+All committed nodes come before all new ones in the total order, so edges point from committed to new ones
+and there is no cycle. Edges among committed nodes, and among new ones, exist already; only conflicts
+between the two are searched. The union keeps the invariant of every graph, and is checked like every graph
+before execution.
 """
 
 from __future__ import annotations
@@ -92,13 +92,13 @@ def committed_subgraph(
 def contacts_allowed_during(
     allowed: Iterable[AllowedContact], tasks: Collection[int]
 ) -> tuple[AllowedContact, ...]:
-    """Return what may touch in some tasks, and in no others."""
+    """Return the contacts allowed in some tasks, and in no others."""
     pairs = ((c, replace(c, tasks=c.tasks.intersection(tasks))) for c in allowed)
     return tuple(own for c, own in pairs if own.tasks or not c.tasks)
 
 
 def as_omitted_task(task: Task) -> Task:
-    """Return a task as one that is not done."""
+    """Return a task marked as omitted."""
     return replace(
         task, kind=LEFT_OUT, handlings=(), actuations=(), object=None, goal=False
     )
@@ -113,7 +113,7 @@ def extend_graph(
     *,
     order: Sequence[str] = (),
 ) -> TemporalPlanGraph:
-    """Return committed nodes with new ones after them, reduced and checked.
+    """Return the committed prefix with new nodes after it, reduced and checked.
 
     Args:
         committed: see ``committed_subgraph``.
@@ -131,7 +131,7 @@ def extend_graph(
     """
     names = [r.name for r in (*cell.robots, *cell.machines)]
     old, more = committed.chain_index, new.chain_index
-    # Chains keep their numbers: who executes them is told by these.
+    # Chains keep their numbers, by which executors refer to them.
     every = dict.fromkeys(
         name for name in (*order, *old, *names) if name in old or name in more
     )
@@ -149,7 +149,7 @@ def extend_graph(
         replace(h, robot=place[committed.chains[h.robot].robot])
         for h in committed.handlings
     ]
-    # What a robot has had in its hand all along is not taken up anew.
+    # What a robot has had in its hand all along is not taken up again.
     hands = {h.object: h.holder for h in committed.handlings}
 
     def in_hand(h: NodeHandling) -> bool:
@@ -160,7 +160,7 @@ def extend_graph(
         for h in new.handlings
         if not in_hand(h)
     ]
-    # Who has got it from another robot goes on with it once that has let go.
+    # A robot that received it from another continues once that has released it.
     given = {
         h.object: committed.task_of(h)
         for h in committed.handlings
@@ -199,7 +199,7 @@ def extend_graph(
 
 
 def _with_idle(tpg: TemporalPlanGraph, order: Sequence[str]) -> TemporalPlanGraph:
-    """Return a graph in which robots without nodes have their places among the others."""
+    """Return a graph in which robots without nodes keep their places in the order of robots."""
     idle = [name for name in order if name not in tpg.chain_index]
     if not idle:
         return tpg
@@ -224,7 +224,7 @@ def _empty_chain(cell: Workcell, name: str) -> NodeChain:
 
 
 def join_chain_parts(parts: Sequence[NodeChain]) -> NodeChain:
-    """Return chains one after another, at rest in between."""
+    """Return concatenated chains, at rest in between."""
     if len(parts) == 1:
         return parts[0]
     joined = join_chains(parts)
@@ -243,7 +243,7 @@ def _moved(h: NodeHandling, chain: int, count: Sequence[int]) -> NodeHandling:
 
 
 def _with_hands(task: Task, hands: Mapping[str, str | None]) -> Task:
-    """Return a task of a robot that has in its hand already what it would take up first."""
+    """Return a task of a robot that already holds what the task would pick up first."""
 
     def taken(h: Handling) -> bool:
         return h.waypoint == 0 and h.holder == task.robot == hands.get(h.object)
@@ -254,7 +254,7 @@ def _with_hands(task: Task, hands: Mapping[str, str | None]) -> Task:
 
 
 def merge_contacts(allowed: Sequence[AllowedContact]) -> tuple[AllowedContact, ...]:
-    """Return contacts with those of the same two things joined."""
+    """Return contacts merged by pair of things."""
     tasks: dict[tuple[str, str, bool, float | None], frozenset[int]] = {}
     for c in allowed:
         key = c.first, c.second, c.grazing, c.depth
@@ -278,7 +278,7 @@ def with_attempt(
     *,
     missing: bool = False,
 ) -> TemporalPlanGraph:
-    """Return committed nodes with one more, in which a robot has tried a skill and stands where it was.
+    """Return the committed prefix with one more node: a failed attempt at a skill without net motion.
 
     It has gone back along its own path, which is part of what the skill occupies: the node needs nobody else to
     wait, and what follows is planned from there.
@@ -286,7 +286,7 @@ def with_attempt(
     Args:
         committed: of a graph, up to the node; see ``committed_subgraph``.
         tpg: the graph.
-        robot: who tried.
+        robot: the robot.
         node: the first node of the skill.
         changes: what has become of the object, at waypoint 1.
         missing: whether what it is about was not there, so that it waited for no machine to bring it.
@@ -350,7 +350,7 @@ def with_attempt(
 
 
 def _still() -> Drive:
-    """Return how a node without motion is passed."""
+    """Return the timing of a node without motion."""
     none, one = np.zeros(1), np.ones(1)
     rests, by = np.ones(1, dtype=np.bool_), np.zeros(1, dtype=np.int64)
     return Drive(none, none, none, rests, one, by, one)

@@ -1,4 +1,4 @@
-"""When all of a graph will be complete of which some is executed already."""
+"""Forecast of the completion time of a graph in execution."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 
 @dataclass(frozen=True)
 class Clock:
-    """What has been executed of a graph by now.
+    """Execution state of a graph.
 
     Attributes:
         now_s: how late it is [s].
@@ -27,7 +27,7 @@ class Clock:
     ended_s: tuple[Array, ...]
 
     def left_s(self, chain: NodeChain, k: int, count: int) -> float:
-        """Return how long a robot is at work until so many of its nodes are complete, if it waits for nobody [s].
+        """Return the remaining working time of a robot up to a number of its nodes, without waits [s].
 
         Args:
             chain: of the robot.
@@ -47,11 +47,11 @@ def forecast_s(
     clock: Clock | None,
     planning_s: float,
 ) -> float:
-    """Return when all nodes of a graph will be complete if all takes as long as planned from now on [s].
+    """Return the completion time of a graph at planned durations from now on [s].
 
     Args:
         tpg: the graph.
-        counts: how many nodes of each chain were there before it was planned anew.
+        counts: how many nodes of each chain were there before it was replanned.
         clock: what has been executed of them; None if nothing has.
         planning_s: how long it takes from now on until new nodes may begin [s].
     """

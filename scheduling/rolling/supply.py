@@ -1,8 +1,8 @@
-"""What is brought to a cell while a plan is executed, as nodes of machines.
+"""Deliveries to a cell during execution, as nodes of machines.
 
-Something that is brought is nowhere before. Its node comes before all others in the order of the graph, so
-that everybody keeps clear of its place all along, and whatever is done to it waits for the node. A plan that
-begins in a world, and knows nothing of what was before, begins with what machines are still at work at.
+A delivered object is nowhere before its delivery. The node of the delivery comes before all others in the
+order of the graph, so that all robots keep clear of its place from the start, and all tasks on it wait for
+the node. A plan that begins in a world has no history, so it begins with the unfinished work of machines.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from scheduling.graph.temporal_plan_graph import (
 from scheduling.rolling.extension import committed_subgraph, contacts_allowed_during
 
 _LATER = 1.0
-"""How much later all others are planned to start than what is brought, or machines go on with, so that it comes first [s]."""
+"""Offset by which all others start after deliveries and resumed machine work in planned time [s]."""
 
 
 def with_supply(
@@ -38,13 +38,13 @@ def with_supply(
     step: int = 1,
     seconds: float = 0.0,
 ) -> TemporalPlanGraph:
-    """Return a graph in which a machine brings an object to its start, or sees to a step.
+    """Return a graph in which a machine delivers an object to its start, or attends to a step.
 
     It has no new edges, and no dependencies of what waits for it: see ``supply_waits``.
 
     Args:
         tpg: the graph.
-        who: the machine; it does this after whatever it does already.
+        who: the machine; it does this after all its current work.
         item: what is brought; None for nothing.
         label: of the task.
         step: that it serves.
@@ -73,7 +73,7 @@ def with_supply(
 
 
 def supply_waits(tasks: Sequence[Task], brought: Iterable[Task]) -> Indices:
-    """Return which of some tasks wait for what others bring or see to, shape (e, 2)."""
+    """Return the dependencies of some tasks on the deliveries of others, shape (e, 2)."""
     pairs = [
         (own.index, task.index)
         for own in brought
@@ -85,14 +85,14 @@ def supply_waits(tasks: Sequence[Task], brought: Iterable[Task]) -> Indices:
 
 
 def deliveries(tasks: Iterable[Task]) -> list[Task]:
-    """Return those of some tasks in which something is brought or seen to."""
+    """Return those of some tasks that are deliveries or attendance."""
     return [task for task in tasks if task.kind == BROUGHT]
 
 
 def with_pending_objects(
     cell: Workcell, items: Collection[CellObject], who: str
 ) -> Workcell:
-    """Return a cell with objects that come up later, and the machine that brings them."""
+    """Return a cell with objects that arrive later, and the machine that delivers them."""
     own = {item.name: replace(item, later=True) for item in items}
     objects = [own.pop(item.name, item) for item in cell.objects]
     more = () if cell.is_machine(who) else (machine_robot(who),)
@@ -106,7 +106,7 @@ def with_pending_objects(
 def rename_objects(
     tpg: TemporalPlanGraph, names: Mapping[str, str], first: int
 ) -> TemporalPlanGraph:
-    """Return a graph in which objects have other names, in its tasks from an index on; not in its cell."""
+    """Return a graph with renamed objects in its tasks from an index on, but not in its cell."""
     if not names:
         return tpg
 
@@ -141,12 +141,12 @@ def rename_objects(
 def remove_idle_chains(
     tpg: TemporalPlanGraph, unused: Collection[int]
 ) -> TemporalPlanGraph:
-    """Return a graph without some chains, none of whose nodes was executed."""
+    """Return a graph without some chains that have no executed node."""
     if not unused:
         return tpg
     counts = [0 if k in unused else len(own) for k, own in enumerate(tpg.chains)]
     rest = committed_subgraph(tpg, counts)
-    # What is left out belongs to somebody who is there.
+    # Everything left out belongs to chains that remain.
     names, first = rest.chain_index, rest.chains[0]
     tasks = tuple(
         task
@@ -160,7 +160,7 @@ def remove_idle_chains(
 def drop_history(
     new: TemporalPlanGraph, first: int, begun: Begun, room: int = 0
 ) -> TemporalPlanGraph:
-    """Return a graph that begins in a world without the tasks before it.
+    """Return a graph that begins in a world, without the tasks before it.
 
     Args:
         new: see ``extended``.
@@ -193,7 +193,7 @@ def resume_machines(
     counts: Mapping[str, int],
     left_s: Mapping[str, float],
 ) -> TemporalPlanGraph:
-    """Return a graph in which machines that were at work go on with that first.
+    """Return a graph in which interrupted machines finish their work first.
 
     Args:
         own: see ``alone``; it leaves room for a task of each.

@@ -1,4 +1,4 @@
-"""Runs of straight ways between whose ends corners may be rounded, and the nodes along bends of them."""
+"""Transit runs with corners that may be rounded, and the nodes along their bends."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ _APART = 1e-3
 """Zones of corners that are nearer to each other are of one bend [s]."""
 
 _LEAST = 1e-6
-"""Ways that take less at full speed have no direction: robots rest at both ends [s]."""
+"""Legs that take less at full speed have no direction: robots rest at both ends [s]."""
 
 _BESIDE = 1e-6
 """Bends begin and end that far beyond the zones of their corners [s]."""
 
 _SAME = 1e-9
-"""Ways that differ by less are the same [s]."""
+"""Legs that differ by less are equal [s]."""
 
 _SHORTEST = 1e-5
-"""What is left of a node beside a bend is no shorter [s]."""
+"""Least remainder of a node next to a bend [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class TransitRun:
-    """Straight ways of a robot, one after another, between whose ends corners may be rounded.
+    """Consecutive straight legs of a robot with corners that may be rounded in between.
 
     Attributes:
         pace: of the robot.
         chain: index of its chain.
         room: nodes that may be replaced.
-        begins: first node of each way, and the node after the last one.
-        at: where ways begin and end at full speed, shape (ways + 1,) [s].
-        points: the ends of all ways, shape (ways + 1, n).
+        begins: first node of each leg, and the node after the last one.
+        at: ends of the legs at full speed, shape (legs + 1,) [s].
+        points: ends of the legs, shape (legs + 1, n).
         way: where nodes begin and end, shape (begins[-1] - begins[0] + 1,) [s].
     """
 
@@ -59,7 +59,7 @@ class TransitRun:
 
     @cached_property
     def longest(self) -> Array:
-        """The longest windows at the ends of all ways, shape (ways + 1,) [s]."""
+        """The longest windows at the ends of all legs, shape (legs + 1,) [s]."""
         speed = np.diff(self.points, axis=0) / np.diff(self.at)[:, None]
         longest = np.zeros(len(self.points))
         for k in range(1, len(speed)):
@@ -68,11 +68,11 @@ class TransitRun:
         return longest
 
     def windows(self, first: int, last: int, most: Array) -> Array:
-        """Return the windows at the corners of some ways, if the robot rests at both ends of them.
+        """Return the windows at the corners of some legs, if the robot rests at both ends of them.
 
         Args:
-            first, last: ends of ways.
-            most: longest windows at the ends of all ways, shape (ways + 1,) [s].
+            first, last: ends of legs.
+            most: longest windows at the ends of all legs, shape (legs + 1,) [s].
         """
         begin = self.begins[0]
         low = max(self.at[first], self.way[self.room.start - begin])
@@ -81,19 +81,19 @@ class TransitRun:
         return ordered_windows(self.at[own], most[own], float(low), float(high))
 
     def path(self, first: int, last: int, windows: Array) -> BlendedPath:
-        """Return the way from an end to another one; it counts from the beginning of the run."""
+        """Return the path between two ends of legs; it counts from the beginning of the run."""
         own = slice(first, last + 1)
         return BlendedPath(self.at[own], self.points[own], windows)
 
     def rounded(
         self, first: int, last: int, windows: Array
     ) -> tuple[BlendedPath, RoundedStretch | None]:
-        """Return the way from an end to another one, and how it is passed, None where it cannot be."""
+        """Return the path between two ends of legs with its timing, None where it is infeasible."""
         path = self.path(first, last, windows)
         return path, self.pace.rounded(self.begins[first], path)
 
     def seconds(self, first: int, last: int, windows: Array) -> float:
-        """Return how long some ways take without a rest, infinite where they cannot be taken so."""
+        """Return the time of some legs without a rest, infinite where that is infeasible."""
         if last - first == 1:
             path = self.points[last] - self.points[first]
             start = self.points[first]
@@ -106,10 +106,10 @@ class TransitRun:
     def bends(
         self, path: BlendedPath, pace: RoundedStretch
     ) -> Iterator[tuple[float, float]]:
-        """Yield where bends begin and end: they include all that limits of corners hold for.
+        """Yield the begin and end of bends, each with all nodes that its corner limits apply to.
 
         Args:
-            path: from an end of a way to another one.
+            path: between two ends of legs.
             pace: at which it is passed.
         """
         begin = self.begins[0]
@@ -150,14 +150,14 @@ def find_runs(
 def _runs_of(
     chain: NodeChain, span: TransitSpan, number: Indices, pace: Pace, done: int
 ) -> Iterator[TransitRun]:
-    """Yield the runs of a span.
+    """Yield the runs of a transit span.
 
     Args:
         chain: the chain.
         span: nodes of it that may be replaced.
         number: of the stretch of each node, see ``stretch_numbers``.
         pace: of the robot.
-        done: the node after the last run: a way is part of one run at most.
+        done: the node after the last run: a leg is part of at most one run.
     """
     low = int(np.searchsorted(number, number[span.first]))
     high = int(np.searchsorted(number, number[span.last], side="right"))
@@ -204,7 +204,7 @@ class BentNodes(NamedTuple):
 
 
 class NodesLeft:
-    """Nodes of a run that are left while its bends are made, one after another.
+    """Remaining nodes of a run while its bends are created, one after another.
 
     Args:
         run: the run.
@@ -216,7 +216,7 @@ class NodesLeft:
     def bent(
         self, chain: NodeChain, path: BlendedPath, low: float, high: float
     ) -> BentNodes | None:
-        """Return nodes along a bend, see ``bent_nodes``; others are left then."""
+        """Return the nodes of a bend, see ``bent_nodes``; the remaining nodes are updated."""
         begin, room = self._run.begins[0], range(self._start, self._run.room.stop)
         own = self._way[room.start - begin : room.stop - begin + 1]
         found = bent_nodes(chain, self._run.chain, room, own, path, low, high)
@@ -238,16 +238,16 @@ def bent_nodes(
     low: float,
     high: float,
 ) -> BentNodes | None:
-    """Return nodes that round some corners by one curve, None where there is no place for them.
+    """Return nodes that round some corners by one curve, None where there are too few.
 
     What is left of the nodes in which it begins and ends comes before and after it.
 
     Args:
         chain: whose nodes are to be replaced.
         index: of it.
-        room: nodes that may be: on the straight ways of ``path``.
+        room: nodes that may be: on the straight paths of ``path``.
         way: where they begin and end, shape (len(room) + 1,) [s].
-        path: the whole way.
+        path: the whole path.
         low, high: where the bend begins and ends: within no window of a corner [s].
     """
     at = path.at[1:-1]

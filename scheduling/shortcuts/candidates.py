@@ -1,14 +1,13 @@
-"""Runs of pose nodes that may be shortened, and candidate paths in their place (APEX-MR IV-C).
+"""Runs of pose nodes that may be shortened, and candidate paths to replace them (APEX-MR IV-C).
 
-Consecutive transits are one run, so HOME between them can be skipped. A run ends at a skill,
-where the robot's load changes, at a goal that is to be reached for its own sake, and where a
-robot waits for, or is waited for by, another one's task: a shortcut must neither skip such a
-place nor let anyone pass it too early.
+Consecutive transits are one run, so HOME between them can be skipped. A run ends at a skill, where the
+robot's load changes, at an explicit goal, and where a robot waits for another one's task, or is waited for:
+a shortcut must neither skip such a point nor let another robot pass it too early.
 
-While shortcuts are searched, a shorter way has as many nodes as the way that it replaces; in the end those on
-one straight way are joined, where nobody can tell the difference. A node that nobody waits for and the
-next one, which waits for nobody, are one piece of motion: whoever waits for the one waits for the other,
-at any delays, and together they sweep the same space.
+During the shortcut search a shorter path has as many nodes as the path that it replaces; at the end nodes
+on one straight line are merged where that makes no difference. A node without successors on other robots
+and the next one without predecessors there are one piece of motion: whoever waits for one waits for the
+other, under any delays, and together they sweep the same volume.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ _STRAIGHT = 1e-9
 """Directions whose components differ by less, the largest being 1, are the same."""
 
 _ON_THE_WAY = 1e-9
-"""Farthest that a waypoint left out may be from the straight way past it [rad or m]."""
+"""Greatest distance of a removed waypoint from the straight line [rad or m]."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ def candidate_path(old: Array, shape: str, rng: np.random.Generator) -> Array:
     """Return a random polyline with the same ends.
 
     Args:
-        old: waypoints of the way so far, shape (w, n).
+        old: waypoints of the current path, shape (w, n).
         shape: one of SHAPES.
         rng: of corners and joints.
     """
@@ -104,7 +103,7 @@ def candidate_path(old: Array, shape: str, rng: np.random.Generator) -> Array:
 
 
 def _with_corner(path: Array, rng: np.random.Generator) -> Array:
-    """Return a polyline of the same ends over a corner somewhere between both.
+    """Return a polyline with the same ends over a corner between them.
 
     No joint goes further than on the straight line, so under the L1 speed model it takes no
     longer; but it passes elsewhere.
@@ -117,7 +116,7 @@ def _with_corner(path: Array, rng: np.random.Generator) -> Array:
 
 
 def _straighten(path: Array, joint: int) -> Array:
-    """Return a polyline in which one joint goes straight from its first to its last value."""
+    """Return a polyline in which one joint moves straight from its first to its last value."""
     out = path.copy()
     travel = np.abs(np.diff(path, axis=0)).sum(axis=1)
     share = np.concatenate([[0.0], np.cumsum(travel)])
@@ -131,7 +130,7 @@ def _straighten(path: Array, joint: int) -> Array:
 def new_nodes(
     chain: NodeChain, first: int, last: int, path: Array, speed: SpeedModel, step: float
 ) -> NodeChain | None:
-    """Return as many nodes for another path, as a chain of their own, None if they do not suffice.
+    """Return as many nodes along another path, as a chain of their own, None if they do not suffice.
 
     Each has the task and the planned start of the node that it replaces.
 
@@ -153,7 +152,7 @@ def new_nodes(
 
 
 def remove_waypoints_on_lines(path: Array) -> Array:
-    """Return a polyline without the waypoints that lie on the straight way past them."""
+    """Return a polyline without the waypoints on the straight line between their neighbours."""
     distance = np.diff(path, axis=0)
     far = np.abs(distance).max(axis=1)
     kept = [0]
@@ -171,7 +170,7 @@ def remove_waypoints_on_lines(path: Array) -> Array:
 def join_nodes(
     graph: DerivedTpg, spans: Sequence[TransitSpan], step: float
 ) -> TemporalPlanGraph:
-    """Return a graph with fewer nodes that does the same.
+    """Return an equivalent graph with fewer nodes.
 
     Args:
         graph: the graph.
@@ -198,7 +197,7 @@ def join_nodes(
 def _borders(
     graph: DerivedTpg, spans: Sequence[TransitSpan], index: int
 ) -> npt.NDArray[np.bool_]:
-    """Return for each node whether it has to stay apart from the one after it."""
+    """Return for each node whether it must stay separate from the next one."""
     edges, chain = graph.tpg.edges, graph.tpg.chains[index]
     stays = np.ones(len(chain), dtype=np.bool_)
     for span in spans:
@@ -216,7 +215,7 @@ def _borders(
 
 
 def _last_nodes(chain: NodeChain, stays: npt.NDArray[np.bool_], step: float) -> Indices:
-    """Return the last of the nodes that become each new one."""
+    """Return the last of the merged nodes of each new one."""
     out: list[int] = []
     begin, taken = 0, 0.0
     for node in range(len(chain)):
@@ -245,7 +244,7 @@ def _straight(chain: NodeChain, begin: int, end: int) -> bool:
 
 
 def _joined(chain: NodeChain, last: Indices) -> NodeChain:
-    """Return a chain in which nodes up to each last one are one node."""
+    """Return a chain in which nodes are merged up to each given last one."""
     first = np.append(0, last[:-1] + 1)
     kept = np.ones(len(chain.waypoints), dtype=np.bool_)
     for a, b in zip(first.tolist(), last.tolist(), strict=True):

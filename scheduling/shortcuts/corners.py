@@ -1,8 +1,8 @@
-"""Corners of transits rounded where that is free and pays, so that robots need not rest at them.
+"""Rounding of transit corners where it is free and saves time, so that robots need not stop there.
 
-What a bend sweeps is checked as what a shortcut does: alone among what never moves, then against
-everybody else's nodes, with the order that they get. Which corners are rounded, and how much,
-follows from the times that the robot's limits ask for; the plan never ends later.
+The swept volume of a bend is checked like that of a shortcut: first against static obstacles, then against
+all other nodes, with the order that they get. Which corners are rounded, and how much, follows from the
+times that the robot's limits require; the makespan never grows.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from scheduling.shortcuts.static_scene import StaticSceneCache
 from scheduling.stretch_times import stretch_drive
 
 _SHORTER = 0.6
-"""A window that is in somebody's way is next tried that much shorter."""
+"""Factor by which a blocked window is shortened for the next try."""
 
 _SHORTEST = 0.03
 """Corners whose windows would be a smaller share of the longest ones are not rounded."""
@@ -44,23 +44,23 @@ _LATER = 1e-9
 """Makespans that differ by less are the same [s]."""
 
 _GAIN = 1e-4
-"""Least time that a way without some rest has to save [s]."""
+"""Least time that the omission of a rest must save [s]."""
 
 _MOST_WAYS = 16
-"""Most ways in a row without a rest."""
+"""Greatest number of consecutive legs without a rest."""
 
 
 def round_corners(
     tpg: TemporalPlanGraph, *, progress: Progress = no_progress
 ) -> TemporalPlanGraph:
-    """Return a graph in which robots with limits of acceleration pass corners of transits at speed.
+    """Return a graph in which robots with acceleration limits pass corners of transits at speed.
 
     It is the same graph where no corner was rounded. Nodes are not timed yet, see
     ``assign_node_times``.
 
     Args:
         tpg: a graph that keeps its invariant, without rounded corners.
-        progress: told the runs done and in all.
+        progress: called with the runs done and in all.
 
     Raises:
         PlanInvariantError: the result breaks the invariant, a fault of this program.
@@ -83,7 +83,7 @@ def round_corners(
 
 
 class _Rounder:
-    """The graph as it is now, and the runs of it whose corners may be rounded.
+    """Current graph, and its runs whose corners may be rounded.
 
     Args:
         tpg: the graph; durations are those within limits.
@@ -105,7 +105,7 @@ class _Rounder:
                 self.runs += find_runs(chain, mine, stretch_numbers(tpg, k), pace)
 
     def round_run(self, run: TransitRun) -> None:
-        """Round the corners of a run where it pays; the plan does not end later."""
+        """Round the corners of a run where it saves time; the makespan does not grow."""
         before, choice, most = self.graph, _Choice(run), run.longest.copy()
         for _ in range(_TRIES):
             most[most < _SHORTEST * run.longest] = 0.0
@@ -124,15 +124,15 @@ class _Rounder:
     def _round(
         self, run: TransitRun, rests: list[int], most: Array
     ) -> list[Swap] | None:
-        """Round all corners of a run but some; return what was replaced.
+        """Round all corners of a run but some; return the replaced nodes.
 
         Args:
             run: the run.
-            rests: ends of ways at which the robot rests, from first to last.
-            most: longest windows at the ends of ways; where one is in the way it is made shorter.
+            rests: ends of legs at which the robot rests, from first to last.
+            most: longest windows at the ends of legs; blocked ones are shortened.
 
         Returns:
-            None where something is in the way of a bend: then nothing is replaced.
+            None where a bend is blocked: then nothing is replaced.
         """
         before, swaps, left = self.graph, list[Swap](), NodesLeft(run)
         for first, last in pairwise(rests):
@@ -153,7 +153,7 @@ class _Rounder:
         return swaps
 
     def _take(self, found: BentNodes) -> tuple[float, float] | None:
-        """Take the nodes of a bend, or return the part of the way that is in somebody's way."""
+        """Insert the nodes of a bend, or return the blocked part of the path."""
         graph, nodes, swap = self.graph, found.nodes, found.swap
         amid = self._scenery.amid(graph, swap.chain, swap.first, swap.last)
         chords = np.vstack([nodes.start[None], nodes.waypoints])
@@ -176,7 +176,7 @@ class _Rounder:
             self._pieces.replace_nodes(swap)
 
     def _time(self, run: TransitRun, rests: list[int]) -> bool:
-        """Give the nodes of a run the times that limits ask for; tell whether it takes less time."""
+        """Set the times of a run by its limits; tell whether it takes less time."""
         graph = self.graph
         chain = graph.tpg.chains[run.chain]
         duration = chain.duration.copy()
@@ -194,7 +194,7 @@ class _Rounder:
 
 
 class _Choice:
-    """At which corners of a run a robot rests, such that the run takes the least time.
+    """Choice of the corners of a run at which a robot rests, for the least time.
 
     Args:
         run: the run.
@@ -205,10 +205,10 @@ class _Choice:
         self._known: dict[tuple[int, int, bytes], float] = {}
 
     def rests(self, most: Array) -> list[int]:
-        """Return ends of ways at which the robot rests, the first and the last one too.
+        """Return the ends of legs at which the robot rests, the first and the last included.
 
         Args:
-            most: longest windows at the ends of ways, 0 where nothing can be rounded [s].
+            most: longest windows at the ends of legs, 0 where nothing can be rounded [s].
         """
         ways = len(self._run.at) - 1
         least, came = np.zeros(ways + 1), np.zeros(ways + 1, dtype=np.int64)
@@ -227,7 +227,7 @@ class _Choice:
         return rests[::-1]
 
     def _seconds(self, first: int, last: int, most: Array) -> float:
-        """Return how long some ways take without a rest, see ``Run.seconds``."""
+        """Return the time of some legs without a rest, see ``TransitRun.seconds``."""
         run, windows = self._run, np.empty(0)
         if last - first > 1:
             windows = run.windows(first, last, most)
@@ -240,11 +240,11 @@ class _Choice:
 def _shorten(
     run: TransitRun, most: Array, windows: Array, first: int, part: tuple[float, float]
 ) -> None:
-    """Make the longest windows shorter at the corners that bend a part of a run.
+    """Shorten the longest windows at the corners that bend a part of a run.
 
     Args:
         run: the run.
-        most: longest windows at the ends of its ways; changed.
+        most: longest windows at the ends of its legs; changed in place.
         windows: at the corners after end ``first``, as they were tried.
         first: that end.
         part: the part, from and to [s].

@@ -1,4 +1,4 @@
-"""Pieces of the chains of a graph, cut such that every run that may be shortened has its own."""
+"""Pieces of the chains of a graph, cut so that every shortenable run has its own."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LONGEST = 128
 
 
 class GraphPieces:
-    """All chains of a graph, cut so that every run that may be shortened is pieces of its own.
+    """All chains of a graph, cut so that every shortenable run consists of whole pieces.
 
     Args:
         tpg: the graph.
@@ -55,7 +55,7 @@ class GraphPieces:
     def between(
         self, graph: DerivedTpg, chain: int, first: int, stop: int
     ) -> Iterator[tuple[int, GraphStretch]]:
-        """Yield the first node of every piece with nodes in a range, and the piece.
+        """Yield the pieces with nodes in a range, each with its first node.
 
         Args:
             graph: as it is now.
@@ -74,7 +74,7 @@ class GraphPieces:
             yield at, built
 
     def replace_nodes(self, swap: Swap) -> None:
-        """Forget the pieces around nodes that were replaced."""
+        """Drop the cached pieces around replaced nodes."""
         starts = self._starts[swap.chain]
         lo = int(np.searchsorted(starts, swap.first, side="right")) - 1
         hi = int(np.searchsorted(starts, swap.last, side="right"))

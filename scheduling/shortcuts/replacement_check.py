@@ -23,7 +23,7 @@ from scheduling.shortcuts.rewiring import Edge, Swap
 
 
 class Rivals:
-    """Other robots' nodes that are not ordered with all of some new nodes, and their conflicts.
+    """Other robots' nodes that are unordered against some new nodes, and their conflicts.
 
     Those that come before the first replaced node, or after the last one, go before or after all
     new nodes wherever these stand in the total order: they are searched once. Edges (robot, node,
@@ -58,7 +58,7 @@ class Rivals:
 
     @property
     def choice(self) -> bool:
-        """True if it matters where the new nodes stand in the total order."""
+        """True if the position of the new nodes in the total order matters."""
         return any(low < high for low, high in self._between.values())
 
     def edges(self, ordered: DerivedTpg) -> list[Edge]:
@@ -79,7 +79,7 @@ class Rivals:
         return found
 
     def _go_first(self, other: int, first: int, turn: Indices) -> list[Edge]:
-        """Return edges from nodes of another robot from ``first`` up to each new node's turn."""
+        """Return edges from nodes of another robot, from ``first`` on, to the new nodes, by rank."""
         edges, chain, at_least = [], self._swap.chain, self._swap.first
         search = self._pieces.conflicts.search
         between = self._pieces.between(self._graph, other, first, int(turn[-1]))
@@ -91,7 +91,7 @@ class Rivals:
         return edges
 
     def _wait(self, other: int, turn: Indices, stop: int) -> list[Edge]:
-        """Return edges to nodes of another robot from each new node's turn up to ``stop``."""
+        """Return edges from the new nodes to nodes of another robot up to ``stop``, by rank."""
         edges, swap, search = [], self._swap, self._pieces.conflicts.search
         for at, piece in self._pieces.between(self._graph, other, int(turn[0]), stop):
             nodes = at + np.arange(piece.nodes)
@@ -107,7 +107,7 @@ class Rivals:
 def do_stands_stay_clear(
     graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch
 ) -> bool:
-    """Tell whether new nodes and robots that stand keep apart, in the graph that has them.
+    """Tell whether new nodes and standing robots are clear of each other, in the new graph.
 
     New nodes may now fall into a stand of another robot, or meet what it has been given while it
     stands, and another robot's nodes may fall into the stands before and between the new nodes.
@@ -130,7 +130,7 @@ def do_stands_stay_clear(
 def _clear_of_stands(
     graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch, other: int
 ) -> bool:
-    """Tell whether new nodes keep clear of another robot wherever it stands meanwhile."""
+    """Tell whether new nodes are clear of another robot wherever it stands meanwhile."""
     nodes = np.arange(swap.first, swap.first + swap.count)
     before = graph.order.of(swap.chain)[nodes, other]
     after = graph.order.first_after(swap.chain, other, nodes)
@@ -148,7 +148,7 @@ def _clear_of_stands(
 def _stand_clear(
     graph: DerivedTpg, pieces: GraphPieces, swap: Swap, other: int
 ) -> bool:
-    """Tell whether another robot keeps clear of the stands before each of the new nodes."""
+    """Tell whether another robot is clear of the stands before each of the new nodes."""
     chain = swap.chain
     holds = np.arange(swap.first, swap.first + swap.count)
     waits_for = np.ascontiguousarray(graph.order.of(other)[:, chain])
@@ -171,7 +171,7 @@ def _stand_clear(
 def _gifts_stay_clear(
     graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch
 ) -> bool:
-    """Tell whether new nodes keep clear of objects handed to robots that stand.
+    """Tell whether new nodes are clear of objects handed to standing robots.
 
     Such an object is in the robot's hand only from its next node on: its stand does not show it.
     """

@@ -1,4 +1,4 @@
-"""Edges and chains after nodes were replaced (APEX-MR IV-C, extended to N robots).
+"""Edges and chains after a replacement of nodes (APEX-MR IV-C, extended to N robots).
 
 In-edges of the replaced nodes go to the last new node, out-edges of all but the last one start
 at the node before. An order u -> a_p ... a_q -> w with p <= q held through the replaced nodes;
@@ -33,7 +33,7 @@ last of these, or right after the first."""
 
 @dataclass(frozen=True)
 class Swap:
-    """Nodes ``first`` to ``last`` of a chain become as many others.
+    """Replacement of nodes ``first`` to ``last`` of a chain by as many others.
 
     There is a node before ``first``. The last new node stands for the last replaced one: it
     ends where that ended. The replaced nodes handle nothing.
@@ -52,7 +52,7 @@ class Swap:
 def rewire(
     graph: DerivedTpg, swap: Swap, new: NodeChain, edges: Sequence[Edge]
 ) -> DerivedTpg:
-    """Return the graph with nodes replaced by as many others; what stays is not worked out again.
+    """Return the graph after a replacement of nodes; unchanged parts are reused.
 
     Args:
         graph: the graph before.
@@ -76,7 +76,7 @@ def rewire(
 
 
 def reorder_nodes(graph: DerivedTpg, chain: int, run: range, place: str) -> DerivedTpg:
-    """Return the graph with some nodes of a chain elsewhere in the total order.
+    """Return the graph with some nodes of a chain moved in the total order.
 
     They are to be replaced, and so have no edges that matter; the first and the last of them stay.
 
@@ -101,7 +101,7 @@ def reorder_nodes(graph: DerivedTpg, chain: int, run: range, place: str) -> Deri
 
 
 def _replaced(chain: NodeChain, swap: Swap, new: NodeChain) -> NodeChain:
-    """Return a chain with as many other pose nodes in the place of some."""
+    """Return a chain with some pose nodes replaced by as many others."""
     begin, stop = swap.first, swap.last + 1
     low, high = int(chain.first[begin]), int(chain.first[stop])
     shift = len(new.waypoints) - (high - low)
@@ -125,7 +125,7 @@ def _replaced(chain: NodeChain, swap: Swap, new: NodeChain) -> NodeChain:
 
 
 def _changed_nodes(graph: DerivedTpg, edges: Indices) -> npt.NDArray[np.bool_]:
-    """Return which nodes, chain by chain, may have other edges into them than in a graph before."""
+    """Return the nodes, chain by chain, whose incoming edges may differ from those of an earlier graph."""
     first, old = graph.flat.first, graph.tpg.edges
     changed = np.zeros(len(graph.flat.chain), dtype=np.bool_)
     moved = np.any(edges[: len(old)] != old, axis=1)
@@ -135,7 +135,7 @@ def _changed_nodes(graph: DerivedTpg, edges: Indices) -> npt.NDArray[np.bool_]:
 
 
 def splice_edges(edges: Indices, cause: Causes, swap: Swap) -> tuple[Indices, Causes]:
-    """Return the edges after nodes were replaced.
+    """Return the edges after a replacement of nodes.
 
     Args:
         edges: type-2 edges, shape (e, 4).

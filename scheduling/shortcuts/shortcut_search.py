@@ -1,4 +1,4 @@
-"""The graph while shortcuts are searched: runs that may be shortened, and what a candidate would change."""
+"""State of the shortcut search: shortenable runs, and the effect of a candidate on the graph."""
 
 from __future__ import annotations
 
@@ -59,19 +59,19 @@ Candidate = tuple[int, int, int, Array]
 
 
 class ShortcutSearch:
-    """The graph as it is now, and the runs of it that may be shortened.
+    """Current graph, and its runs that may be shortened.
 
     Args:
         tpg: the graph.
         speeds: speed model of each robot.
         step: longest time between pose nodes [s].
         passes: how often each run is smoothed as a whole.
-        known, conflicts: what was found for other graphs, None to find all anew.
+        known, conflicts: what was found for other graphs, None to find all again.
 
     Attributes:
         graph: as it is now.
         spans: the runs.
-        window: how many candidates have to be worth it together, see ``shorten_tpg``.
+        window: how many candidates must pay together, see ``shorten_tpg``.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class ShortcutSearch:
 
     @property
     def makespan(self) -> float:
-        """Of the graph as it is now [s]."""
+        """Makespan of the current graph [s]."""
         return float(self.graph.rollout.makespan)
 
     def saved_time_bound(self, before: float) -> bool:
@@ -110,11 +110,11 @@ class ShortcutSearch:
 
     @property
     def searched(self) -> bool:
-        """True when every run that matters has been smoothed as a whole, more than once."""
+        """True when every relevant run has been smoothed as a whole, more than once."""
         return self._passes == 0
 
     def step(self, rng: np.random.Generator) -> None:
-        """Draw a candidate, and take it if it pays; of one that does not, parts might."""
+        """Draw a candidate, and accept it if it pays; queue parts of a refused one."""
         drawn = self.draw(rng)
         if drawn is not None:
             taken = self.try_candidate(*drawn)
@@ -135,7 +135,7 @@ class ShortcutSearch:
         return np.flatnonzero(tight[last + 1] > tight[first]).tolist()
 
     def draw(self, rng: np.random.Generator) -> Candidate | None:
-        """Return a span, the nodes of it to replace, and the new path, or None."""
+        """Return a transit span, the nodes of it to replace, and the new path, or None."""
         if not self._critical:
             self._passes = 0
             return None
@@ -164,7 +164,7 @@ class ShortcutSearch:
         return self._gaining(which, first, last, path)
 
     def _next_part(self) -> tuple[int, int, int] | None:
-        """Return a part of a span to smooth: whole ones first, halves of those refused."""
+        """Return a part of a transit span to smooth: whole ones first, halves of refused ones."""
         if self._parts:
             return self._parts.pop()
         fresh = [k for k in self._critical if k not in self._tried]
@@ -183,7 +183,7 @@ class ShortcutSearch:
     def _smoothed(
         self, which: int, first: int, last: int, rng: np.random.Generator
     ) -> Candidate | None:
-        """Return a candidate as short as it can be made where nothing but what stands counts."""
+        """Return a candidate shortened as far as possible, checked against static obstacles only."""
         chain = self.spans[which].chain
         if self._most_saved(chain, first, last) < self._least:
             return None
@@ -194,7 +194,7 @@ class ShortcutSearch:
         return self._gaining(which, first, last, path)
 
     def _split(self, which: int, first: int, last: int) -> None:
-        """Note the halves of nodes that could not be replaced as a whole, if they are many."""
+        """Queue the halves of nodes that could not be replaced as a whole, if they are many."""
         span = self.spans[which]
         count = last - first + 1
         if count >= (span.last - span.first + 1) // 3 and count >= 8:
@@ -206,7 +206,7 @@ class ShortcutSearch:
             ]
 
     def _most_saved(self, chain: int, first: int, last: int) -> float:
-        """Return the time that a straight line would save [s]."""
+        """Return an upper bound of the saving: that of a straight line [s]."""
         if last <= first:
             return 0.0
         nodes, path = self.graph.tpg.chains[chain], self.way(chain, first, last)
@@ -238,7 +238,7 @@ class ShortcutSearch:
         *,
         sooner: float | None = None,
     ) -> bool:
-        """Take a candidate if it is free, fits, and the plan does not end later.
+        """Accept a candidate if it is free, fits, and does not increase the makespan.
 
         Args:
             which: the span.
@@ -275,7 +275,7 @@ class ShortcutSearch:
 
     @staticmethod
     def _late(candidate: DerivedTpg, latest: float) -> bool:
-        """Tell whether a plan would end later than it may [s]."""
+        """Tell whether a plan would exceed its allowed end [s]."""
         return candidate.rollout.makespan > latest
 
     def _take(self, candidate: DerivedTpg, which: int, swap: Swap) -> None:

@@ -1,13 +1,12 @@
 """Shortcutting of a temporal plan graph (APEX-MR IV-C): anytime, seeded, HOME skipped.
 
-A candidate joins two places of a run of transits: by what smoothing makes of the way between them
-where nothing but standing things counts, by a straight line, over a corner, or with a single joint
-straightened. It is taken when it is free, when it can be ordered with everyone else's nodes, and
-when the plan does not end later. Only runs that the makespan hangs on are drawn: elsewhere a robot
-would move less only to wait more. Each is first smoothed as a whole, then in parts. What a candidate
-does not change is not worked out again. The search ends when candidates do not pay any more, or
-after a number of them, so that the same seed gives the same plan; or, if that is asked for, it goes
-on for a time, as in the paper. Sidesteps may follow.
+A candidate joins two points of a run of transits: by smoothing among static obstacles, by a straight line,
+over a corner, or with a single joint straightened. It is accepted when it is free, when it can be ordered
+with all other nodes, and when the makespan does not grow. Only critical runs are drawn: elsewhere a robot
+would move less only to wait more. Each is first smoothed as a whole, then in parts. Whatever a candidate
+does not change is reused. The search ends when candidates no longer pay, or after a number of them, so that
+the same seed gives the same plan; or, on request, after a time limit, as in the paper. Sidesteps may
+follow.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ _LEAST = 1e-6
 """Least time by which a sidestep has to make the plan end sooner [s]."""
 
 _ASIDE = 0.3
-"""Spread of corners around the straight way [rad or m]."""
+"""Spread of corners around the straight path [rad or m]."""
 
 _SPREAD = 0x51DE
 """Sets the draws of sidesteps apart from those of shortcuts with the same seed."""
@@ -46,10 +45,11 @@ _QUICK = 8
 def apply_sidesteps(
     board: ShortcutSearch, candidates: int, seed: int, progress: Progress = no_progress
 ) -> None:
-    """Change a board's graph by sidesteps as long as they pay.
+    """Change the graph of a search by sidesteps as long as they pay.
 
-    A shortcut has to save its robot time. Where the makespan hangs on a wait of one robot for another, a way of
-    the same length may do as well: one that comes into the other's way later, or lets the other pass sooner. Runs
+    A shortcut has to save its robot time. Where the makespan hangs on a wait of one robot for another, a
+    path of the same length may do as well: one that comes into the other's way later, or lets the other
+    pass sooner. Runs
     of transits on both sides of such waits get a corner at random, and keep it where the whole plan ends sooner.
 
     Args:
@@ -57,7 +57,7 @@ def apply_sidesteps(
         candidates: most candidates drawn. The search ends before when a window of them, as long
             as those of shortcuts, makes the plan hardly shorter.
         seed: of the draws.
-        progress: told candidates done and in all.
+        progress: called with candidates done and in all.
     """
     rng = np.random.default_rng([seed, _SPREAD])
     beside = runs_beside_waits(board)
@@ -92,7 +92,7 @@ def apply_sidesteps(
 
 
 def runs_beside_waits(board: ShortcutSearch) -> list[tuple[int, int]]:
-    """Return the runs that waits for motions which the makespan hangs on begin or end in.
+    """Return the runs next to critical waits for motions, at either end.
 
     Returns:
         Each as the number of a span and the node of it that waits, or is waited for.
@@ -109,7 +109,7 @@ def runs_beside_waits(board: ShortcutSearch) -> list[tuple[int, int]]:
 
 
 def critical_conflict_nodes(graph: DerivedTpg) -> list[tuple[int, int]]:
-    """Return the nodes at both ends of the conflicts that a longest path of a graph goes over.
+    """Return the end nodes of the conflict edges on a critical path of a graph.
 
     It is followed from its end: from each node to the one before it on its robot where they
     follow each other at once, else to the node that it waits for.
@@ -144,7 +144,7 @@ def critical_conflict_nodes(graph: DerivedTpg) -> list[tuple[int, int]]:
 def _around_corner(
     board: ShortcutSearch, chain: int, path: Array, rng: np.random.Generator
 ) -> Array:
-    """Return a way of the same ends over one corner, on the straight way or around it."""
+    """Return a path with the same ends over one corner, on the straight line or around it."""
     if rng.random() < 0.5:
         return candidate_path(path, CORNER, rng)
     tpg = board.graph.tpg
@@ -176,7 +176,7 @@ def shorten_tpg(
         step: longest time between pose nodes [s].
         candidates: most candidates drawn.
         seed: of the draws.
-        progress: told candidates done and in all.
+        progress: called with candidates done and in all.
         sidesteps: most sidesteps drawn after that, see ``apply_sidesteps``.
         seconds: how long candidates are drawn, whether they pay or not; the one that is looked at
             then is the last. 0 for as long as they pay [s].
@@ -221,7 +221,7 @@ def smooth_runs(
     known: SmoothedPathCache | None = None,
     conflicts: StretchConflicts | None = None,
 ) -> DerivedTpg:
-    """Return a graph with the runs that matter smoothed as a whole, once: a quick look ahead.
+    """Return a graph with each relevant run smoothed as a whole, once: a quick estimate.
 
     It has not been checked as ``shorten_tpg`` does, whose arguments these are. To ``known`` and
     ``conflicts``, what was found for other graphs of the same cell and speeds, what is found is added;

@@ -1,4 +1,4 @@
-"""What never moves around nodes that are to be replaced, and ways through it."""
+"""Static obstacles around nodes to be replaced, and paths through them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SMOOTHING = 40
 """Tries to smooth a run, or a part of one, as a whole."""
 
 _KEPT_WAYS = 20_000
-"""Ways that are kept."""
+"""Capacity in paths."""
 
 _KEPT_SCENES = 64
 """Scenes that are kept. There are more of them the more objects there are, and each knows all of
@@ -35,14 +35,14 @@ these: without a bound their memory would grow with the square of the objects.""
 
 
 class SmoothedPathCache:
-    """Paths smoothed for plans of one cell with the same speeds, and which of them were free.
+    """Cache of smoothed paths and of free ones, for plans of one cell with the same speeds.
 
     Args:
-        seed: of the smoothing. A path is smoothed the same way in the same scene.
+        seed: of the smoothing. A path is smoothed identically in the same scene.
 
     Attributes:
         scenes: that robots moved in.
-        smoothed: paths by scene and by what they were before.
+        smoothed: paths by scene and by their original.
         free: whether paths are free, by scene and waypoints.
     """
 
@@ -54,14 +54,14 @@ class SmoothedPathCache:
 
 @dataclass(frozen=True)
 class StaticScene:
-    """A robot that moves while nothing else does.
+    """One moving robot among obstacles that never move.
 
     Attributes:
         cell: without the robots that have nodes of their own.
         robot: its name.
         state: what is where.
-        allowed: who may touch whom.
-        known: what was found in the same scenes before; None to find all anew.
+        allowed: allowed contacts.
+        known: what was found in the same scenes before; None to find all again.
     """
 
     cell: Workcell
@@ -72,7 +72,7 @@ class StaticScene:
 
     @cached_property
     def checker(self) -> SceneChecker:
-        """Checks its motions."""
+        """Collision checker of the robot."""
         return SceneChecker(
             self.cell, self.robot, self.state, self.allowed, margin=MARGIN
         )
@@ -80,7 +80,7 @@ class StaticScene:
     def smoothed(
         self, path: Array, speed: SpeedModel, rng: np.random.Generator
     ) -> Array:
-        """Return a path as short as a few tries make it where nothing but what stands counts.
+        """Return a path shortened by a few tries, checked against static obstacles only.
 
         Args:
             path: polyline, shape (w, n).
@@ -114,10 +114,10 @@ class StaticScene:
 
 
 class StaticSceneCache:
-    """Things that never move around nodes that are to be replaced; they are remembered.
+    """Cache of the static obstacles around nodes to be replaced.
 
     Args:
-        known: what was found in the same scenes before, None to find it anew.
+        known: what was found in the same scenes before, None to find it again.
     """
 
     def __init__(self, known: SmoothedPathCache | None = None) -> None:
@@ -126,7 +126,7 @@ class StaticSceneCache:
         self._rests: _Rests | None = None
 
     def amid(self, graph: DerivedTpg, index: int, first: int, last: int) -> StaticScene:
-        """Return all that never moves while some nodes are under way.
+        """Return the static obstacles during some nodes.
 
         Args:
             graph: as it is.
@@ -149,7 +149,7 @@ class StaticSceneCache:
     def _present(
         self, graph: DerivedTpg, index: int, first: int, last: int
     ) -> npt.NDArray[np.bool_]:
-        """Return which rests may be there while nodes are under way."""
+        """Return the rests that may overlap in time with some nodes."""
         if self._rests is None:
             self._rests = _Rests.of(graph)
         at_rest, after, before = self._rests
@@ -164,7 +164,7 @@ class StaticSceneCache:
 
 
 class _Rests(NamedTuple):
-    """Between which nodes objects are at rest, one row a rest.
+    """Node intervals in which objects are at rest, one row per rest.
 
     Attributes:
         lying: True for those that are in no robot's hand, shape (rests,).
@@ -178,7 +178,7 @@ class _Rests(NamedTuple):
 
     @staticmethod
     def of(graph: DerivedTpg) -> _Rests:
-        """Return those of a graph."""
+        """Return the rests of a graph."""
         rests = graph.history.rests
         after = [rest.after or (0, -1) for rest in rests]
         before = [rest.before or (0, -1) for rest in rests]
@@ -197,7 +197,7 @@ def _amid(
     present: tuple[Rest, ...],
     known: SmoothedPathCache | None,
 ) -> StaticScene:
-    """Return all that does not move: no robot that has nodes."""
+    """Return all static obstacles, without robots that have nodes."""
     tpg = graph.tpg
     robot = tpg.chains[index].robot
     busy = tpg.chain_index

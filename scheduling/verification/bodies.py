@@ -1,4 +1,4 @@
-"""Robots of a plan, piece by piece: where each part of them is, what it sweeps, and how far it may deviate.
+"""Robots of a plan, piece by piece: poses of their parts, swept volumes, and deviation bounds.
 
 A *piece* is a straight joint-space motion of a node, or a robot that stands between two nodes.
 """
@@ -55,12 +55,12 @@ class Pieces:
 
     @property
     def keys(self) -> Indices:
-        """One number for a node, and one more for the stand before it: two a node."""
+        """Key per piece: one number for a node, and one more for the stand before it."""
         return 2 * self.node + self.standing
 
     @property
     def begin(self) -> Indices:
-        """A node that is complete before ``begin`` starts is over before the piece; -1 for none."""
+        """Last node that has started when the piece begins; -1 for none."""
         return self.node - self.standing
 
     @property
@@ -75,7 +75,7 @@ class Pieces:
 
 @dataclass(frozen=True)
 class Body:
-    """A part of a robot, or all that it carries at one time or another.
+    """A part of a robot, or everything that it carries at any time.
 
     Attributes:
         motions: the part; or what is carried, one after another.
@@ -95,7 +95,7 @@ class VerifiedRobot:
         tpg: the plan.
         placed: the robot.
         robot: its geometry.
-        carried: who carries what when.
+        carried: the objects carried by each robot over time.
         error: of its base, None for the one that the cell gives it.
         deviations: of its flange by skill, None for those that the cell gives.
 
@@ -106,7 +106,7 @@ class VerifiedRobot:
         home: its HOME, shape (n,).
         chain: index of its chain, None if it has no node.
         pieces: its pieces.
-        bodies: its parts, then what it carries.
+        bodies: its parts, then its loads.
     """
 
     def __init__(
@@ -164,7 +164,7 @@ class VerifiedRobot:
 
     @cached_property
     def sweeps(self) -> SweepBounds:
-        """What each body sweeps in each piece."""
+        """Swept volume of each body in each piece."""
         sweeps = SweepBounds.nothing(len(self.pieces), len(self.bodies))
         for x, body in enumerate(self.bodies):
             for k, motion in enumerate(body.motions):
@@ -175,7 +175,7 @@ class VerifiedRobot:
         return sweeps.with_coarser()
 
     def which(self, bodies: Indices, pieces: Indices) -> Indices:
-        """Return which motion of each body there is in a piece, shape (k,)."""
+        """Return the motion index of each body in a piece, shape (k,)."""
         table = np.stack([body.which for body in self.bodies])
         return np.asarray(table[bodies, pieces])
 
@@ -197,7 +197,7 @@ class VerifiedRobot:
 
 
 class StillBodies:
-    """All that lies in the world at one time or another.
+    """All objects and fixtures at rest at any time.
 
     Args:
         resting: what lies where, and when.
@@ -227,7 +227,7 @@ class StillBodies:
 
     @cached_property
     def sweeps(self) -> SweepBounds:
-        """What each occupies."""
+        """Volume of each thing at rest."""
         sweeps = SweepBounds.nothing(len(self.resting), 1)
         piece = np.zeros(1, dtype=np.int64)
         for k, motion in enumerate(self.motions):
@@ -239,7 +239,7 @@ class StillBodies:
 def over_before(
     chain: int | None, robot: VerifiedRobot, precedence: Precedence
 ) -> Indices:
-    """Return, per piece of a robot, how many first nodes of a chain are complete before it."""
+    """Return, per piece of a robot, the number of first nodes of a chain complete before it."""
     begin = robot.pieces.begin
     if chain is None or robot.chain is None:
         return np.zeros(len(begin), dtype=np.int64)
@@ -250,7 +250,7 @@ def over_before(
 def at_once(
     a: VerifiedRobot, b: VerifiedRobot, precedence: Precedence
 ) -> tuple[Indices, Indices]:
-    """Return, per piece of a robot, the pieces of another that may happen at the same time.
+    """Return, per piece of a robot, the pieces of another that may be simultaneous.
 
     They follow each other: those from the first number on, up to the second one.
     """
@@ -263,7 +263,7 @@ def at_once(
 def while_there(
     robot: VerifiedRobot, resting: list[Resting], precedence: Precedence
 ) -> tuple[Indices, Indices]:
-    """Return, per thing at rest, the pieces of a robot that may happen while it is there."""
+    """Return, per thing at rest, the pieces of a robot that may happen during its presence."""
     pieces, chain = robot.pieces, robot.chain
     low = np.zeros(len(resting), dtype=np.int64)
     high = np.full(len(resting), len(pieces))

@@ -1,6 +1,7 @@
-"""How far links of a robot may deviate where the flange is off its reference path in a skill.
+"""Deviation bounds of robot links where the flange is off its reference path in a skill.
 
-To the first order, from pinocchio's joints: the flange goes by a way and a turn, joints follow by the least change of
+To the first order, from pinocchio's joints: the flange is displaced and rotated, joints follow by the least
+change of
 their values, and links by what these do to them. No code is shared with planning.
 """
 
@@ -28,7 +29,7 @@ _LOST = 1e-6
 def deviating_nodes(
     tpg: TemporalPlanGraph, chain: NodeChain, known: Mapping[str, PoseError]
 ) -> Array:
-    """Return way and angle by which the flange may be off in each node, shape (nodes, 2) [m, rad]."""
+    """Return the allowed displacement and rotation of the flange in each node, shape (nodes, 2) [m, rad]."""
     of_task = {t.index: known[t.kind] for t in tpg.tasks if t.kind in known}
     out = np.zeros((len(chain), 2))
     for k in np.flatnonzero(chain.skill).tolist():
@@ -38,12 +39,12 @@ def deviating_nodes(
 
 
 class DeviatingLinks:
-    """The links of a robot in the pieces of motion in which its flange may be off its path.
+    """The links of a robot in pieces of motion with a deviating flange.
 
     Args:
         robot: the robot.
         frames: of its base and joints at the knots of the pieces, shape (s + 1, n + 1, 4, 4).
-        off: way and angle of each piece, shape (s, 2) [m, rad].
+        off: displacement and rotation of each piece, shape (s, 2) [m, rad].
     """
 
     def __init__(self, robot: WitnessRobot, frames: Array, off: Array) -> None:
@@ -64,7 +65,7 @@ class DeviatingLinks:
             self._follow = np.linalg.pinv(np.swapaxes(jacobian, 1, 2), rcond=_LOST)
 
     def deviates(self, part: ConvexPart) -> Array | None:
-        """Return how far any point of a part may be off in each piece, shape (s,) [m]; None for nowhere."""
+        """Return a bound on the deviation of any point of a part per piece, shape (s,) [m]; None for none."""
         if not len(self._pieces) or part.joint < 0:
             return None
         out, (m, rad) = np.zeros(len(self._off)), self._off[self._pieces].T
@@ -90,16 +91,16 @@ class DeviatingLinks:
         return out
 
     def _moves(self, points: Array) -> Array:
-        """Return what a unit of each joint does to points that all carry, shape (k, n, 3)."""
+        """Return the translational Jacobians of points that all joints carry, shape (k, n, 3)."""
         arms = points[:, None] - self._frames[:, 1:, :3, 3]
         return np.asarray(self._slides + np.cross(self._turns, arms))
 
     def _radius(self, part: ConvexPart, place: Array) -> float:
-        """Return how far a part reaches from a place in its joint's frame [m]."""
+        """Return the radius of a part around a position in its joint's frame [m]."""
         seen = inverses(part.local) @ np.append(place, 1.0)
         return float(farthest_from(part.shape, seen[None, :3])[0])
 
 
 def _largest(maps: Array) -> Array:
-    """Return the largest singular values of maps, shape (k, 3, 3)."""
+    """Return the largest singular values of matrices, shape (k, 3, 3)."""
     return np.asarray(np.linalg.svd(maps, compute_uv=False)[:, 0])

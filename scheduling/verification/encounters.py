@@ -1,6 +1,6 @@
-"""Encounters of a plan: parts of two robots, or of a robot and what rests, near each other and at once.
+"""Encounters in a plan: parts of two robots, or of a robot and a resting thing, close at the same time.
 
-Whoever proves something of all that may happen at once asks for them here.
+All proofs about simultaneous pieces obtain them here.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from scheduling.witness.sweeps import Close, close_pairs
 
 @dataclass(frozen=True)
 class Side:
-    """A part of a robot or what it carries; or what lies in the world, or in a hand that stands.
+    """One side of an encounter: a robot part or its load, or a thing at rest.
 
     Attributes:
         motion: of the part.
@@ -43,11 +43,11 @@ class Side:
 
     @property
     def entity(self) -> str:
-        """What allowed contacts call it."""
+        """Its name in allowed contacts."""
         return self.motion.part.entity
 
     def in_tasks(self, pieces: Indices, tasks: frozenset[int]) -> npt.NDArray[np.bool_]:
-        """Tell in which pieces one of some tasks is done.
+        """Tell in which pieces one of some tasks is executed.
 
         Of what lies in the world it is for the other side to say.
         """
@@ -58,25 +58,25 @@ class Side:
         return np.full(len(pieces), there)
 
     def keys(self, pieces: Indices) -> Indices:
-        """Return one number for a node, and one for the stand before it; 0 for what lies."""
+        """Return one number for a node, and one for the stand before it; 0 for a thing at rest."""
         if self.robot is None:
             return np.zeros_like(pieces)
         return self.robot.pieces.keys[pieces]
 
     def moment(self, piece: int) -> Moment:
-        """Return a piece as it is named in a problem."""
+        """Return the name of a piece in a problem."""
         if self.robot is None:
             return Moment(None, -1, -1, True, self.entity)
         return self.robot.moment(piece, self.entity)
 
     def off_by(self, share: float) -> Side:
-        """Return it with a share of the errors that its motion has."""
+        """Return it with scaled errors of its motion."""
         return replace(self, motion=self.motion.off_by(share))
 
 
 @dataclass(frozen=True)
 class Encounter:
-    """Two parts, and the pieces in which they may come near each other at once.
+    """Two parts, and the pieces in which they may be close at the same time.
 
     Attributes:
         first, second: the parts.
@@ -95,7 +95,7 @@ class Encounter:
     def allowed_by(
         self, depths: Depths
     ) -> Iterator[tuple[npt.NDArray[np.bool_], float]]:
-        """Yield in which pairs of pieces the two may touch, shape (k,), and how deep [m]."""
+        """Yield the pairs of pieces in which the two may touch, shape (k,), and the allowed depth [m]."""
         pair = frozenset((self.first.entity, self.second.entity))
         for tasks, depth in depths.get(pair, ()):
             first = self.first.in_tasks(self.rows, tasks)
@@ -103,7 +103,7 @@ class Encounter:
 
 
 class Encounters:
-    """All encounters of the robots of a plan, with each other and with what rests.
+    """All encounters of the robots of a plan, with each other and with resting things.
 
     Args:
         cell: its cell.
@@ -112,7 +112,7 @@ class Encounters:
         precedence: what precedes what.
 
     Attributes:
-        pairs: pairs of pieces that may happen at once, as far as they were looked at.
+        pairs: pairs of pieces that may be simultaneous, as far as they were looked at.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class Encounters:
     def all_within(
         self, between: float, from_rest: float
     ) -> Iterator[Iterator[Encounter]]:
-        """Yield the encounters of every two robots, then of every robot and what rests.
+        """Yield the encounters of every two robots, then of every robot and resting things.
 
         Args:
             between: distance up to which two robots are near each other [m].
@@ -142,7 +142,7 @@ class Encounters:
 
     @property
     def count(self) -> int:
-        """How often ``all_within`` yields."""
+        """Number of times that ``all_within`` yields."""
         robots = len(self.robots)
         return robots * (robots - 1) // 2 + robots
 
@@ -192,7 +192,7 @@ class Encounters:
 def _groups(
     close: Close, which_x: Indices, which_y: Indices
 ) -> Iterator[tuple[tuple[int, int, int, int], Indices, Indices]]:
-    """Yield body and motion of both sides, and the pieces in which these two come close."""
+    """Yield body and motion of both sides, and the pieces in which they come close."""
     kinds = np.stack([close.x, which_x, close.y, which_y])
     order = np.lexsort(kinds)
     changes = np.any(np.diff(kinds[:, order], axis=1) != 0, axis=0)

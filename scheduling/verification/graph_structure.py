@@ -1,4 +1,4 @@
-"""The structure of a saved plan: no cycle, the planned order, and objects passed on in order.
+"""Structure of a saved plan: acyclic, in planned order, with ordered handlings of objects.
 
 Precedence of nodes comes from ancestor sets, as bits of integers.
 
@@ -42,7 +42,7 @@ from scheduling.verification.problems import Problem, node_problem, pair_problem
 _Node = tuple[int, int]
 
 _BLOCK = 4096
-"""Nodes whose ancestors are counted at once: it bounds the memory."""
+"""Nodes whose ancestors are counted together: it bounds the memory."""
 
 _SAME = 1e-6
 """Joint values that differ by less are the same [rad or m]."""
@@ -93,7 +93,7 @@ def _unordered_handlings(
     name: str,
     places: Sequence[Whereabouts],
 ) -> Iterator[Problem]:
-    """Yield handlings of an object that are not ordered.
+    """Yield unordered handlings of an object.
 
     A robot has to stand still, too, while another one gives it something or takes it.
     """
@@ -150,12 +150,12 @@ class Precedence:
         return bool(self.complete[a][b][v] > u)
 
     def not_after(self, a: int, u: int, b: int) -> int:
-        """Return how many of the first nodes of chain b need not wait for node u of chain a."""
+        """Return the number of first nodes of chain b that need not wait for node u of chain a."""
         return int(np.searchsorted(self.complete[a][b], u, side="right"))
 
 
 def find_precedence(tpg: TemporalPlanGraph) -> Precedence | None:
-    """Return the order that type-1 and type-2 edges impose, None if they form a cycle."""
+    """Return the order that type-1 and type-2 edges impose, None for a cycle."""
     lengths = [len(chain) for chain in tpg.chains]
     first = np.cumsum([0, *lengths]).tolist()
     total = first[-1]
@@ -197,7 +197,7 @@ def _ancestors(
 def not_as_said(
     tpg: TemporalPlanGraph, speeds: Mapping[str, Array]
 ) -> Iterator[Problem]:
-    """Yield where what is done is not what tasks say, and where robots jump.
+    """Yield deviations of handlings from their tasks, and discontinuities of robots.
 
     Args:
         tpg: the plan.
@@ -226,7 +226,7 @@ def not_as_said(
 
 
 def _nodes_of_tasks(chain: NodeChain) -> Iterator[tuple[int, int, int]]:
-    """Yield each task of a chain, its first node, and the one after its last."""
+    """Yield each task of a chain with its first node, and the node after its last."""
     tasks, first, count = np.unique(chain.task, return_index=True, return_counts=True)
     yield from zip(
         tasks.tolist(), first.tolist(), (first + count).tolist(), strict=True
@@ -239,7 +239,7 @@ def _of_task(
     nodes: tuple[int, int, int],
     handled: list[NodeHandling],
 ) -> Iterator[str]:
-    """Yield what is wrong with how a task is done: chain, first node, and that after its last."""
+    """Yield faults in the execution of a task: chain, first node, and the node after its last."""
     done = tpg.chains[nodes[0]]
     if task.robot != done.robot:
         yield f"is done by {done.robot!r}, and is a task of {task.robot!r}"
@@ -270,7 +270,7 @@ def _otherwise(
     done: NodeHandling | None,
     begins: int,
 ) -> str:
-    """Return how something changes hands in another way than its task says, empty if as it says."""
+    """Return the difference of a change of hands from its task, empty for none."""
     if said is None or done is None:
         one = said or done
         assert one is not None
@@ -296,7 +296,7 @@ def _words(change: Handling | NodeHandling) -> str:
 
 
 def _leaps(tpg: TemporalPlanGraph, index: int, speeds: Array) -> Iterator[Problem]:
-    """Yield where a robot does not begin at HOME, and the nodes in which it is too fast."""
+    """Yield robots that do not begin at HOME, and nodes in which they exceed their speed limits."""
     chain = tpg.chains[index]
     away = np.abs(chain.start - tpg.cell.robot(chain.robot).home)
     if tpg.cell.begun is None and len(chain) and away.max() > _SAME:

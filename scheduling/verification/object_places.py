@@ -1,8 +1,8 @@
-"""Histories of objects by their handlings: in which hand, or at rest between which nodes.
+"""Histories of objects by their handlings: in hands, or at rest between nodes.
 
-Each is one thing in one place or one hand, and jumps nowhere. An object moves only with who holds it,
-at one pose of its own in that hand. So it is enough to look at where it changes hands: where it is
-taken from and where it comes to must be one place.
+Each object is in one place or one hand, and moves without jumps: only with its holder, at one pose in that
+hand. So it suffices to check the changes of hands: the place where an object was put and the place where it
+is taken must be the same.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ JUMP = 1e-4
 
 @dataclass(frozen=True)
 class Carried:
-    """A robot holds an object from a moment of its chain on until another one, both included.
+    """An object held by a robot between two moments of its chain, both included.
 
     A moment is (node, waypoint); waypoint 0 is the start of the node.
 
@@ -61,12 +61,12 @@ class Carried:
 
 @dataclass(frozen=True)
 class Resting:
-    """An object (or fixture) lies in the world.
+    """An object (or fixture) at rest in the world.
 
     Attributes:
         object: its name.
         pose: of its frame in the world.
-        shape: what it is.
+        shape: its shape.
         put: chain, node and waypoint that put it there, None from the start on.
         taken: chain, node and waypoint that take it away, None if it stays.
         tasks: of the robot in whose hand it rests, None when it lies in the world.
@@ -92,7 +92,7 @@ def planned_key(
 
 @dataclass(frozen=True)
 class Whereabouts:
-    """Where an object is between two of its handlings.
+    """Location of an object between two of its handlings.
 
     Attributes:
         holder: the robot that holds it, None at rest, GONE once it has left the cell.
@@ -110,7 +110,7 @@ class Whereabouts:
 
 
 def whereabouts(tpg: TemporalPlanGraph) -> dict[str, list[Whereabouts]]:
-    """Return where every object is, in planned order, its start first."""
+    """Return the locations of every object, in planned order, its start first."""
     found: dict[str, list[Whereabouts]] = {}
     handled: dict[str, list[NodeHandling]] = {
         item.name: [] for item in tpg.cell.objects
@@ -181,7 +181,7 @@ def object_histories(
 
 
 def stand_during(tpg: TemporalPlanGraph, chain: int, moment: _Moment) -> _Moment:
-    """Return where a chain stands, by the planned order, when something happens on another one.
+    """Return the configuration of a chain, by the planned order, at an event on another one.
 
     The result is a moment: the chain, the node before which it stands, and 0.
     """
@@ -205,7 +205,7 @@ def _tasks(tpg: TemporalPlanGraph, chain: int, node: int) -> tuple[int, ...]:
 
 
 def jumps(tpg: TemporalPlanGraph, flange: FlangeAt) -> Iterator[Problem]:
-    """Yield where objects jump, or are handled by who does not have them.
+    """Yield discontinuities of objects, and handlings by robots that do not hold them.
 
     Args:
         tpg: the plan.
@@ -226,7 +226,7 @@ def jumps(tpg: TemporalPlanGraph, flange: FlangeAt) -> Iterator[Problem]:
 
 
 def distance_of(item: CellObject, first: Transform, second: Transform) -> float:
-    """Return how far the corners of the box around an object are from pose to pose, at most [m]."""
+    """Return a bound on the displacement of an object's bounding box between poses [m]."""
     shape = item.shape
     ends = np.stack([shape.low, shape.high])
     corners = np.array(list(product(*ends.T)))
@@ -245,13 +245,13 @@ def _wrong(
     after: Whereabouts,
     flange: FlangeAt,
 ) -> str | None:
-    """Return what is wrong with how an object changes hands, None if nothing is."""
+    """Return the fault of a change of hands, None for none."""
     assert after.put is not None
     moment, holder, to = after.put, before.holder, after.holder
     who = tpg.chains[moment[0]].robot
 
     def in_world(at: Whereabouts) -> Transform:
-        """Return where it is then, if it is in a hand or at rest."""
+        """Return its location at a moment, whether in a hand or at rest."""
         if at.holder is None:
             return at.pose
         chain, there = tpg.chain_index[at.holder], moment
@@ -266,7 +266,7 @@ def _wrong(
     chain, node = moment[:2]
     kind = tpg.tasks[int(tpg.chains[chain].task[node])].kind
     lost = to == GONE and kind in (FAILED, TAKEN_OUT)
-    # Who failed to pick it has measured where it lies.
+    # A robot that failed to pick it has measured its pose.
     found = kind == FAILED and before.there and holder is None and to is None
     if found:
         return None
@@ -281,7 +281,7 @@ def _wrong(
 
 
 def _words(holder: str | None, to: str | None, there: bool) -> str:
-    """Return what happens, with room for how far away from where it should."""
+    """Return a description of the event, with a placeholder for the distance."""
     if holder is None and to is not None:
         return f"is taken by {to!r} {{}} away from where it lies"
     if holder is None:

@@ -1,4 +1,4 @@
-"""Violations of the guarantee, and how they are told."""
+"""Violations of the safety guarantee, and their messages."""
 
 from __future__ import annotations
 

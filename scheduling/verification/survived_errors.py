@@ -1,10 +1,10 @@
-"""What a plan survives of calibration and force control: bases, or tools in skills, that are not where it has them.
+"""Tolerance of a plan to errors of calibration and force control: displaced bases, or tools in skills.
 
-Every robot may stand off by an error of its own, whatever it does and carries with it.
-What lies in the world lies where the plan has it, and what a robot takes sits in its hand as planned: the contacts that
-a plan means to make, of a tool that takes hold or of a part that is put down, take the error up. So these contacts are
-left out; everything else must not touch. Where skills deviate from their reference paths it is the same, but that only
-what moves in them is off.
+Every robot base may be displaced by an independent error, whatever it does and carries. Resting things are
+at their planned poses, and a picked object is in the hand as planned: the intended contacts of the plan, of
+a tool that grips or of a part that is put down, absorb the error. So these contacts are excluded; all else
+must not touch. For deviations from the reference paths of skills it is the same, except that only their
+moving parts are displaced.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from scheduling.witness.parts import TOLERANCE
 from scheduling.witness.robot import WitnessRobot
 
 _SHARES = (2.0, 8.0)
-"""Shares of the error asked for that are looked at, one after the other."""
+"""Shares of the required error that are checked, one after the other."""
 
 _LEFT = 1e-5
 """What must be left between two parts: motions that get no further are not looked into [m]."""
@@ -36,12 +36,12 @@ _LEFT = 1e-5
 
 @dataclass(frozen=True)
 class Limiting:
-    """Two parts that come nearest to each other for the errors that they have.
+    """Two parts with the least margin under their errors.
 
     Attributes:
         first, second: the parts, and when.
         distance_m: as planned [m].
-        taken_m: what the errors asked for may take of it [m].
+        taken_m: reduction of it by the required errors, at most [m].
     """
 
     first: Moment
@@ -51,7 +51,7 @@ class Limiting:
 
     @property
     def margin_m(self) -> float:
-        """What is left of their distance, negative where they may overlap [m]."""
+        """Remaining distance, negative where they may overlap [m]."""
         return self.distance_m - self.taken_m
 
     def __str__(self) -> str:
@@ -65,10 +65,10 @@ class Limiting:
 
 @dataclass(frozen=True)
 class SurvivedShare:
-    """How much of an error is survived, and by what it is limited.
+    """Tolerated share of an error, and what limits it.
 
     Attributes:
-        share: of the error asked for, proved: the largest there is, to 0.04 mm of distance.
+        share: proved share of the required error: the largest there is, to 0.04 mm of distance.
         limiting: None where nothing comes near enough: then more may be survived.
     """
 
@@ -78,12 +78,12 @@ class SurvivedShare:
 
 @dataclass(frozen=True)
 class SurvivedErrors:
-    """What a plan survives of errors of one kind.
+    """Tolerance of a plan to errors of one kind.
 
     Attributes:
-        error: what was asked for, of every robot.
-        robots: between robots, and what they carry.
-        rest: between robots, or what they carry, and what lies in the world.
+        error: the required error of every robot.
+        robots: between robots and their loads.
+        rest: between robots or their loads, and resting things.
     """
 
     error: PoseError
@@ -92,16 +92,16 @@ class SurvivedErrors:
 
     @property
     def ok(self) -> bool:
-        """True when the error asked for is survived."""
+        """True when the required error is tolerated."""
         return self.least.share >= 1.0
 
     @property
     def least(self) -> SurvivedShare:
-        """Of the two, the one that limits the plan."""
+        """The more restrictive of the two."""
         return min(self.robots, self.rest, key=lambda side: side.share)
 
     def largest(self, side: SurvivedShare) -> PoseError:
-        """Return the largest error that one of the two survives, for the ratio asked for."""
+        """Return the largest tolerated error of one of the two, for the required ratio."""
         return PoseError(side.share * self.error.m, side.share * self.error.rad)
 
 
@@ -114,7 +114,7 @@ def survived_errors(
     *,
     of_skills: bool = False,
 ) -> SurvivedErrors:
-    """Find the largest share of an error with which nothing touches that may not.
+    """Find the largest share of an error under which no forbidden contact occurs.
 
     Args:
         tpg: the plan.
@@ -149,7 +149,7 @@ def survived_errors(
 
 
 class _ShareSearch:
-    """Search for the largest share of an error that is survived.
+    """Search for the largest tolerated share of an error.
 
     Args:
         tpg: the plan.
@@ -166,7 +166,7 @@ class _ShareSearch:
         self.limiting: Limiting | None = None
 
     def go_on(self, encounters: Iterator[Encounter], share: float) -> None:
-        """Look at encounters of parts that have a share of the error.
+        """Check encounters of parts with a share of the error.
 
         Those with less come near each other in fewer pieces, so that one look at each is enough.
         """

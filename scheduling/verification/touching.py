@@ -1,6 +1,6 @@
-"""What may touch, and how deep: contacts that a plan allows, and what is in a hand.
+"""Allowed contacts with their depths, and contacts of held objects.
 
-Robots that touch themselves, or touch with an arm what they carry.
+Self-collisions of robots, and of arms with their loads.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Depths = Mapping[frozenset[str], list[tuple[frozenset[int], float]]]
 
 
 def allowed_depths(tpg: TemporalPlanGraph) -> Depths:
-    """Return how deep things may be in each other where a plan lets them touch.
+    """Return the penetration depths that a plan allows for pairs of things.
 
     A contact counts only if handling needs it: of a tool and an object, of two objects, or of an
     object and a fixture. Robots never touch each other, and an arm never touches anything.
@@ -61,15 +61,15 @@ def too_deep_in_hand(
     carried: list[Carried],
     allowed: Depths,
 ) -> Iterator[Problem]:
-    """Yield what is too deep in the hand that holds it, or in something else in the same hand.
+    """Yield objects that penetrate the holding hand, or others in that hand, too deep.
 
     From then on until it is let go of they move as one, so that one look at each hold is enough.
 
     Args:
         tpg: the plan.
         geometry: of all robots.
-        carried: who carries what when.
-        allowed: who may touch whom.
+        carried: the objects carried by each robot over time.
+        allowed: allowed contacts.
     """
     for k, held in enumerate(carried):
         chain = tpg.chains[held.chain]
@@ -108,12 +108,12 @@ def _load(
 
 
 def _meet(one: Carried, other: Carried) -> bool:
-    """Tell whether two holds last at the same time."""
+    """Tell whether two holds overlap in time."""
     return one.start < other.end and other.start < one.end
 
 
 def touching_itself(robot: VerifiedRobot, reference: WitnessRobot) -> Iterator[Problem]:
-    """Yield nodes in which parts of a robot touch each other, or what it carries.
+    """Yield nodes with self-collision of a robot, or contact with its load.
 
     Parts of neighbouring joints touch by design, and those that overlap at HOME only do so because
     hulls are larger than what they contain. What is on the last joint moves with the load.
@@ -149,7 +149,7 @@ def _in_pieces(
     parts: tuple[ConvexPart, ConvexPart],
     pieces: Indices,
 ) -> Iterator[Problem]:
-    """Yield the nodes among some pieces in which two parts touch, the inner one given first."""
+    """Yield the nodes of some pieces in which two parts touch, the inner part given first."""
     found = own.too_close(Measuring(), parts, pieces, -SLACK, robot.pieces.keys)
     for piece, distance in found:
         first, second = (robot.moment(piece, part.entity) for part in parts)

@@ -54,14 +54,14 @@ class VerificationReport:
     """Outcome of a verification.
 
     Attributes:
-        pairs_checked: pairs of pieces that may happen at once (motions, stands, rests).
+        pairs_checked: pairs of pieces that may be simultaneous (motions, stands, rests).
         min_distance_robots_m: least distance measured between two robots in such pairs;
             infinite if none came near enough to be measured [m].
         min_distance_objects_m: likewise between a robot or its load and anything else, where
             no contact is allowed [m].
         problems: empty for a plan that keeps its guarantee; cut off at ``limit``.
-        survived: what it survives of base errors, where that was asked and its structure is sound.
-        deviated: what it survives of deviations of skills, likewise.
+        survived: its tolerance to base errors, if requested and its structure is sound.
+        deviated: its tolerance to deviations in skills, likewise.
     """
 
     pairs_checked: int
@@ -73,7 +73,7 @@ class VerificationReport:
 
     @property
     def ok(self) -> bool:
-        """True when nothing is wrong, and all errors that were asked for are survived."""
+        """True when there is no problem, and all required errors are tolerated."""
         asked = (self.survived, self.deviated)
         return not self.problems and all(of is None or of.ok for of in asked)
 
@@ -93,8 +93,8 @@ def verify_plan(
         base_error: also tell whether it survives that every robot's base is off by up to this.
         deviation: also tell whether it survives that the flange is off its reference path by up to
             this in every skill.
-        limit: stop after so many problems.
-        progress: told how far it has come.
+        limit: stop after this number of problems.
+        progress: called with the progress.
     """
     precedence, problems = check_structure(tpg)
     geometry = {robot.name: WitnessRobot(robot) for robot in tpg.cell.robots}
@@ -130,12 +130,12 @@ def verify_plan(
 
 
 class _ClearanceCheck:
-    """Looks at all pairs of pieces that may happen at once.
+    """Checks all pairs of pieces that may be simultaneous.
 
     Args:
         tpg: the plan.
-        limit: stop after so many problems.
-        progress: told how far it has come.
+        limit: stop after this number of problems.
+        progress: called with the progress.
 
     Attributes:
         problems: found so far.
@@ -158,7 +158,7 @@ class _ClearanceCheck:
         geometry: Mapping[str, WitnessRobot],
         histories: tuple[list[Carried], list[Resting]],
     ) -> None:
-        """Check all pairs of robots, then every robot against what rests in the world.
+        """Check all pairs of robots, then every robot against resting things.
 
         Args:
             precedence: what precedes what.
@@ -193,7 +193,7 @@ class _ClearanceCheck:
         self.pairs = met.pairs
 
     def _settle(self, met: Encounter, limit: float, seen: dict[_Key, Problem]) -> None:
-        """Note what comes too close in some pairs of pieces, or too deep where it may touch."""
+        """Record pairs of pieces that come too close, or too deep where they may touch."""
         a, b = met.first, met.second
         if a.entity == b.entity:
             return
@@ -236,7 +236,7 @@ def _conflict(first: Moment, second: Moment, distance: float) -> Problem:
 
 
 def _without_repeats(seen: dict[_Key, Problem]) -> list[Problem]:
-    """Leave out stands next to a motion that is named already: it starts or ends with them."""
+    """Drop stands next to a reported motion, whose ends they share."""
     out = []
     for (u, v), problem in sorted(seen.items(), key=lambda p: p[0]):
         moving = [(n, v) for n in (u - 3, u - 1) if u % 2]

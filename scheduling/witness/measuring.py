@@ -1,8 +1,8 @@
-"""Distances of parts in motion: few are measured, and each settles many pairs of pieces.
+"""Distances of moving parts: few measurements, each of which settles many pairs of pieces.
 
-Where two parts are apart in the middle of two pieces, coal says in which direction. How far both reach in that
-direction bounds the distance in all of their pieces at once, and most of them are settled by that. What is left is
-cut finer.
+Where two parts are apart in the middle of two pieces, coal gives the separating direction. The extents of
+both in that direction bound the distance in all of their pieces together, which settles most of them. The
+rest is subdivided.
 """
 
 from __future__ import annotations
@@ -61,12 +61,12 @@ class Measuring:
         *,
         lockstep: bool = False,
     ) -> Iterator[TooClose]:
-        """Yield which pairs of pieces come too close, with the distance that was measured.
+        """Yield pairs of pieces that come too close, with the measured distance.
 
         Args:
             x, y: the two parts.
             pairs: pieces of both, each of shape (k,).
-            limit: what they have to keep [m].
+            limit: clearance that they must keep [m].
             alike: of pairs with the same number only the first found is yielded, shape (k,).
             lockstep: whether both pieces of a pair begin and end at the same times, so that they
                 are cut into parts of which only those of the same time meet; else any moment of
@@ -131,7 +131,7 @@ class Measuring:
         limit: float,
         lockstep: bool,
     ) -> tuple[float, float]:
-        """Return a gap below the limit somewhere in two pieces, infinity if none is, and strays."""
+        """Return a gap below the limit within two pieces, infinity if there is none, and deviation bounds."""
         if max(x.moved(pair[0]), y.moved(pair[1])) < _FINEST:
             return math.inf, 0.0
         fine_x, fine_y = x.finer(pair[0]), y.finer(pair[1])

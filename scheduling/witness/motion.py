@@ -1,4 +1,4 @@
-"""A convex part in straight joint-space motions, and how far it reaches in them."""
+"""A convex part in straight joint-space motions, and bounds of its extent and displacement."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FINER = 4
 
 @dataclass(frozen=True)
 class Motion:
-    """A part, from knot to knot.
+    """Motion of a part, from knot to knot.
 
     Attributes:
         robot: that it belongs to, and from where it is seen; None for what does not move.
@@ -46,7 +46,7 @@ class Motion:
         return len(self.knots) - 1
 
     def reach(self, pieces: Indices, direction: Array) -> Array:
-        """Return how far the part gets along a direction in pieces, never less, shape (k,) [m].
+        """Return an upper bound of the part's extent along a direction in pieces, shape (k,) [m].
 
         It is where it reaches at the ends of the piece, and by how much no point of it leaves
         the straight line between its own places there.
@@ -57,7 +57,7 @@ class Motion:
         return np.asarray(most + self.strays(pieces))
 
     def extents(self, pieces: Indices) -> tuple[Array, Array]:
-        """Return how far the part gets along DIRECTIONS, least and most, both (13, k) [m]."""
+        """Return bounds of the part's extents along DIRECTIONS, least and most, both (13, k) [m]."""
         here = np.unique(np.concatenate([pieces, pieces + 1]))
         first = np.searchsorted(here, pieces)
         frames = self.frames[here]
@@ -68,7 +68,7 @@ class Motion:
         return low, np.maximum(most[:, first], most[:, first + 1]) + bulge
 
     def strays(self, pieces: Indices) -> Array:
-        """Return how far errors take any point of the part in pieces, at most, shape (k,) [m]."""
+        """Return a bound on the displacement of any point of the part by errors in pieces, shape (k,) [m]."""
         off = np.zeros(len(pieces)) if self.deviates is None else self.deviates[pieces]
         if not self.error:
             return off
@@ -78,13 +78,13 @@ class Motion:
         return np.asarray(off + self.error.m + self.error.rad * most)
 
     def strays_at(self, frame: Array, piece: int = 0) -> float:
-        """Return the same where the joint is at a pose in a piece, shape (4, 4) [m]."""
+        """Return the same bound at a joint pose in a piece, shape (4, 4) [m]."""
         off = 0.0 if self.deviates is None else self.deviates[piece]
         far = self._from_origin(frame[None])[0] if self.error else 0.0
         return float(off + self.error.m + self.error.rad * far)
 
     def off_by(self, share: float) -> Motion:
-        """Return it with a share of its errors."""
+        """Return it with scaled errors."""
         error, deviates = NO_ERROR, None
         if share:
             error = PoseError(share * self.error.m, share * self.error.rad)
@@ -92,26 +92,26 @@ class Motion:
         return replace(self, error=error, deviates=deviates)
 
     def _from_origin(self, frames: Array) -> Array:
-        """Return how far points of the part are from the origin at most, shape (k,) [m]."""
+        """Return the largest distance of the part's points from the origin, shape (k,) [m]."""
         poses = frames @ self.part.local
         turned = np.swapaxes(poses[:, :3, :3], 1, 2)
         seen = turned @ (self.origin - poses[:, :3, 3])[..., None]
         return farthest_from(self.part.shape, seen[..., 0])
 
     def frame(self, piece: int) -> Array:
-        """Return the pose of the joint in the middle of a piece, shape (4, 4)."""
+        """Return the joint pose in the middle of a piece, shape (4, 4)."""
         if self.robot is None:
             return np.asarray(self.frames[piece])
         middle = 0.5 * (self.knots[piece] + self.knots[piece + 1])
         return self.robot.joint_frame(middle, self.part.joint)
 
     def moved(self, piece: int) -> float:
-        """Return how far the part gets at most from where it is in the middle [m]."""
+        """Return a bound on the displacement of the part from the middle of a piece [m]."""
         step = np.abs(self.knots[piece + 1] - self.knots[piece])
         return 0.5 * float(step @ self.part.weight)
 
     def finer(self, piece: int) -> Motion:
-        """Return one piece, cut into several; into one only where the part stands."""
+        """Return one piece cut into several; only one where the part stands."""
         count = _FINER if self.moved(piece) > 0.0 else 1
         share = np.linspace(0.0, 1.0, count + 1)[:, None]
         knots = (1.0 - share) * self.knots[piece] + share * self.knots[piece + 1]
@@ -124,7 +124,7 @@ class Motion:
         return replace(self, knots=knots, frames=frames, deviates=deviates)
 
     def _at_knots(self, frames: Array, directions: Array) -> Array:
-        """Return how far the part gets along directions at poses of its joint, (d, k) [m]."""
+        """Return the part's extents along directions at joint poses, (d, k) [m]."""
         local = np.tensordot(directions, frames[:, :3, :3], axes=(1, 1))
         own = local.reshape(-1, 3) @ self.part.local[:3, :3]
         reach = farthest(self.part.shape, own).reshape(local.shape[:2])
@@ -132,7 +132,7 @@ class Motion:
         return np.asarray(reach + there + directions @ frames[:, :3, 3].T)
 
     def _bulge(self, pieces: Indices) -> Array:
-        """Return how far any point leaves the straight line between its ends, shape (k,) [m].
+        """Return a bound on the deviation of any point from the straight line between its ends, shape (k,) [m].
 
         A point p(t) is no further from it than max |p''| / 8, and each pair of joints adds to
         p'' no more than the turn of the inner times what the outer one moves.

@@ -1,4 +1,4 @@
-"""Parts of one robot in motion, as seen from the joint that carries the inner one of two."""
+"""Relative motion of parts of one robot, in the frame of the joint that carries the inner one."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class OwnMotions:
         limit: float,
         alike: Indices,
     ) -> Iterator[tuple[int, float]]:
-        """Yield pieces in which two parts come too close, with the distance measured [m].
+        """Yield pieces in which two parts come too close, with the measured distance [m].
 
         Args:
             measuring: measures them.
             parts: the two; the first one is not further out than the second one.
             pieces: to look at, shape (k,).
-            limit: what they have to keep [m].
+            limit: clearance that they must keep [m].
             alike: of pieces with the same number only the first found is yielded, shape (s,).
         """
         inner, outer = parts
@@ -61,7 +61,7 @@ class OwnMotions:
             yield int(left[found.pair]), found.gap
 
     def _seen_from(self, joint: int) -> tuple[SeenFrom, Array]:
-        """Return the robot as a joint sees it, and poses of its joints at the knots."""
+        """Return the robot relative to a joint, and the poses of its joints at the knots."""
         view = SeenFrom(self._robot, joint)
         return view, view.joint_frames_along(self._knots)
 
@@ -69,7 +69,7 @@ class OwnMotions:
 def _balls_meet(
     inner: ConvexPart, moves: Motion, pieces: Indices, limit: float
 ) -> npt.NDArray[np.bool_]:
-    """Tell in which pieces the balls around two parts may come nearer than a limit."""
+    """Tell in which pieces the bounding balls of two parts may come nearer than a limit."""
     outer = moves.part
     frames = moves.frames[np.stack([pieces, pieces + 1])]
     centres = frames[..., :3, :3] @ outer.centre + frames[..., :3, 3]

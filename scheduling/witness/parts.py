@@ -1,4 +1,4 @@
-"""Convex parts of robots and of what rests, and their distances by coal."""
+"""Convex parts of robots and of resting things, and their distances by coal."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ConvexPart:
 
 
 def resting_parts(entity: str, shape: Shape, pose: Transform) -> list[ConvexPart]:
-    """Return the parts of what rests in the world."""
+    """Return the parts of things at rest."""
     out = []
     for item, local in coal_forms(shape):
         item.computeLocalAABB()
@@ -71,7 +71,7 @@ def separation(
 
 
 def coal_pose(pose: Transform) -> Any:
-    """Return a pose, shape (4, 4), as coal has it."""
+    """Return a pose, shape (4, 4), in coal's form."""
     return coal.Transform3s(pose[:3, :3], pose[:3, 3])
 
 

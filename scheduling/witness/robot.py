@@ -1,4 +1,4 @@
-"""A robot as pinocchio reads it from its URDF: joints, convex parts, and where they are."""
+"""A robot read by pinocchio from its URDF: joints, convex parts, and their poses."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class JointLimits:
 
 
 class WitnessRobot:
-    """A robot read anew from its URDF: a chain of joints, those that it holds being fixed.
+    """A robot read independently from its URDF: a chain of joints, with held ones fixed.
 
     Args:
         placed: the robot; of its model only the file, names, frames and speeds are used.
@@ -85,7 +85,7 @@ class WitnessRobot:
             self.links.append(item.name.rsplit("_", 1)[0])
 
     def state(self, q: Array) -> Array:
-        """Return a configuration, shape (n,), as pinocchio has it.
+        """Return a configuration, shape (n,), in pinocchio's form.
 
         It keeps a continuous joint as the cosine and the sine of its angle.
         """
@@ -98,7 +98,7 @@ class WitnessRobot:
         return state
 
     def loads(self, entity: str, shape: Shape, pose: Transform) -> list[ConvexPart]:
-        """Return what is held at ``pose`` in the flange frame as parts of the robot."""
+        """Return objects held at ``pose`` in the flange frame as parts of the robot."""
         hand = self.flange @ pose
         return [
             self._part(entity, self.dof - 1, hand @ local, item)
@@ -113,7 +113,7 @@ class WitnessRobot:
         return np.asarray(self.base @ self._data.oMi[joint + 1].homogeneous)
 
     def joint_placements(self, q: Array) -> list[Any]:
-        """Return the world poses of base and joints at ``q`` as pinocchio and coal have them."""
+        """Return the world poses of base and joints at ``q`` in the form of pinocchio and coal."""
         pinocchio.forwardKinematics(self.model, self._data, self.state(q))
         return [self._base * pose for pose in self._data.oMi]
 
@@ -122,7 +122,7 @@ class WitnessRobot:
         return np.array([pose.homogeneous for pose in self.joint_placements(q)])
 
     def joint_frames_along(self, path: Array) -> Array:
-        """Return world poses at many configurations at once, shape (s, n + 1, 4, 4).
+        """Return world poses at many configurations, shape (s, n + 1, 4, 4).
 
         Args:
             path: configurations, shape (s, n).
@@ -148,7 +148,7 @@ class WitnessRobot:
         return np.asarray(self.joint_frame(q, self.dof - 1) @ self.flange)
 
     def point_speeds(self, q: Array, v: Array, point: Array) -> Array:
-        """Return how fast a point goes that is fixed to the last joint, shape (m,) [m/s].
+        """Return the speeds of a point fixed to the last joint, shape (m,) [m/s].
 
         Args:
             q, v: configurations and joint speeds, shape (m, n).
@@ -200,7 +200,7 @@ class WitnessRobot:
 
 
 class SeenFrom:
-    """A robot as it moves in the eyes of one of its own joints.
+    """A robot in the frame of one of its own joints.
 
     Args:
         robot: the robot.
@@ -226,7 +226,7 @@ class SeenFrom:
         return np.asarray(inverses(frames[:, self._joint + 1, None]) @ frames)
 
     def seen(self, part: ConvexPart) -> ConvexPart:
-        """Return a part of the robot as only the joints after this one move it."""
+        """Return a part of the robot as moved only by the joints after this one."""
         return replace(part, weight=part.weight * self.after)
 
 
@@ -247,7 +247,7 @@ def _subspace(joint: Any) -> Array:
 
 
 def _load(placed: PlacedRobot) -> tuple[Any, Any]:
-    """Return pinocchio's model and collision geometry of a robot, other joints being fixed."""
+    """Return pinocchio's model and collision geometry of a robot, with other joints fixed."""
     described = placed.model
     path = str(described.urdf)
     dirs = [str(described.urdf.parent), *map(str, described.package_dirs)]

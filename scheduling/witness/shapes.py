@@ -1,4 +1,4 @@
-"""Forms as coal knows them: round forms stay round, meshes are the hulls that they are cut into.
+"""Forms as coal shapes: round forms stay round, meshes become their convex pieces.
 
 How far a convex shape reaches along directions, and from places.
 """
@@ -55,7 +55,7 @@ def hull_of(points: Array) -> Any:
 
 
 def convex_of(shape: Any) -> Any:
-    """Return one of coal's primitives as it is, and the convex hull of a mesh."""
+    """Return a coal primitive unchanged, and the convex hull of a mesh."""
     if hasattr(shape, "buildConvexHull"):
         shape.buildConvexHull(True, "Qt")
         return shape.convex
@@ -63,7 +63,7 @@ def convex_of(shape: Any) -> Any:
 
 
 def farthest(shape: Any, directions: Array) -> Array:
-    """Return how far a shape reaches along directions of its own frame, never less, shape (k,).
+    """Return an upper bound of a shape's extent along directions of its own frame, shape (k,).
 
     Args:
         shape: coal's shape.
@@ -94,7 +94,7 @@ def farthest(shape: Any, directions: Array) -> Array:
 
 @kernel
 def _support(points: Array, directions: Array) -> Array:
-    """Return how far points reach along directions at most, shape (k,).
+    """Return the largest extent of points along directions, shape (k,).
 
     Some directions at a time, all of them point by point: that is what processors do several of at once.
 
@@ -116,7 +116,7 @@ def _support(points: Array, directions: Array) -> Array:
 
 
 def farthest_from(shape: Any, places: Array) -> Array:
-    """Return how far any point of a shape is from places in its own frame, never less, shape (k,).
+    """Return an upper bound of the distance of a shape's points from positions in its frame, shape (k,).
 
     Args:
         shape: coal's shape.

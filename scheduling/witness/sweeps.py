@@ -1,4 +1,4 @@
-"""What bodies sweep, bounded along fixed directions; pairs of pieces whose bounds come close."""
+"""Swept volumes bounded along fixed directions, and pairs of pieces whose bounds come close."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class SweepBounds:
 
     @staticmethod
     def nothing(pieces: int, bodies: int) -> SweepBounds:
-        """Return sweeps of bodies that are never there, one level, to be filled in."""
+        """Return empty sweeps of bodies, one level, to be filled in."""
         shape = (len(DIRECTIONS), pieces, bodies)
         return SweepBounds((np.full(shape, np.inf),), (np.full(shape, -np.inf),))
 
@@ -191,7 +191,7 @@ def _close(
     columns: Indices,
     limits: Array,
 ) -> Indices:
-    """Return which pairs are in no direction further apart than their limits."""
+    """Return the pairs that no direction separates by more than their limits."""
     low_a, high_a, low_b, high_b = (
         bounds.reshape(len(DIRECTIONS), -1) for bounds in (*a, *b)
     )
@@ -206,7 +206,7 @@ def _close(
 
 
 def _within(low: Indices, high: Indices, size: int) -> tuple[Indices, Indices]:
-    """Return pairs of a group of one side and a group of the other that its window meets."""
+    """Return pairs of a group of one side and a group of the other that its window overlaps."""
     first, count = low // size, np.where(high > low, (high - 1) // size + 1, 0)
     count = np.maximum(count - np.where(high > low, first, 0), 0)
     i = np.repeat(np.arange(len(low)), count)

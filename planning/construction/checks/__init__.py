@@ -1,4 +1,4 @@
 """Collision checks of robots that move in space and time, compiled.
 
-Imports world, geometry, skills and motion; paths, keyframes and export import it.
+Imports world, geometry, steps and motion; paths, keyframes and export import it.
 """

@@ -1,4 +1,4 @@
-"""Collision checks in space-time, among everything that has been planned."""
+"""Collision checks in space-time against all planned motion."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ class SpaceTimeChecker:
     """Continuous checks of one robot in space-time.
 
     All other robots follow their timelines, and so do objects. What is found free can become
-    nodes of a temporal plan graph with all its guarantees, see ``motion_pieces``.
+    nodes of a temporal plan graph with all its guarantees, see ``export_motion_plan``.
 
     Args:
         world: everything planned so far.
-        robot: who moves, from the end of its timeline on.
-        held: objects that somebody holds from then on, name to attachment; what ``world`` says
+        robot: the moving robot, from the end of its timeline on.
+        held: objects held from then on, name to attachment; what ``world`` says
             of the robot where not given.
         allowed: unordered pairs of entities that may touch.
         without: names of robots that are not looked at.
 
     Attributes:
-        robot: who moves.
-        start: the time from which on it moves [s].
+        robot: the moving robot.
+        start: start time of its motion [s].
         model: of the robot.
         home: configuration of HOME, shape (n,).
         scene: all of it for compiled code.
@@ -100,7 +100,7 @@ class SpaceTimeChecker:
         )
 
     def start_configuration(self) -> Array:
-        """Return where the robot is when it becomes free to move, shape (n,)."""
+        """Return the configuration of the robot when it becomes free to move, shape (n,)."""
         return np.array(self.world.robots[self.robot].path[-1])
 
     def configuration_free(self, q: Array, t: float) -> bool:
@@ -115,7 +115,7 @@ class SpaceTimeChecker:
         return bool(is_motion_clear(self.scene, _c(q0), float(t0), _c(q1), float(t1)))
 
     def skill_free(self, path: Array, start: float, end: float) -> bool:
-        """Tell whether a skill is free: all of its path, during all of a span of time.
+        """Tell whether the whole path of a skill is free during a time span.
 
         Args:
             path: what the robot does, straight from waypoint to waypoint, shape (w, n); one
@@ -133,20 +133,20 @@ class SpaceTimeChecker:
 
 
 def straight_runs(path: Array) -> list[tuple[Array, Array]]:
-    """Return the ends of each straight motion of a path, of shape (w, n); of a stand the place twice."""
+    """Return the ends of each straight motion of a path of shape (w, n); of a hold, the place twice."""
     path = _c(np.atleast_2d(path))
     return list(zip(path, path[1:] if len(path) > 1 else path, strict=False))
 
 
 def _c(q: Array) -> Array:
-    """Return a writable contiguous array: numba compiles read-only ones anew."""
+    """Return a writable contiguous array: numba recompiles for read-only ones."""
     return np.array(q, dtype=np.float64)
 
 
 def _changes_but(
     world: FixedWorld, robot: str, held: Collection[str]
 ) -> list[HandChange]:
-    """Return what a robot holds from when on, but for some objects."""
+    """Return the objects that a robot holds from each time on, without some of them."""
     return [
         (t, tuple((name, pose) for name, pose in hand if name not in held))
         for t, hand in world.hands[robot]
@@ -164,9 +164,9 @@ def _held_by(world: FixedWorld, robot: str, t: float) -> dict[str, Attachment]:
 def _still_boxes(
     world: FixedWorld, held: Collection[str], start: float
 ) -> tuple[StandingBoxes, tuple[Array, Array]]:
-    """Return fixtures and objects where they lie, and when each piece comes and goes [s].
+    """Return the boxes of fixtures and resting objects, and when each appears and disappears [s].
 
-    Objects that somebody holds, and those that are gone before the start, are left out.
+    Held objects, and those that are gone before the start, are excluded.
     """
     items = [item for item in world.cell.objects if item.name not in held]
     placed = [
@@ -203,7 +203,7 @@ def _box_limits(
 
 
 def _levels(robot: PlacedRobot, own: RobotBodies) -> dict[int, tuple[float, float]]:
-    """Return how low and how high bodies are whose height no joint can change [m]."""
+    """Return the height ranges of bodies whose height no joint can change [m]."""
     chain, poses = robot.model.chain, joint_poses_of(robot, np.zeros(robot.model.dof))
     up = np.abs(np.einsum("ji,ji->j", poses[1:, 2, :3], chain.axis))
     keeps = np.where(chain.prismatic, up <= 1e-12, up >= 1.0 - 1e-12)

@@ -1,8 +1,8 @@
-"""Collision checks against robots that move, compiled.
+"""Collision checks against moving robots, compiled.
 
-A motion is cut at the cells of time: in each cell the whole of its stretch must clear the whole
-of what every other robot sweeps in the cell, and where that fails the cell is halved a few
-times. So what is found free can become nodes of a temporal plan graph, see ``motion_pieces``.
+A motion is cut at the borders of the time cells: in each cell the swept volume of its whole stretch must be
+clear of the swept volumes of all other robots in the cell; where that fails, the cell is bisected a few
+times. Motions that pass can therefore become nodes of a temporal plan graph, see ``export_motion_plan``.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _MOTION = ROW, float64, ROW, float64
 def _first_meeting(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
 ) -> float:
-    """Return up to when a motion is clear of robots that move, infinity where all of it is [s].
+    """Return the time up to which a motion is clear of moving robots, infinity for all of it [s].
 
     Args:
         scene: the scene.
@@ -97,7 +97,7 @@ def _first_meeting(
 
 @inner_kernel
 def _cells(size: float, lo: float, hi: float) -> tuple[float, float]:
-    """Return the cells of time that a span lies in; an instant is left as it is."""
+    """Return the time cells that a span overlaps; an instant is left as it is."""
     if hi - lo < 1e-12:
         return lo, hi
     return np.floor(lo / size + 1e-6) * size, np.ceil(hi / size - 1e-6) * size
@@ -107,7 +107,7 @@ def _cells(size: float, lo: float, hi: float) -> tuple[float, float]:
 def _near_pieces(
     scene: MoverScene, track: int, begin: float, finish: float
 ) -> tuple[int, int]:
-    """Return the pieces of a track in a span, from the first one in the robot's reach on."""
+    """Return the pieces of a track in a time span, from the first one within reach on."""
     tracks = scene.tracks
     first, last = tracks.first[track], tracks.first[track + 1]
     start, end, box = tracks.pieces.start, tracks.pieces.end, tracks.sweeps.box
@@ -155,7 +155,7 @@ def is_clear_of_pieces(
 def _clip(
     scene: MoverScene, hulls: HullTable, piece: int, begin: float, finish: float
 ) -> bool:
-    """Put a carrier on what of a piece falls into a span; tell whether only a part of it does.
+    """Clip a piece of a carrier's motion to a time span; tell whether only a part of it is inside.
 
     Then that is swept, too.
     """
@@ -183,7 +183,7 @@ def _clip(
 def first_conflict_time(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
 ) -> float:
-    """Return when a motion is in the way of other robots, infinity for never [s].
+    """Return when a motion first collides with other robots, infinity for never [s].
 
     Some places on it are looked at first, so it need not be the first such time.
     """
@@ -200,7 +200,7 @@ def first_conflict_time(
 
 @inner_kernel
 def earliest_free_time(scene: MoverScene, q: Array, t: float, latest: float) -> float:
-    """Return from when on other robots leave room to be at a place [s].
+    """Return the time from which a configuration is clear of other robots [s].
 
     Args:
         scene: the scene.
@@ -229,7 +229,7 @@ def earliest_free_time(scene: MoverScene, q: Array, t: float, latest: float) -> 
 
 @inner_kernel
 def needs_probing(q0: Array, t0: float, q1: Array, t1: float) -> bool:
-    """Tell whether a motion is so long that places on it are looked at before all of it."""
+    """Tell whether a motion is long enough to probe some configurations before checking all of it."""
     widest = t1 - t0
     for j in range(len(q0)):
         widest = max(widest, abs(q1[j] - q0[j]))
@@ -240,7 +240,7 @@ def needs_probing(q0: Array, t0: float, q1: Array, t1: float) -> bool:
 def is_clear_throughout(
     scene: MoverScene, q0: Array, q1: Array, lo: float, hi: float
 ) -> bool:
-    """Tell whether a straight motion is clear of everything, wherever it is in a span.
+    """Tell whether a straight motion is clear of everything over its whole time span.
 
     Args:
         scene: the scene.
@@ -257,7 +257,7 @@ def is_clear_throughout(
 
 
 def _configuration_clear(scene: MoverScene, q: Array, t: float) -> bool:
-    # Robots are what is mostly in the way of what is asked for at one instant.
+    # At a single instant, robots are the most frequent obstacles.
     sweep_stretch(scene, q, t, q, t, t, t)
     return is_clear_of_tracks(scene, t, t) and is_clear_of_still_objects(
         scene, q, t, q, t, 0.0
@@ -267,7 +267,7 @@ def _configuration_clear(scene: MoverScene, q: Array, t: float) -> bool:
 def _motion_clear(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
 ) -> bool:
-    """Tell whether a whole motion is clear: its end and its middle first."""
+    """Tell whether a whole motion is clear: its end and its midpoint are checked first."""
     if not is_configuration_clear(scene, q1, t1):
         return False
     if needs_probing(q0, t0, q1, t1):
@@ -296,7 +296,7 @@ _motion = CHECKS.motion.call_of("motion")
 def first_meeting_time(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
 ) -> float:
-    """Return up to when a motion is clear of robots that move, infinity where all of it is [s]."""
+    """Return the time up to which a motion is clear of moving robots, infinity for all of it [s]."""
     return float(_meeting(scene, (q0, float(t0), q1, float(t1))))
 
 

@@ -1,4 +1,4 @@
-"""Scenes: a robot that moves, and everything it may run into over time, for compiled code."""
+"""Scenes for compiled code: a moving robot and all obstacles that it may meet over time."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ HALVINGS = 3
 
 
 class StillBoxes(NamedTuple):
-    """Fixtures, and objects where they lie.
+    """Boxes of fixtures and of objects at rest.
 
     Attributes:
         pose, half: of each, shapes (b, 4, 4), (b, 3).
@@ -62,7 +62,7 @@ class Limits(NamedTuple):
 
 
 class Checks(NamedTuple):
-    """Checks of a motion, each of which is compiled once for all that ask.
+    """Checks of a motion, each compiled once and shared by all callers.
 
     Attributes:
         still: is it clear of what lies still, and of itself?
@@ -78,7 +78,7 @@ class Checks(NamedTuple):
 
 
 class MoverScene(NamedTuple):
-    """A robot that moves, what it must keep clear of, and room to work in: one for each thread.
+    """A moving robot, its obstacles, and work arrays; one for each thread.
 
     Attributes:
         own: its bodies, with what it holds, on the stretch on which they were swept last.
@@ -180,7 +180,7 @@ def make_scene(
 def interpolate_configuration(
     q0: Array, t0: float, q1: Array, t1: float, t: float, out: Array
 ) -> None:
-    """Write where a robot is at a time that goes straight from (q0, t0) to (q1, t1)."""
+    """Write the configuration at a time on the straight motion from (q0, t0) to (q1, t1)."""
     share = 1.0
     if t < t1:
         share = max(t - t0, 0.0) / (t1 - t0)

@@ -1,4 +1,4 @@
-"""Collision checks against all that lies still, and of robots with themselves, compiled.
+"""Collision checks against static obstacles, and of robots with themselves, compiled.
 
 Capsules propose pairs of bodies, hulls decide. A motion is halved until either is clear.
 """
@@ -34,7 +34,7 @@ _FINEST = 1e-3
 def _still_clear(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float, leeway: float
 ) -> bool:
-    """Tell whether a motion is clear of all that lies still and of itself.
+    """Tell whether a motion is clear of static obstacles and of self-collision.
 
     Args:
         scene: the scene.
@@ -82,13 +82,13 @@ _call = STILL.call_of("still")
 def is_clear_of_still_objects(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float, leeway: float
 ) -> bool:
-    """Tell what _still_clear tells, which is compiled once for all that ask."""
+    """Entry point of ``_still_clear``, compiled once and shared by all callers."""
     return bool(_call(scene, (q0, float(t0), q1, float(t1), float(leeway))))
 
 
 @inner_kernel
 def _meet_boxes(scene: MoverScene, boxes: int, lo: float, hi: float) -> int:
-    """Check the swept robot against the first boxes of ``near`` that are there in a span."""
+    """Check the swept robot against those first boxes of ``near`` that are present in a time span."""
     near, pairs, limits = scene.near, scene.pairs, scene.limits.boxes
     own, counting = scene.own, scene.counting
     around, own_box, widest = own.sweeps.box, own.sweeps.body_box, scene.widest

@@ -1,6 +1,6 @@
-"""Time windows in which a robot can arrive and finish a skill, from cells of time that are free.
+"""Time windows in which a robot can arrive and finish a skill, from free time cells.
 
-A motion is swept once; what comes near it strikes out the cells of time for which it is there.
+A motion is swept once; each obstacle near it blocks the time cells of its presence.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ Part = tuple[SpaceTimeChecker, Array]
 def arrival_windows(
     parts: Sequence[Part], duration: float, earliest: float, latest: float = np.inf
 ) -> Array:
-    """Return the time windows of arrivals after which a skill, or a stay, is free.
+    """Return the windows of arrival times after which a skill, or a stay, is free.
 
     All parts of the skill must be clear of everything during all of its duration.
 
     Args:
-        parts: of the skill, such as the way to a part with an empty hand and the way back
+        parts: of the skill, such as the way to a part with an empty hand and the retreat
             with it; one path of one waypoint for a stand.
         duration: of the skill; infinity to stay for good [s].
         earliest, latest: times of arrival to look at [s].
@@ -67,7 +67,7 @@ def mark_blocked_cells(
     first: int,
     free: npt.NDArray[np.bool_],
 ) -> None:
-    """Mark the cells of time in which a motion is not clear, wherever it is in the cell.
+    """Mark the time cells in which a motion is blocked anywhere in the cell.
 
     Args:
         scene: what must be kept clear of.
@@ -108,7 +108,7 @@ def mark_blocked_cells(
 
 @inner_kernel
 def _unchanged(scene: MoverScene, cell: int, last: int, step: float) -> int:
-    """Return the cell before which the same lies still all along, no later than the last one."""
+    """Return the cell up to which the static obstacles stay the same, at most the last one."""
     lo, until = cell * step, last * step
     start, end = scene.boxes.start, scene.boxes.end
     for b in range(len(start)):
@@ -125,7 +125,7 @@ def _unchanged(scene: MoverScene, cell: int, last: int, step: float) -> int:
 def write_free_spans(
     free: npt.NDArray[np.bool_], first: int, step: float, out: Array
 ) -> int:
-    """Write the spans of time that free cells make up; return how many there are.
+    """Write the time spans made up of free cells; return their number.
 
     Args:
         free: shape (cells,).

@@ -1,4 +1,4 @@
-"""Paths of a mobile base around what lies on the floor, compiled: hints for a roadmap.
+"""Paths of a mobile base around obstacles on the floor, compiled: hints for a roadmap.
 
 Parts that wait on the floor make it a labyrinth for a mobile base, and few random configurations
 fall into the gaps between them. So the base is planned alone first: A* on a lattice of places, with
@@ -22,11 +22,11 @@ SPACING = 0.25
 """Distance of places on the lattice [m]."""
 
 _BEYOND = 3.0
-"""The lattice reaches so far beyond start and goal [m]."""
+"""Margin of the lattice beyond start and goal [m]."""
 
 
 class Lattice(NamedTuple):
-    """Places of a base.
+    """Lattice of base positions.
 
     Attributes:
         origin: the place in row and column 0, shape (2,) [m].
@@ -46,12 +46,12 @@ class Lattice(NamedTuple):
 
 @kernel
 def base_path(scene: MoverScene, query: Query, goal: int, most: int) -> Array:
-    """Return corners of a way to a goal, clear of what lies still.
+    """Return the corners of a path to a goal, clear of static obstacles.
 
     Args:
         scene: what must be kept clear of. The robot drives with its first three joints: x, y
             and a turn.
-        query: what is asked for.
+        query: the query.
         goal: which goal is driven to.
         most: steps on the lattice that are looked at, at most.
 
@@ -67,7 +67,7 @@ def base_path(scene: MoverScene, query: Query, goal: int, most: int) -> Array:
 
 @kernel
 def lay_lattice(query: Query, goal: int, spacing: float) -> Lattice:
-    """Return places around start and goal, the start one of them."""
+    """Return lattice positions around start and goal, the start among them."""
     a, b = query.start, query.goals[goal]
     origin, size = np.empty(2), np.empty(2, dtype=np.int64)
     start, end = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
@@ -93,9 +93,9 @@ def lay_lattice(query: Query, goal: int, spacing: float) -> Lattice:
 def write_base_configuration(
     query: Query, goal: int, lattice: Lattice, at: int, q: Array
 ) -> None:
-    """Write the configuration at a place: arm at HOME, turned the more the nearer the goal is.
+    """Write the configuration at a position: arm at HOME, turning towards the goal's as it gets nearer.
 
-    The first place stands for the start itself, the last one for the goal.
+    The first place is the start itself, the last one the goal.
     """
     a, b = query.start, query.goals[goal]
     copy_row(q, query.rest)
@@ -113,11 +113,11 @@ def write_base_configuration(
 def lattice_path(
     scene: MoverScene, query: Query, goal: int, lattice: Lattice, most: int
 ) -> tuple[Array, Array]:
-    """Return the shortest way over the lattice, from place to neighbouring place.
+    """Return the shortest path over the lattice, from neighbour to neighbour.
 
     Args:
         scene: what must be kept clear of.
-        query: what is asked for.
+        query: the query.
         goal: which goal is driven to.
         lattice: the places. The first and the last need not be clear, nor the steps from and to
             them.
@@ -175,7 +175,7 @@ def lattice_path(
 
 @inner_kernel
 def _between(lattice: Lattice, a: int, b: int) -> float:
-    """Return the distance of two places [m]."""
+    """Return the distance of two positions [m]."""
     rows = a // lattice.columns - b // lattice.columns
     columns = a % lattice.columns - b % lattice.columns
     return lattice.spacing * float(np.hypot(rows, columns))
@@ -183,7 +183,7 @@ def _between(lattice: Lattice, a: int, b: int) -> float:
 
 @inner_kernel
 def _corners(scene: MoverScene, path: Array, times: Array) -> Array:
-    """Return places of a way, each as far from the one before as halving finds a straight drive."""
+    """Return the positions of a path after bisection for the farthest straight drives."""
     keep = np.zeros(len(path), dtype=np.bool_)
     keep[:1] = True
     at = 0

@@ -63,14 +63,14 @@ def grow_forests(
     bound: float,
     seed: int,
 ) -> tuple[Array, Array, int]:
-    """Grow both forests, and go on to arrive earlier once they have met.
+    """Grow both forests, and continue to search for earlier arrivals once they have met.
 
     Args:
         scene: what must be kept clear of.
-        query: what is asked for.
+        query: the query.
         settings: effort.
         iterations: samples in all.
-        latest: no later arrival is asked for [s].
+        latest: latest arrival [s].
         bound: only an arrival before this is of use [s].
         seed: of all random numbers.
 
@@ -98,7 +98,7 @@ def _grow(
     bound: float,
     seed: int,
 ) -> tuple[Array, Array, int]:
-    """Grow two forests that are empty, see ``grow_forests``."""
+    """Grow two empty forests, see ``grow_forests``."""
     n, most = len(query.start), len(ahead.t)
     state = np.zeros(1, dtype=np.uint64)
     state[0] = np.uint64(seed)
@@ -177,7 +177,7 @@ def _grow(
 def _hurry(
     scene: MoverScene, query: Query, times: Array, path: Array, goal: int
 ) -> tuple[Array, Array]:
-    """Go straight to the goal from where on the path that leads there soonest."""
+    """Connect straight to the goal from the node on the path that gives the earliest arrival."""
     best, at = times[-1], -1
     for i in range(len(times) - 2, -1, -1):
         soon = arrival_time(query, path[i], times[i], query.goals[goal])
@@ -194,7 +194,7 @@ def _hurry(
 
 
 def _new_forest(forward: bool, most: int, n: int) -> _Forest:
-    """Return a forest with room for so many nodes of ``n`` joints, as kernels take it."""
+    """Return an empty forest with a given capacity, for ``n`` joints."""
     return packed(
         _Forest(
             forward,
@@ -223,7 +223,7 @@ def _add_node(forest: _Forest, q: Array, t: float, parent: int, goal: int) -> in
 
 @inner_kernel
 def _root_in_time(forest: _Forest, first: int, bound: float) -> int:
-    """Return the root of a node, or of the next one whose root is no later than a bound.
+    """Return the root of a node, or of the next node whose root is no later than a bound.
 
     Nodes are looked at in a circle from ``first`` on; -1 where all roots are too late.
     """
@@ -255,7 +255,7 @@ def _distance(
 def _nearest_node(
     query: Query, forest: _Forest, q: Array, t: float, weight: float, bound: float
 ) -> int:
-    """Return the node from which, or backwards to which, (q, t) is nearest, -1 for none.
+    """Return the node nearest to (q, t), forwards or backwards in time, -1 for none.
 
     Nodes of goals that are too late are left out.
     """
@@ -284,7 +284,7 @@ def _extend(
     reach: float,
     out: Array,
 ) -> tuple[bool, float]:
-    """Go from a node towards (q, t), half as far where that is blocked.
+    """Extend a node towards (q, t), half as far where that is blocked.
 
     Returns:
         Whether something of it is free, and the time of its end, whose configuration is

@@ -1,8 +1,8 @@
-"""Paths that need no search, compiled: straight ones, and ones that lean towards HOME.
+"""Paths that need no search, compiled: straight ones, and ones that bend towards HOME.
 
-While a robot drives, its arm has time to spare: on the way it may come as near to the posture
-of HOME as speeds allow and still arrive as soon. It may also stand until its arm is up, or
-until its arm is down again. What is free of everything that lies still is retimed by waits.
+While a mobile robot drives, its arm has time to spare: it may move towards the posture of HOME as far as
+speeds allow without a later arrival. The base may also wait until the arm is up, or until it is down again.
+Paths that are clear of static obstacles are retimed by waits.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from planning.kernels import argsort_few, inner_kernel, kernel
 from planning.transforms import Array, Indices
 
 _PLACES = 8
-"""Waypoints of a way, at most."""
+"""Waypoints of a path, at most."""
 
 
 @kernel
 def direct_paths(
     scene: MoverScene, query: Query, latest: float, most: int, shares: int
 ) -> tuple[Array, Array, Indices, Indices, bool]:
-    """Look for ways that are clear of all that lies still, the earliest arrivals first.
+    """Find paths that are clear of static obstacles, earliest arrivals first.
 
     Args:
         scene: what must be kept clear of.
-        query: what is asked for.
+        query: the query.
         latest: no later arrival is looked at [s].
-        most: ways wanted; the first that is clear of everything is the last one.
+        most: greatest number of paths; the first one that is clear of everything ends the search.
         shares: of the arm's time for which a robot may stand, from none to all of it; 0 for
-            straight ways only.
+            straight paths only.
 
     Returns:
         Times and waypoints, shapes (k, w) and (k, w, n); how many waypoints each has; its
@@ -69,7 +69,7 @@ def direct_paths(
 def _stands(
     query: Query, goal: int, kind: int, shares: int
 ) -> tuple[float, float, float, float]:
-    """Return for how long joints lean and come back, and for how long the others stand [s]."""
+    """Return the durations of the detour towards HOME for some joints, and of the wait of the others [s]."""
     if kind == 0:
         return 0.0, 0.0, 0.0, 0.0
     lean, back = 0.0, 0.0
@@ -84,7 +84,7 @@ def _stands(
 
 @inner_kernel
 def _soonest(query: Query, goal: int, kind: int, shares: int) -> float:
-    """Return how soon a way can arrive [s]."""
+    """Return the earliest possible arrival of a path [s]."""
     _, _, before, after = _stands(query, goal, kind, shares)
     start = query.begin
     out = start
@@ -107,7 +107,7 @@ def _lay(
     times: Array,
     path: Array,
 ) -> int:
-    """Write a way that arrives at a time; return how many waypoints it has."""
+    """Write a path that arrives at a given time; return its number of waypoints."""
     lean, back, before, after = _stands(query, goal, kind, shares)
     start = query.begin
     span = arrival - start
@@ -144,7 +144,7 @@ def _at(
     come: float,
     arrival: float,
 ) -> float:
-    """Return where a joint is at a time: leaning as far as speeds allow, or going straight."""
+    """Return the value of a joint at a time: towards HOME as far as speeds allow, or straight."""
     a, b, v = float(query.start[j]), float(query.goals[goal, j]), query.velocity[j]
     start = query.begin
     if t >= arrival:
@@ -163,7 +163,7 @@ def _at(
 
 @inner_kernel
 def _still_clear(scene: MoverScene, times: Array, path: Array, count: int) -> bool:
-    """Tell whether a way is clear of all that lies still: places on it first, then all of it."""
+    """Tell whether a path is clear of static obstacles: samples first, then all of it."""
     middle = np.empty(path.shape[1])
     for k in range(count - 1, 0, -1):
         t = times[k]
@@ -184,7 +184,7 @@ def _still_clear(scene: MoverScene, times: Array, path: Array, count: int) -> bo
 
 @inner_kernel
 def _meets_nobody(scene: MoverScene, times: Array, path: Array, count: int) -> bool:
-    """Tell whether a way is clear of robots that move."""
+    """Tell whether a path is clear of moving robots."""
     for k in range(count - 1):
         a, s, b, t = path[k], times[k], path[k + 1], times[k + 1]
         if first_meeting_time(scene, a, s, b, t) < np.inf:

@@ -1,10 +1,10 @@
-"""Safe-interval path planning over a roadmap, compiled: which way, and when to wait where.
+"""Safe-interval path planning over a roadmap, compiled: which edges, and where and when to wait.
 
-Vertices are configurations, each with the spans of time in which the robot may stand there. The
-search goes from span to span in order of earliest arrival (safe-interval path planning), and
-looks at a motion only once nothing else promises an earlier arrival. A motion that a robot is in
-the way of is looked at again for when that robot has left. It finds ways that a tree in
-space-time has to be lucky to find: any wait at any vertex.
+Vertices are configurations, each with its safe intervals: the time spans in which the robot may stand
+there. The search expands intervals in order of earliest arrival (safe-interval path planning), and checks a
+motion only once no other candidate promises an earlier arrival. A motion blocked by a robot is queued again
+for the time when that robot has left. It finds paths that a space-time tree rarely finds: any wait at any
+vertex.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ _TRIES = 5
 """Departures tried from one span to another."""
 
 _LATER = 0.4
-"""A second departure is so much later at least, a third one twice as much... [s]."""
+"""Least delay between departures; doubled for each further one [s]."""
 
 _UNKNOWN = ZERO - 1
-"""In place of tries: the spans of the vertex where it ends are not known yet."""
+"""In place of tries: the safe intervals of the end vertex are unknown yet."""
 
 
 def search_roadmap(
@@ -63,12 +63,12 @@ def search_roadmap(
 
     Args:
         scene: what must be kept clear of.
-        query: what is asked for.
+        query: the query.
         settings: effort.
         extra: configurations that become vertices, such as those of a path, shape (e, n).
         depart: the robot stands until then, or as long as it may [s].
         bound: only an arrival before this is of use [s].
-        wide: configurations are drawn from which a goal can be reached by then [s].
+        wide: latest arrival for which configurations are drawn [s].
         seed: of the random configurations.
 
     Returns:
@@ -99,21 +99,21 @@ def _search(
     depart: float,
     bound: float,
 ) -> tuple[Array, Array, int]:
-    """Search a roadmap on which nothing is known yet, see ``search_roadmap``.
+    """Search an unexplored roadmap, see ``search_roadmap``.
 
     Args:
         scene: what must be kept clear of.
-        query: what is asked for.
+        query: the query.
         settings: effort.
         road: the roadmap: the start, goals, vertices given, and random ones.
         heap: an empty one.
-        known: how many goals and vertices given there are.
+        known: number of given goals and vertices.
         first: step of the scene in which the robot starts.
         depart: the robot stands until then, or as long as it may [s].
         bound: only an arrival before this is of use [s].
     """
     n, goals, start = len(query.start), len(query.goals), query.begin
-    # It begins where it stands, even where it has to leave at once.
+    # It begins where it stands, even where it has to leave immediately.
     find_stands(scene, road, ZERO, first)
     if road.number[0] == 0 or road.spans[0, 0, 0] > start + _TINY:
         road.spans[0, 0] = start
@@ -148,14 +148,14 @@ def _offer_neighbours(
     neighbours: int,
     bound: float,
 ) -> None:
-    """Queue the motions from a span of a vertex to the vertices given and to the nearest ones.
+    """Queue motions from a safe interval of a vertex to given vertices and to the nearest ones.
 
     Args:
-        query: what is asked for.
+        query: the query.
         road: the roadmap: the start, goals, vertices given, and random ones.
         heap: motions that wait.
         state: the span, ``vertex * SPANS`` and more.
-        known: how many goals and vertices given there are.
+        known: number of given goals and vertices.
         neighbours: how many of the nearest vertices.
         bound: only an arrival before this is of use [s].
     """
@@ -193,7 +193,7 @@ def _next_state(
     most: int,
     bound: float,
 ) -> tuple[int, int]:
-    """Look at motions that wait, the most promising first, until one of them is clear.
+    """Check queued motions, most promising first, until one of them is clear.
 
     Returns:
         The span of a vertex to which that leads, -1 for none; and ``checked`` and how many have
@@ -252,7 +252,7 @@ def _offer(
     tries: int,
     bound: float,
 ) -> None:
-    """Queue a motion, if it may be of use."""
+    """Queue a motion if it may improve the result."""
     v, i = source // SPANS, source % SPANS
     u, j = target // SPANS, target % SPANS
     lo, hi = road.spans[u, j]
@@ -273,7 +273,7 @@ def _offer(
 
 @inner_kernel
 def _trace(road: Roadmap, last: int, best: float) -> tuple[Array, Array]:
-    """Return the path that leads to a span of a vertex."""
+    """Return the path to a safe interval of a vertex."""
     states = tree_branch(road.parent.reshape(-1), last)
     count = len(states)
     times, path = np.empty(2 * count), np.empty((2 * count, road.q.shape[1]))

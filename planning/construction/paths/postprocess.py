@@ -1,7 +1,6 @@
 """Post-processing of paths through space-time: shorter, earlier, smoother (Hartmann et al. IV-C).
 
-Only the robot's own motion changes; everything fixed stays, and is checked against again. No
-step makes the arrival later.
+Only the robot's own motion changes, checked against the fixed timelines. No step makes the arrival later.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ _SPACING = 0.5
 def earliest_times_along(
     scene: MoverScene, query: Query, path: Array, goal: int, latest: float
 ) -> tuple[Array, Array]:
-    """Return the times at each place of a path with which it is passed as early as possible.
+    """Return the earliest time of passing each waypoint of a path.
 
     Args:
         scene: what must be kept clear of.
@@ -100,7 +99,7 @@ def earliest_times_along(
 def latest_times_along(
     scene: MoverScene, query: Query, path: Array, arrival: float
 ) -> tuple[Array, Array]:
-    """Return the times at each place of a path with which its start is left as late as possible.
+    """Return the time of passing each waypoint of a path that leaves its start as late as possible.
 
     Args:
         scene: what must be kept clear of.
@@ -109,7 +108,7 @@ def latest_times_along(
         arrival: when it arrives [s].
 
     Returns:
-        Times of coming, and of leaving, shape (w,); empty where there is no way to be there then.
+        Arrival and departure times, shape (w,); empty where there is no feasible timing.
     """
     places = len(path)
     start, step = query.begin, scene.step
@@ -156,7 +155,7 @@ def latest_times_along(
 def _stands_along(
     scene: MoverScene, path: Array, start: float, end: float
 ) -> tuple[Array, Indices]:
-    """Return the spans of time in which the robot may stand at each place of a path.
+    """Return the time spans in which the robot may stand at each waypoint of a path.
 
     Args:
         scene: what must be kept clear of.
@@ -177,7 +176,7 @@ def _stands_along(
         mark_blocked_cells(scene, path[k], path[k], first, free)
         counts[k] = write_free_spans(free, first, step, spans[k])
     if counts[0] == 0 or spans[0, 0, 0] > start + _TINY:
-        # It cannot stay where it is, and has to leave at once.
+        # It cannot stay where it is, and has to leave immediately.
         counts[0] = 1
         spans[0, 0] = start
     return spans, counts
@@ -199,12 +198,12 @@ def shortcut_path(
     tries: int,
     seed: int,
 ) -> SpaceTimePath:
-    """Return a path with the same ends and times and less travel.
+    """Return a path with the same ends and times and less joint travel.
 
     Stretches are replaced by straight lines in space-time, for all joints or for one.
 
     Args:
-        checker: who moves, and among what.
+        checker: collision checker of the moving robot.
         found: a free path.
         query: speeds, and when joints are free to move.
         tries: number of random stretches.
@@ -235,7 +234,7 @@ def _shortcut(
     hi: float,
     joint: int,
 ) -> tuple[Array, Array]:
-    """Return a path that is straight between two times, or as it was where that is longer or not free.
+    """Return the path made straight between two times, unchanged where that is longer or not free.
 
     Args:
         scene: what must be kept clear of.
@@ -281,10 +280,10 @@ def _shortcut(
 def retime_with_waits(
     checker: SpaceTimeChecker, path: SpaceTimePath, query: Query, latest: float
 ) -> SpaceTimePath | None:
-    """Return the path with the earliest arrival that waits on it allow, None where there is none.
+    """Return the path with the earliest arrival when waits on it are allowed, None where there is none.
 
     Args:
-        checker: who moves, and among what.
+        checker: collision checker of the moving robot.
         path: a path whose times do not matter.
         query: speeds, when joints are free to move, and windows of arrival.
         latest: only an arrival before this is of use [s].
@@ -301,10 +300,10 @@ def retime_with_waits(
 def with_early_waits(
     checker: SpaceTimeChecker, found: SpaceTimePath, query: Query
 ) -> SpaceTimePath:
-    """Return the path with waits as early on it as possible, and the same arrival, or as it is.
+    """Return the path with its waits as early as possible and the same arrival, or unchanged.
 
     Args:
-        checker: who moves, one robot, and among what.
+        checker: collision checker of one moving robot.
         found: a free path.
         query: speeds, and when the robot is free to move.
     """
@@ -318,7 +317,7 @@ def with_early_waits(
 def _timed(
     way: SpaceTimePath, places: Array, come: Array, leave: Array
 ) -> SpaceTimePath:
-    """Return the path through places, each with the time of coming and of leaving."""
+    """Return the path through waypoints, each with its arrival and departure time."""
     time = np.stack([come, leave], axis=1).ravel()
     path = np.repeat(places, 2, axis=0)
     keep = np.concatenate([[True], np.diff(time) > 1e-9])
@@ -327,7 +326,7 @@ def _timed(
 
 
 def _places(path: Array, query: Query) -> Array:
-    """Return the distinct places of a polyline, and more in between, _SPACING apart at most."""
+    """Return the distinct waypoints of a polyline, with more in between, at most _SPACING apart."""
     moves = np.any(np.abs(np.diff(path, axis=0)) > 1e-12, axis=1)
     path = path[np.concatenate([[True], moves])]
     travel = np.max(np.abs(np.diff(path, axis=0)) / query.velocity, axis=1)
@@ -341,7 +340,7 @@ def _places(path: Array, query: Query) -> Array:
 
 @inner_kernel
 def _point(time: Array, path: Array, t: float) -> Array:
-    """Return where the path is at a time."""
+    """Return the configuration of the path at a time."""
     after = int(np.searchsorted(time, t, side="right"))
     k = min(max(after - 1, 0), len(time) - 2)
     span = max(time[k + 1] - time[k], 1e-300)
@@ -364,7 +363,7 @@ def _length(path: Array, query: Query) -> float:
 
 @inner_kernel
 def _possible(query: Query, a: Array, s: float, b: Array, t: float) -> bool:
-    """Tell whether no joint must go faster than it can from one place and time to another."""
+    """Tell whether the speed limits allow a motion between two timed configurations."""
     for j in range(len(a)):
         travel = abs(b[j] - a[j]) / query.velocity[j]
         if travel > t - s + 1e-9 and travel >= 1e-12:
@@ -376,7 +375,7 @@ def _possible(query: Query, a: Array, s: float, b: Array, t: float) -> bool:
 def _without_corners(
     scene: MoverScene, query: Query, time: Array, path: Array
 ) -> tuple[Array, Array]:
-    """Leave out waypoints, longest stretches first, where that is free and possible."""
+    """Remove waypoints, longest stretches first, where the shortcut is free and within speed limits."""
     keep = np.zeros(len(time), dtype=np.bool_)
     keep[0] = True
     ends = np.empty((2, path.shape[1]))
@@ -400,7 +399,7 @@ def _without_corners(
 
 @inner_kernel
 def _merged(time: Array, path: Array) -> tuple[Array, Array]:
-    """Leave out waypoints at the same time as the one before, but not the last one."""
+    """Remove waypoints at the same time as the one before, except the last one."""
     keep = np.ones(len(time), dtype=np.bool_)
     for k in range(1, len(time)):
         keep[k] = time[k] - time[k - 1] > 1e-9
@@ -410,7 +409,7 @@ def _merged(time: Array, path: Array) -> tuple[Array, Array]:
 
 
 def _without_waypoints(time: Array, path: Array) -> tuple[Array, Array]:
-    """Leave out waypoints that lie on the straight line in space-time around them."""
+    """Remove waypoints on the straight space-time line between their neighbours."""
     kept = [0]
     for k in range(1, len(time) - 1):
         i = kept[-1]

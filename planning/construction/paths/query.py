@@ -1,4 +1,4 @@
-"""Queries in space-time and the paths that answer them, with bounds and random samples, compiled."""
+"""Space-time queries and the paths that answer them, with bounds and random samples, compiled."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class SpaceTimePath:
 
 @kernel
 def arrival_time(query: Query, a: Array, t: float, b: Array) -> float:
-    """Return the arrival at ``b`` after a departure from ``a`` at time ``t``, obstacles aside [s]."""
+    """Return the arrival at ``b`` after leaving ``a`` at time ``t``, ignoring obstacles [s]."""
     out = t
     for j in range(len(a)):
         travel = abs(b[j] - a[j])
@@ -76,7 +76,7 @@ def arrival_time(query: Query, a: Array, t: float, b: Array) -> float:
 
 @kernel
 def next_arrival(query: Query, goal: int, t: float) -> float:
-    """Return the first time from ``t`` on that is in a window of a goal, infinity for none [s]."""
+    """Return the first time from ``t`` on within a window of a goal, infinity for none [s]."""
     for w in range(query.window_first[goal], query.window_first[goal + 1]):
         if query.windows[w, 1] >= t - _TINY:
             first: float = query.windows[w, 0]
@@ -86,7 +86,7 @@ def next_arrival(query: Query, goal: int, t: float) -> float:
 
 @inner_kernel
 def tree_branch(parent: Indices, last: int) -> Indices:
-    """Return the nodes of a tree from its root to one of them; a root's parent is below 0."""
+    """Return the nodes of a tree from its root to a given node; a root's parent is below 0."""
     count, at = 1, last
     while parent[at] >= 0:
         count, at = count + 1, parent[at]
@@ -127,7 +127,7 @@ def draw_between(
     state: npt.NDArray[np.uint64],
     out: Array,
 ) -> float:
-    """Draw a place in space-time that can be reached and from which a goal can be; return its time."""
+    """Draw a configuration and time reachable from the start and towards a goal; return the time."""
     t = query.begin + random_uniform(state) * (arrival - query.begin)
     # While a robot drives its arm had better keep out of the way.
     leaning = random_uniform(state) < 0.5 and not np.all(query.leans)

@@ -32,21 +32,21 @@ SPANS = 12
 
 _NEAR_ENDS, _BETWEEN = 0.35, 0.85
 """Shares of random vertices up to which they are near the start or a goal, and up to which they
-are anywhere between; the others are beside the straight way."""
+are anywhere between; the others are beside the straight path."""
 
 MOST = 40_000
 """Motions that may wait."""
 
 
 class Roadmap(NamedTuple):
-    """Vertices, and how far the search has come at each.
+    """Vertices, and the state of the search at each.
 
     Attributes:
         q: shape (v, n).
-        number: spans of each vertex, -1 where they are not known yet, shape (v,).
+        number: number of safe intervals of each vertex, -1 where unknown yet, shape (v,).
         spans: in which the robot may stand there, any time where that is not known yet, shape
             (v, SPANS, 2) [s].
-        come: arrival in each span, infinity where that is not known, shape (v, SPANS) [s].
+        come: arrival in each interval, infinity where unknown, shape (v, SPANS) [s].
         left: departure from the vertex before, likewise [s].
         parent: which span of which vertex that was, likewise.
         rest: least time from there to a goal, shape (v,) [s].
@@ -88,7 +88,7 @@ def _draw_near_ends(query: Query, state: npt.NDArray[np.uint64], out: Array) -> 
 def _draw_along(
     query: Query, goal: int, wide: float, state: npt.NDArray[np.uint64], out: Array
 ) -> None:
-    """Draw a configuration beside the straight way to a goal, where joints come by a time."""
+    """Draw a configuration near the straight path to a goal, for joint positions at a given time."""
     share = random_uniform(state)
     spread = 0.25 * random_uniform(state)
     for j in range(len(out)):
@@ -110,7 +110,7 @@ def draw_vertices(
     wide: float,
     seed: int,
 ) -> tuple[Array, Array]:
-    """Draw so many vertices at most: start, goals, extra ones, and random ones.
+    """Draw at most a given number of vertices: start, goals, extra ones, and random ones.
 
     Returns:
         Configurations, shape (v, n), and the least time from each to a goal, shape (v,) [s].
@@ -152,7 +152,7 @@ def draw_vertices(
 
 
 def new_roadmap(q: Array, rest: Array, cells: int) -> Roadmap:
-    """Return a roadmap of vertices of which nothing is known yet, as kernels take it."""
+    """Return an unexplored roadmap of vertices, in the form that kernels take."""
     count = len(q)
     spans = np.full((count, SPANS, 2), np.inf)
     spans[:, :, 0] = -np.inf
@@ -173,14 +173,14 @@ def new_roadmap(q: Array, rest: Array, cells: int) -> Roadmap:
 
 @inner_kernel
 def find_stands(scene: MoverScene, road: Roadmap, v: int, first: int) -> None:
-    """Find the spans of time in which the robot may stand at a vertex."""
+    """Find the time spans in which the robot may stand at a vertex."""
     road.free[:] = True
     mark_blocked_cells(scene, road.q[v], road.q[v], first, road.free)
     road.number[v] = write_free_spans(road.free, first, scene.step, road.spans[v])
 
 
 class Motions(NamedTuple):
-    """A heap.
+    """Priority queue of motions, as a heap.
 
     Attributes:
         size: how many motions there are, shape (1,).
@@ -212,7 +212,7 @@ def empty_motions() -> Motions:
 def push_motion(
     heap: Motions, key: float, depart: float, source: int, target: int, tries: int
 ) -> None:
-    """Add a motion, unless there are too many."""
+    """Add a motion, unless the queue is full."""
     k = heap.size[0]
     if k == MOST:
         return
@@ -228,7 +228,7 @@ def push_motion(
 
 @inner_kernel
 def pop_motion(heap: Motions) -> None:
-    """Take the motion with the least key away, which is the first one."""
+    """Remove the motion with the least key."""
     heap.size[0] -= 1
     size = heap.size[0]
     if size == 0:

@@ -27,7 +27,7 @@ POSTPROCESSING = "postprocessing"
 """Name of the time that shortcuts and new times of paths take."""
 
 _DETOUR = 4.0
-"""Detours are looked for that take at least so much longer [s]."""
+"""Least extra time of the detours to search for [s]."""
 
 
 def space_time_rrt(
@@ -50,7 +50,7 @@ def space_time_rrt(
     meet, and on to arrive earlier.
 
     Args:
-        checker: who moves, and among what.
+        checker: collision checker of the moving robot.
         goals: configurations, shape (g, n).
         windows: for each goal the time windows of arrival, shape (w, 2), see
             ``arrival_windows`` [s].
@@ -60,7 +60,7 @@ def space_time_rrt(
         linger: a robot that has to wait does so early on the way, not late: where it is, rather
             than where it is in the way of others.
         seed: of all random numbers.
-        watch: told how long shortcuts and new times of paths that were found take.
+        watch: accumulates the time of shortcutting and retiming.
     """
     watch = Stopwatch() if watch is None else watch
     goals = np.array(goals, dtype=np.float64)
@@ -109,7 +109,7 @@ def make_query(
 
 
 def _cut(windows: Array, earliest: float, latest: float) -> Array:
-    """Return the parts of spans between two times."""
+    """Return the parts of time spans between two times."""
     out = np.clip(windows, earliest, latest)
     out[:, 1] = np.where(np.isinf(windows[:, 1]), latest, out[:, 1])
     keep = (windows[:, 1] >= earliest) & (windows[:, 0] <= latest)
@@ -169,7 +169,7 @@ class _Search:
         return best
 
     def _without_search(self) -> SpaceTimePath | None:
-        """Return the earliest of the paths that need no search, None where all are blocked."""
+        """Return the earliest of the direct paths, None where all are blocked."""
         settings, checker, query = self.settings, self.checker, self.query
         if settings.direct == 0:
             return None
@@ -227,7 +227,7 @@ class _Search:
         return SpaceTimePath(time[keep], path[keep], int(goal), self.earliest)
 
     def _improve(self, found: SpaceTimePath, seed: int) -> SpaceTimePath:
-        """Return a path that goes less far, and arrives no later."""
+        """Return a path with less travel that arrives no later."""
         settings, checker, query = self.settings, self.checker, self.query
         with self.watch.time(POSTPROCESSING):
             for turn in range(3):

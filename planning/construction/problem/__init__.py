@@ -1,4 +1,4 @@
 """Construction problems as data: models, parts, supplies, contacts, reach, precedence, settings.
 
-Imports cell, robots, kinematics, geometry, skills and parts; all of construction may import it.
+Imports cell, contacts, geometry, grips, kinematics, statics, steps and tasks; all of construction may import it.
 """

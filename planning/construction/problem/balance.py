@@ -1,10 +1,10 @@
-"""What must be in place before a part of a construction: what bears it, so that everything always stands.
+"""Stability precedence of a construction: the prerequisites of each part for all parts to stand.
 
-Parts stand by friction on what they touch, and by joints (``planning.statics``). A part whose weight
-goes down to the ground through what it rests on alone, or through one neighbour, may come in any
-order after that. Any other part is looked at in the order in which parts are planned: it waits for
-all that it then needs, or it is not its turn yet. What would fall whenever it comes may be kept hold of
-by who places it until the next part is in place, if both stand then.
+Parts stand by friction on what they touch, and by joints (``planning.statics``). A part whose weight is
+carried to the ground by its supports alone, or by one neighbour, may be placed at any time after those. Any
+other part is checked in the order of planning: it depends on all parts that it then needs, or it is not its
+turn yet. A part that would fall at any time may be held by the robot that places it until the next part is
+in place, if both stand then.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _Placed = tuple[tuple[str, float], ...]
 
 
 class SiteBalance:
-    """Tells what a part waits for, and whether it may come next.
+    """Tells the prerequisites of a part, and whether it may be placed next.
 
     Args:
         graph: which parts touch each other and the ground.
@@ -38,13 +38,13 @@ class SiteBalance:
         self._before: dict[_Placed, Mapping[str, frozenset[str]]] = {(): {}}
 
     def carriers(self, part: str) -> frozenset[str]:
-        """Return the parts that are in place before a part in any order."""
+        """Return the parts that are placed before a part in any order."""
         return self._graph.carriers[part] if self._carried else frozenset()
 
     def needs(
         self, part: str, placed: Mapping[str, float]
     ) -> frozenset[str] | UnstableState:
-        """Return what must be in place before a part, or what would fall with it.
+        """Return the prerequisites of a part for stability, or what would fall with it.
 
         Args:
             part: that comes next, as far as its contacts go.
@@ -74,7 +74,7 @@ class SiteBalance:
         return found
 
     def _kept(self, placed: _Placed) -> dict[str, str | None]:
-        """Return what is kept hold of, as it would fall, until which part; None for the next one."""
+        """Return the part that is held because it would fall, and until which part; None for the next one."""
         names = [name for name, _ in placed]
         return {
             name: names[k + 1] if k + 1 < len(names) else None
@@ -88,7 +88,7 @@ class SiteBalance:
         before: Mapping[str, frozenset[str]],
         kept: Mapping[str, str | None],
     ) -> set[str]:
-        """Return all that is there once some parts are, and nobody keeps hold of any."""
+        """Return all parts in place when some are, with their prerequisites, and none is held."""
         there, front = set[str](), list(below)
         while front:
             if (name := front.pop()) not in there:
@@ -100,7 +100,7 @@ class SiteBalance:
     def _choices(
         self, part: str, placed: Mapping[str, float]
     ) -> Iterator[frozenset[str]]:
-        """Yield what may bear a part: what it rests on; else the ground, or the first neighbours."""
+        """Yield candidate supports of a part: what it rests on; else the ground, or its first neighbours."""
         own = self.carriers(part)
         if own or part in self._graph.ground:
             yield own
@@ -109,7 +109,7 @@ class SiteBalance:
         yield from (frozenset({n}) for n in sorted(near, key=placed.__getitem__))
 
     def _waits(self, placed: _Placed) -> Mapping[str, frozenset[str]]:
-        """Return what each of the parts that are planned waits for, in their order."""
+        """Return the prerequisites of each planned part, in their order."""
         if placed not in self._before:
             first, (last, _) = placed[:-1], placed[-1]
             found = self.needs(last, dict(first))
@@ -120,7 +120,7 @@ class SiteBalance:
     def _bears(
         self, standing: StabilityChecker, part: str, below: Collection[str]
     ) -> bool:
-        """Tell whether what a part waits for bears it, whatever else is there."""
+        """Tell whether the prerequisites of a part support it, whatever else is in place."""
         if not all(joint.endless for joint in standing.joints):
             return False  # the forces of all parts together may be too much
         there = {part, *below}
@@ -133,7 +133,7 @@ class SiteBalance:
         before: Mapping[str, frozenset[str]],
         kept: Mapping[str, str | None],
     ) -> frozenset[str] | UnstableState:
-        """Return what the last of some parts waits for where it needs more than what bears it."""
+        """Return the prerequisites of the last of some parts where its supports alone do not suffice."""
         number = {name: k for k, name in enumerate(before)}
         joins: list[list[Joint]] = [[] for _ in before]
         for joint in standing.joints:
@@ -152,7 +152,7 @@ class SiteBalance:
         return frozenset(names[a] for a, b in (waits | found.waits) if b == last)
 
     def held(self, placed: Mapping[str, float]) -> Iterator[tuple[str, str]]:
-        """Yield parts that would fall and must be kept hold of, each with the one that then comes next.
+        """Yield parts that would fall and must be held, each with the part that comes next.
 
         Args:
             placed: see ``needs``.
@@ -165,7 +165,7 @@ class SiteBalance:
                         yield part, last
 
     def ready(self, part: str, placed: Mapping[str, float]) -> frozenset[str]:
-        """Return what must be in place before a part, be it kept hold of or not; see ``needs``."""
+        """Return the prerequisites of a part, whether it is held or not; see ``needs``."""
         found = self.needs(part, placed)
         if isinstance(found, UnstableState):
             return next(self._choices(part, placed))

@@ -25,7 +25,7 @@ _CLEAR = 1e-4
 
 
 def require_buildable(problem: ConstructionProblem) -> ReachBounds:
-    """Check what a lower bound can show to be impossible; return who reaches what.
+    """Check necessary conditions of feasibility by lower bounds; return the reachability of parts.
 
     Goal poses that overlap are found where the part graph is built.
 
@@ -61,7 +61,7 @@ def require_grounded(problem: ConstructionProblem) -> None:
 
 
 def _require_order(problem: ConstructionProblem) -> None:
-    """Check that the parts can be placed in some order, each when its turn comes, and all stand."""
+    """Check that there is a feasible placement order in which all parts stand."""
     waiting = problem.graph.never_placeable(carried=problem.carried)
     if waiting:
         raise ConstructionError(
@@ -76,7 +76,7 @@ def _require_order(problem: ConstructionProblem) -> None:
 
 
 def _require_room(problem: ConstructionProblem) -> None:
-    """Check that a part in hand can come as near to others as its place is.
+    """Check that a held part can come as near to others as its place is.
 
     What touches a part in its place is left out, up to NEAR: it may be touched.
     """
@@ -97,7 +97,7 @@ def _require_room(problem: ConstructionProblem) -> None:
 
 
 def _require_way_in(problem: ConstructionProblem) -> None:
-    """Check that a part is clear of all fixtures where its straight way into its place begins."""
+    """Check that a part is clear of all fixtures at the start of its straight insertion path."""
     cell = problem.cell
     least = cell.clearances.robot_object + _CLEAR
     fixed = standing_fixtures(cell)

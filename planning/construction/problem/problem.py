@@ -58,7 +58,7 @@ class PartGrip:
 def face_grips(
     size: Array, faces: Sequence[str] = ("+z",), offsets: Sequence[float] = (0.0,)
 ) -> tuple[PartGrip, ...]:
-    """Return grips on the faces of a box: the middle of each, or beside it.
+    """Return grips on the faces of a box: at the middle of each, or offset from it.
 
     Args:
         size: edge lengths, shape (3,) [m].
@@ -90,7 +90,7 @@ def _into(axis: int, sign: float, along: int) -> Array:
 
 
 class Hold(NamedTuple):
-    """A hold on a part: grip and turn of the tool.
+    """A hold on a part: grip and rotation of the tool.
 
     Attributes:
         grip: number of the grip.
@@ -109,7 +109,7 @@ class Part:
         name: of the object in the cell, which has its size, mass and start pose.
         goal: pose of its centre in the world once it is in place.
         grips: where it can be touched.
-        insertion: direction of the straight way on which it reaches its place, a unit vector
+        insertion: direction of the straight path on which it reaches its place, a unit vector
             in the world, shape (3,).
     """
 
@@ -119,14 +119,14 @@ class Part:
     insertion: Array = field(default_factory=lambda: read_only_copy((0.0, 0.0, -1.0)))
 
     def grips_apart(self, a: int, b: int) -> bool:
-        """Tell whether two pads have room on the part, by the numbers of their grips."""
+        """Tell whether two pads fit on the part together, by the numbers of their grips."""
         gap = self.grips[a].touch[:3, 3] - self.grips[b].touch[:3, 3]
         return bool(np.linalg.norm(gap) >= _APART)
 
 
 @dataclass(frozen=True)
 class SkillSeconds:
-    """Nominal durations of the moments in which a tool stands still [s].
+    """Nominal durations of the phases of a skill in which the tool stands still [s].
 
     Attributes:
         pick: a part is taken up.
@@ -142,7 +142,7 @@ class SkillSeconds:
     exceptions: Mapping[ExceptionKey, float] = field(default_factory=dict)
 
     def of(self, skill: str, robot: str, kind: str) -> float:
-        """Return the duration of a skill done by a robot to a part of a type [s]."""
+        """Return the duration of a robot's skill on a part of a given type [s]."""
         found = strongest_exception(self.exceptions, skill, robot, kind)
         if found is not None:
             return found
@@ -164,7 +164,7 @@ class ConstructionProblem:
         graph: which parts touch each other and the ground in their places.
         frame: name of the tool frame that touches the parts.
         seconds: nominal durations of the skills.
-        approach: straight way before and after a touch, and of a part before it reaches and
+        approach: straight path before and after a touch, and of a part before it reaches and
             after it leaves a place [m].
         carried: whether a part waits for everything that it rests on, see PartGraph.placeable.
         statics: friction and joints by which everything must always stand; None if that is not
@@ -186,7 +186,7 @@ class ConstructionProblem:
 
     @cached_property
     def balance(self) -> SiteBalance:
-        """Which part may come when, and what it waits for."""
+        """Stability precedence of the parts."""
         standing = None
         if self.statics is not None:
             bodies = {p.name: body_at(self.object(p), p.goal) for p in self.parts}
@@ -210,7 +210,7 @@ class ConstructionProblem:
 
     @cached_property
     def start_contacts(self) -> Mapping[str, Pairs]:
-        """Part to the pairs of it and what it touches in the supply when it is taken."""
+        """Contacts of each part in the supply when it is picked, as pairs of names."""
         fixed = standing_fixtures(self.cell)
         starts: dict[str, PlacedObject] = {
             o.name: (o, o.start) for o in self.cell.objects
@@ -226,7 +226,7 @@ class ConstructionProblem:
 
     @cached_property
     def goal_contacts(self) -> Mapping[str, Pairs]:
-        """Part to the pairs of it and what it touches in its place."""
+        """Contacts of each part in its place, as pairs of names."""
         placed: dict[str, PlacedObject] = {
             o.name: (o, o.start) for o in self.cell.objects
         }
@@ -241,11 +241,11 @@ class ConstructionProblem:
         return out
 
     def seconds_of(self, skill: str, robot: str, part: Part) -> float:
-        """Return the nominal duration of a skill done by a robot to a part [s]."""
+        """Return the nominal duration of a robot's skill on a part [s]."""
         return self.seconds.of(skill, robot, self.object(part).kind)
 
     def object(self, part: Part) -> CellObject:
-        """Return the object that a part is."""
+        """Return the cell object of a part."""
         return self.cell.object(part.name)
 
     def tool_pose(self, part: Part, at: Transform, grip: int, turn: float) -> Transform:

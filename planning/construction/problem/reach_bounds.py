@@ -1,9 +1,8 @@
 """Reachability of parts by robots: a lower bound for the search (IV-D).
 
-A part that nobody could pick or place even if nothing but the fixtures stood around will not be
-built, whatever the search tries: other parts and robots are not looked at here. Reach is found by
-drawing configurations: a robot counts as unable after many draws with many turns of its pad have
-all failed.
+A part that no robot could pick or place even among the fixtures alone can never be built: other parts and
+robots are ignored here. Reach is found by sampling configurations: a robot counts as unable after many
+samples with many rotations of its pad have failed.
 """
 
 from __future__ import annotations
@@ -30,14 +29,14 @@ _TURNS = 12
 """Random turns of the tool for which a grip is tried."""
 
 _STARTS = 12
-"""Configurations asked for at each turn."""
+"""Configurations requested in each round."""
 
 _HANDOVERS = 150
 """Poses of a part that are tried for a handover."""
 
 
 class DrawnHandover(NamedTuple):
-    """A place in which two robots hold a part at once: first of the giver, then of the taker.
+    """Configurations in which two robots hold a part simultaneously: first the giver's, then the receiver's.
 
     Attributes:
         q: their configurations, of shape (n,) each.
@@ -90,7 +89,7 @@ class ReachBounds:
         return self._grips("place", robot, part, part.goal)
 
     def serves(self, robot: str) -> Iterator[Part]:
-        """Yield the parts that a robot reaches in the supply or in place, or that pass through its hands."""
+        """Yield the parts that a robot reaches in the supply or in place, or passes on."""
         for part in self.problem.parts:
             ends = self.pick_grips(robot, part) or self.place_grips(robot, part)
             if ends or robot in (self.chain(part) or ()):
@@ -113,11 +112,11 @@ class ReachBounds:
         )
 
     def may_bring(self, part: Part, robots: tuple[str, ...]) -> bool:
-        """Tell whether there is any chance that robots bring a part to its place.
+        """Tell whether robots could bring a part to its place; False is a proof that they cannot.
 
         Args:
             part: what is brought.
-            robots: who has it in hand, in order.
+            robots: the robots that hold it, in order.
         """
         if len(robots) == 1:
             return robots[0] in self.alone(part)
@@ -133,7 +132,7 @@ class ReachBounds:
     def can_hand_over(
         self, giver: str, taker: str, part: Part, *, first: bool = True
     ) -> bool:
-        """Tell whether there is a pose in which both reach a part, which neither finds too heavy.
+        """Tell whether there is a pose in which both robots reach a part within their payloads.
 
         The first giver holds it by a grip by which it could have picked it; all others by any.
         """
@@ -160,11 +159,11 @@ class ReachBounds:
         rng: np.random.Generator,
         grips: Sequence[int],
     ) -> DrawnHandover | None:
-        """Return configurations in which two robots hold a part at once, None if none is found.
+        """Return configurations in which two robots hold a part simultaneously, None if none is found.
 
         Args:
-            giver: who holds it first.
-            taker: who takes it over.
+            giver: the robot that holds it first.
+            taker: the robot that receives it.
             part: what is handed over.
             rng: what is drawn from.
             grips: numbers of those by which the giver may hold it.
@@ -193,7 +192,7 @@ class ReachBounds:
         holds: tuple[Hold, Hold],
         rng: np.random.Generator,
     ) -> DrawnHandover | None:
-        """Return configurations in which two robots hold a part in given ways, None if that failed.
+        """Return configurations in which two robots hold a part with given holds, None if that failed.
 
         The robot that cannot drive is drawn first, and the other comes to it.
 
@@ -221,7 +220,7 @@ class ReachBounds:
         return DrawnHandover((found[0], q_lead), (other, tool))
 
     def chain(self, part: Part) -> tuple[str, ...] | None:
-        """Return robots that could bring a part to its place, as few as possible, or None."""
+        """Return a shortest chain of robots that could bring a part to its place, or None."""
         if part.name not in self._chains:
             self._chains[part.name] = self._find_chain(part)
         return self._chains[part.name]
@@ -290,7 +289,7 @@ class ReachBounds:
         return self.problem.cell.robot(name)
 
     def _draws(self, key: tuple[object, ...]) -> np.random.Generator:
-        """Return what is drawn from to answer a question."""
+        """Return the random generator for one query."""
         return np.random.default_rng([self.problem.seed, *repr(key).encode()])
 
 
@@ -314,7 +313,7 @@ def reach_bounds(problem: ConstructionProblem) -> ReachBounds:
 
 
 def require_reach(bounds: ReachBounds) -> None:
-    """Check that every part can be brought to its place by someone, or by a chain.
+    """Check that every part can be brought to its place by one robot or by a chain.
 
     Raises:
         ConstructionError: names the parts, and the robots that were considered.

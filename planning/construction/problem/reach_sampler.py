@@ -66,7 +66,7 @@ _PROBE = (0.3, 0.3, 0.1)
 
 @dataclass(frozen=True)
 class _ArmTable:
-    """Drawn configurations in which a robot could hold a part, mobile bases at zero.
+    """Sampled configurations in which a robot could hold a part, mobile bases at zero.
 
     Attributes:
         q: shape (s, n).
@@ -82,7 +82,7 @@ class _ArmTable:
 
 
 class ReachSampler:
-    """Draws configurations of one robot for wanted poses of its tool.
+    """Samples configurations of one robot for tool poses.
 
     Attributes:
         robot: whose configurations are drawn.
@@ -153,7 +153,7 @@ class ReachSampler:
         return q
 
     def seeds(self, wanted: Transform, rng: np.random.Generator, count: int) -> Array:
-        """Return starts for the search, near to solutions: shape (at most ``count``, n).
+        """Return seeds for the inverse kinematics, near to solutions: shape (at most ``count``, n).
 
         Args:
             wanted: pose of the tool in the robot's base frame.
@@ -177,7 +177,7 @@ class ReachSampler:
     def _drive(
         self, q: Array, tool: Transform, wanted: Transform, rng: np.random.Generator
     ) -> Transform:
-        """Write the base's position to ``q``; return where the tool is then."""
+        """Write the position of the base to ``q``; return the resulting tool pose."""
         if np.hypot(wanted[0, 2], wanted[1, 2]) < _UPRIGHT:
             yaw = rng.uniform(-np.pi, np.pi)
         else:
@@ -194,7 +194,7 @@ class ReachSampler:
 
 
 def _features(tool: Array, mobile: bool) -> Array:
-    """Return what must be alike before a mobile base drives, shape (s, f)."""
+    """Return the invariants of a tool pose under base motion, shape (s, f)."""
     if mobile:
         lean = np.arcsin(np.clip(tool[:, 2, 2], -1.0, 1.0))
         return np.column_stack([tool[:, 2, 3], _LEAN * lean])
@@ -226,7 +226,7 @@ def _arm_table(model: RobotModel, frame: str) -> _ArmTable:
 
 
 def _with_probe(robot: PlacedRobot, frame: str) -> SceneChecker:
-    """Return a checker of a robot by itself, holding something as small as parts are."""
+    """Return a checker of a robot alone, holding an object as small as the parts."""
     tool = frame_in_flange(robot.model, frame)
     size = read_only_copy(_PROBE)
     pose = tool @ translation(0.0, 0.0, 0.5 * _PROBE[2])
@@ -238,13 +238,13 @@ def _with_probe(robot: PlacedRobot, frame: str) -> SceneChecker:
 
 
 def _turn_about_z(tool: Transform, wanted: Transform) -> float:
-    """Return the turn about its own z axis that brings a tool nearest to a wanted orientation."""
+    """Return the rotation about its own z axis that brings a tool nearest to a target orientation."""
     rest = tool[:3, :3].T @ wanted[:3, :3]
     return float(np.arctan2(rest[1, 0] - rest[0, 1], rest[0, 0] + rest[1, 1]))
 
 
 def _within(angle: float, model: RobotModel, joint: int) -> float:
-    """Return an angle plus whole turns, within limits where there is one, else as it is."""
+    """Return an angle plus whole turns, within limits if possible, else unchanged."""
     if model.chain.prismatic[joint]:
         return angle
     low, high = float(model.lower[joint]), float(model.upper[joint])

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 _EASY_S = 15.0
-"""An arrival so much later than possible is not looked for where others may be asked."""
+"""Greatest delay of an arrival to search for while other robots remain to be tried."""
 
 _EASY_SHARE = 10
-"""Where there is no other search than by samples, one in so many of them is drawn then."""
+"""Divisor of the sample count at low effort where the search is by samples only."""
 
 
 PathFinder = Literal["auto", "rrt"]
@@ -17,7 +17,7 @@ PathFinder = Literal["auto", "rrt"]
 
 
 class RrtSettings(NamedTuple):
-    """Effort of the search for one path. It never looks at a clock: a seed means one path.
+    """Effort of the search for one path, without time limits: a seed determines the path.
 
     A path that arrives a second late is good enough: better ones cost more than they gain.
 
@@ -25,7 +25,7 @@ class RrtSettings(NamedTuple):
         iterations: samples of the bi-directional search in all.
         patience: samples after the last improvement of the arrival time.
         weight: lambda of eq. (5): distance against time.
-        reach: longest motion added at once [s].
+        reach: longest motion added in one extension [s].
         growth: factor by which the range of arrival times grows.
         good_enough_s: an arrival this much after the earliest that speeds allow ends the search;
             so much must an improvement gain.
@@ -39,7 +39,7 @@ class RrtSettings(NamedTuple):
         vertices: of the roadmap that is searched for an earlier arrival.
         neighbours: of each of its vertices.
         checks: motions of the roadmap that are checked.
-        most_loss_s: an arrival so much later than possible is not looked for over a roadmap.
+        most_loss_s: greatest delay of an arrival to search for over a roadmap.
         shortcuts: random stretches of a path that are tried to be made straight.
     """
 
@@ -62,11 +62,11 @@ class RrtSettings(NamedTuple):
 
     @property
     def samples_only(self) -> bool:
-        """True if all paths are of the bi-directional search."""
+        """True if all paths come from the bi-directional search."""
         return self.direct == 0 and self.checks == 0
 
     def rrt_alone(self) -> RrtSettings:
-        """Return the settings with which the bi-directional search finds all paths, as in IV-C."""
+        """Return settings that find all paths by the bi-directional search, as in IV-C."""
         return self._replace(direct=0, drives=0, checks=0)
 
 
@@ -75,9 +75,9 @@ class KeyframeSettings:
     """Effort of the search for keyframes.
 
     Attributes:
-        picks, places: how many ways are wanted.
-        starts: configurations drawn at once.
-        draws: how often, for each way to hold the part.
+        picks, places: number of candidates wanted.
+        starts: configurations drawn together.
+        draws: number of draws for each hold of the part.
         spread_s: times are drawn up to so long after the earliest.
         meetings: places of a handover drawn.
         ahead_s: later arrivals than so long after the earliest are not looked at, as long as
@@ -100,7 +100,7 @@ class SubproblemSettings:
     Attributes:
         keyframes: effort for keyframes.
         rrt: effort for paths.
-        holds: ways to hold the part for which paths are looked for.
+        holds: number of holds of the part for which paths are searched.
     """
 
     keyframes: KeyframeSettings = field(default_factory=KeyframeSettings)
@@ -108,7 +108,7 @@ class SubproblemSettings:
     holds: int = 2
 
     def low_effort(self) -> SubproblemSettings:
-        """Return the settings with which only paths that are easy to find are looked for."""
+        """Return settings that search only for paths that are easy to find."""
         rrt = self.rrt
         few = rrt.iterations // _EASY_SHARE if rrt.samples_only else 0
         rrt = rrt._replace(
@@ -117,7 +117,7 @@ class SubproblemSettings:
         return replace(self, rrt=rrt, holds=1)
 
     def harder(self, effort: int) -> SubproblemSettings:
-        """Return the settings with which failures are gone through again."""
+        """Return settings that retry failures."""
         if effort == 0:
             return self
         by = 3**effort
@@ -138,7 +138,7 @@ class SearchSettings:
 
     Attributes:
         attempts: of each sequence of actions, before the next robots are tried.
-        asked: robots that may plan a part before anything is tried hard, one after another, as
+        asked: robots that may plan a part before the effort is raised, one after another, as
             long as each is late; where there are no more parts to place than for half of them.
         parts: that the first robot may plan before anything is tried hard, one after another,
             as long as it loses time with each; where there are more.
@@ -147,12 +147,12 @@ class SearchSettings:
         round: parts that are planned before it is looked at how much time was lost with them;
             no more than there are robots.
         tries: how often they are planned, at most.
-        acceptable_loss_s: so much lost time for each of them is no reason to plan them again.
+        acceptable_loss_s: lost time per placement that does not trigger replanning.
         again: attempts that may go into planning again, in all: for each part of the
             construction, over the number of robots, since among many each takes longer.
         efforts: how often failures are gone through again when nothing else is left, each
             time trying harder.
-        returns: how often placements are taken back for one part, at most. Parts that keep each
+        returns: greatest number of backtracks for one part. Parts that keep each
             other from their places would take turns for ever.
     """
 
@@ -181,7 +181,7 @@ class PlannerSettings:
     subproblem: SubproblemSettings = field(default_factory=SubproblemSettings)
 
     def finding(self, paths: PathFinder) -> PlannerSettings:
-        """Return the settings with which paths are found in another way."""
+        """Return settings with another method of path search."""
         if paths == "auto":
             return self
         rrt = self.subproblem.rrt.rrt_alone()

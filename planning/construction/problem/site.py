@@ -42,13 +42,13 @@ def part_objects(
     *,
     near: bool = False,
 ) -> tuple[CellObject, ...]:
-    """Return the parts of a model as objects that lie in the supply.
+    """Return the parts of a model as objects in the supply.
 
     Args:
         parts: the model.
         layout: where parts lie.
         starts: poses of parts that lie elsewhere; they leave no gap in the layout.
-        near: whether parts lie near where they belong, see ``lay_out``.
+        near: whether parts lie near their goals, see ``supply_poses``.
     """
     poses = dict(starts or {})
     others = [part for part in parts if part.name not in poses]

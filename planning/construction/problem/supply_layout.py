@@ -1,4 +1,4 @@
-"""Layout of the supply of a construction: where parts lie before they are picked."""
+"""Layout of the supply of a construction: poses of parts before they are picked."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def supply_poses(
 def _nearest(
     stacks: Sequence[Sequence[ModelPart]], spots: Sequence[Transform]
 ) -> list[int]:
-    """Return the spot of each stack: the least sum of squared distances to where parts belong."""
+    """Return the spot of each stack: the assignment with the least sum of squared distances to the goals."""
     at = np.array([spot[:2, 3] for spot in spots])
     to = np.array([np.mean([p.goal[:2, 3] for p in s], axis=0) for s in stacks])
     away = np.sum((to[:, None] - at[None]) ** 2, axis=2)
@@ -117,7 +117,7 @@ def _nearest(
 
 
 def pose_on_ground(part: ModelPart) -> Transform:
-    """Return the pose of a part that lies on the ground with its first face up.
+    """Return the pose of a part on the ground with its first face up.
 
     The longer edge of that face points along the x axis of its spot.
     """

@@ -1,4 +1,4 @@
-"""The fixed world: the cell with all motion planned so far (Hartmann et al., eq. 2), as the search extends it."""
+"""The fixed world: the cell with all motion planned so far (Hartmann et al., eq. 2)."""
 
 from __future__ import annotations
 
@@ -45,18 +45,18 @@ _JOINED = 4
 _Key = tuple[RobotTimeline, tuple[HandChange, ...]]
 
 Follower = tuple[PlacedRobot, RobotTimeline, Sequence[HandChange]]
-"""A robot, its timeline, and what it holds from when on."""
+"""A robot, its timeline, and the objects it holds over time."""
 
 _WORDS = {"pick": "pick", "place-down": "place", "handover": "hand over"}
 
 
 class SweptTracks:
-    """Keeps the swept tracks of the timelines that were used last, and where objects rest.
+    """Cache of the swept tracks of recently used timelines, and of resting objects.
 
     While one robot is planned nobody else's timeline changes, and half a dozen checkers are made.
 
     Attributes:
-        rests: of each object, and the timelines of which that was worked out.
+        rests: of each object, and the timelines of which that was computed.
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class SweptTracks:
 
         Args:
             start: see ``since`` [s].
-            robots: who moves, how, and with what in the hand.
+            robots: moving robots with timelines and loads.
             item: returns an object by its name.
         """
         key = start, tuple((line, tuple(changes)) for _, line, changes in robots)
@@ -99,13 +99,13 @@ class SweptTracks:
         changes: Sequence[HandChange],
         item: Callable[[str], CellObject],
     ) -> SweptTrack:
-        """Return the swept track of a robot from the cell of time on that ``start`` is in.
+        """Return the swept track of a robot from the time cell of ``start`` on.
 
         Args:
             start: [s].
-            robot: who moves.
+            robot: the moving robot.
             line: how.
-            changes: what it holds from when on.
+            changes: the objects it holds from each time on.
             item: returns an object by its name.
         """
         key = (line, tuple(changes))
@@ -140,7 +140,7 @@ class TimedRest(NamedTuple):
 
 @dataclass(frozen=True)
 class FixedWorld:
-    """Timelines of all robots and objects. Never changed: planning on makes a new one.
+    """Timelines of all robots and objects; immutable, extended by copies.
 
     Attributes:
         cell: the static cell.
@@ -155,7 +155,7 @@ class FixedWorld:
     swept: SweptTracks = field(default_factory=SweptTracks, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Copy and freeze both mappings; fill in robots and objects that are missing."""
+        """Copy and freeze both mappings; fill in missing robots and objects."""
         robots = {
             r.name: self.robots.get(r.name) or RobotTimeline(r.name, [0.0], [r.home])  # type: ignore[arg-type]
             for r in self.cell.robots
@@ -168,12 +168,12 @@ class FixedWorld:
         object.__setattr__(self, "objects", MappingProxyType(objects))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how it is made anew in another process."""
+        """Return how to rebuild it in another process."""
         return type(self), (self.cell, dict(self.robots), dict(self.objects))
 
     @cached_property
     def hands(self) -> Mapping[str, list[HandChange]]:
-        """What each robot holds from when on."""
+        """The objects that each robot holds over time."""
         held = held_objects_over_time(self.objects)
         return {name: held.get(name, [(-np.inf, ())]) for name in self.robots}
 
@@ -183,16 +183,16 @@ class FixedWorld:
         return max((line.end for line in self.robots.values()), default=0.0)
 
     def free_from(self, robot: str) -> float:
-        """Return the time at which a robot has done its work: T_r of eq. (2) [s].
+        """Return the time at which a robot has finished its work: T_r of eq. (2) [s].
 
-        A way out of others' way may follow, see ``without_retreat``.
+        A retreat out of others' way may follow, see ``without_retreat``.
         """
         return self.robots[robot].busy_until
 
     def rests(self, name: str) -> list[TimedRest]:
         """Return the rests of an object, in order."""
         line = self.objects[name]
-        # What took place when is in its own timeline and in the skills of who held it.
+        # Its history is in its own timeline and in the skills of its holders.
         by = [self.robots[c.holder].skills for c in line.changes if c.holder]
         known = self.swept.rests.get(name)
         if known is None or not (
@@ -234,9 +234,9 @@ class FixedWorld:
         return replace(self, objects={**self.objects, timeline.object: timeline})
 
     def without_retreat(self, robot: str) -> FixedWorld:
-        """Return the world without a robot's way out of others' way: it gets new work.
+        """Return the world without a robot's last retreat, because it gets new work.
 
-        Others may have been planned on the strength of it, so the robot must be planned anew from
+        Others may have been planned on the strength of it, so the robot must be replanned from
         there at once, in the world that this returns.
         """
         return self.with_robot(self.robots[robot].work())
@@ -247,7 +247,7 @@ class PlannedTask:
     """A task of one robot at its place in space-time.
 
     Attributes:
-        robot: who does it.
+        robot: the robot.
         kind: ``"transit"`` or the name of a skill.
         time: of the waypoints, rising, shape (w,) [s].
         path: waypoints, the first where the robot is when the task starts, shape (w, n).
@@ -285,21 +285,21 @@ class PlannedTask:
 
     @property
     def touch(self) -> float:
-        """When the object of a skill changes hands [s]."""
+        """Time at which the object of a skill changes hands [s]."""
         return float(self.time[self.handlings[0].waypoint])
 
     @property
     def holder(self) -> str | None:
-        """Who holds the object of a skill from then on, None when it is put down."""
+        """Robot that holds the object after the skill, None when it is put down."""
         return self.handlings[0].holder
 
 
 class HeldPlacement(NamedTuple):
-    """A part that who placed it keeps hold of until another one is in place.
+    """A part that is held by the robot that placed it until another part is in place.
 
     Attributes:
-        robot: who does; it stands.
-        way: on which it then leaves the part, shape (w, n).
+        robot: the robot; it stands.
+        way: path by which it then leaves the part, shape (w, n).
         last: the part that has to be in place before; empty as long as that is open.
         end: when the robot lets go [s].
     """
@@ -312,13 +312,13 @@ class HeldPlacement(NamedTuple):
 
 @dataclass(frozen=True)
 class BuildState:
-    """A state of the search. Never changed: planning on makes a new one.
+    """A state of the search; immutable, extended by copies.
 
     Attributes:
         world: everything that has been planned, fixed (eq. 2).
         work: all skills, in the order of planning.
         placed: part to the end of the skill that places it, in the order of planning [s].
-        kept: parts that are kept hold of in their places, or were.
+        kept: parts that are held in their places, or were.
     """
 
     world: FixedWorld
@@ -334,13 +334,13 @@ class BuildState:
     def moved(
         self, robot: str, time: Array, path: Array, *, work: bool = True
     ) -> BuildState:
-        """Return the state in which a robot has gone along a path.
+        """Return the state after a robot has followed a path.
 
         Args:
             robot: its name.
             time: of the waypoints, shape (w,) [s].
             path: waypoints, shape (w, n).
-            work: False for a way out of others' way.
+            work: False for a retreat out of others' way.
         """
         line = self.world.robots[robot].then(time, path, work=work)
         return replace(self, world=self.world.with_robot(line))
@@ -355,14 +355,14 @@ class BuildState:
         pose: Transform,
         touching: Pairs,
     ) -> BuildState:
-        """Return the state in which a robot has done a skill.
+        """Return the state after a robot has done a skill.
 
         Args:
             motion: of the skill.
             kind: ``"pick"``, ``"place-down"`` or ``"handover"``.
             part: what changes hands.
             start: of the skill [s].
-            holder: who holds it then.
+            holder: the robot that holds it then.
             pose: of its centre in the holder's flange frame, or in the world.
             touching: unordered pairs of entities that may touch meanwhile.
         """
@@ -394,11 +394,11 @@ class BuildState:
 
 
 def initial_build_state(problem: ConstructionProblem) -> BuildState:
-    """Return the state in which everything is where it starts."""
+    """Return the initial state, with everything at its start."""
     return BuildState(FixedWorld(problem.cell))
 
 
 def with_part_at_rest(world: FixedWorld, part: str, pose: Transform) -> FixedWorld:
-    """Return the world in which a part lies in some place at all times."""
+    """Return the world in which a part rests at a pose at all times."""
     line = ObjectTimeline(part).then(float("-inf"), None, pose)
     return world.with_object(line)

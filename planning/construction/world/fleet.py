@@ -1,4 +1,4 @@
-"""Robots with what they carry, and their bodies for compiled code."""
+"""Robots with the parts that they carry, and their bodies for compiled code."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from planning.transforms import Array, Indices
 
 
 class LoadedRobot(NamedTuple):
-    """A robot with something in its hand.
+    """A robot with the object in its hand.
 
     Attributes:
-        bodies: the robot's parts, then what it holds.
+        bodies: the robot's parts, then its load.
         hulls: these bodies on a motion of one segment, packed.
     """
 
@@ -28,13 +28,13 @@ class LoadedRobot(NamedTuple):
 
 
 def make_loaded_robot(robot: PlacedRobot, held: Sequence[Held] = ()) -> LoadedRobot:
-    """Return a robot with what it holds."""
+    """Return a robot with the object that it holds."""
     bodies = robot_bodies(robot, held)
     return LoadedRobot(bodies, bodies.hulls.on_a_motion())
 
 
 class RobotFleet(NamedTuple):
-    """Many carriers. It keeps none of them alive.
+    """Handles of many carriers for compiled code; it does not keep them alive.
 
     Attributes:
         hulls: addresses of their bodies, shape (carriers,).
@@ -48,7 +48,7 @@ class RobotFleet(NamedTuple):
 
 
 def make_fleet(carriers: Sequence[LoadedRobot]) -> RobotFleet:
-    """Return carriers, at least one, for compiled code; they must outlive what is returned."""
+    """Return carriers, at least one, for compiled code; they must outlive the fleet."""
     hulls = [carrier.hulls for carrier in carriers]
     addresses = np.array([h.address for h in hulls], dtype=np.int64)  # type: ignore[attr-defined]
     return packed(
@@ -65,7 +65,7 @@ def bodies_of(fleet: RobotFleet, v: int) -> HullTable:
 
 @inner_kernel
 def set_motion(hulls: HullTable, q_a: Array, q_b: Array) -> None:
-    """Let a carrier's bodies be on a straight motion, whose ends have its joints first."""
+    """Put the bodies of a carrier on a straight motion, whose end points begin with its joints."""
     for j in range(hulls.q_a.shape[1]):
         hulls.q_a[0, j] = q_a[j]
         hulls.q_b[0, j] = q_b[j]

@@ -1,4 +1,4 @@
-"""Timelines: the motion of one robot, and the places of one object, as far as planned.
+"""Timelines: the motion of one robot, and the poses of one object, as planned so far.
 
 They are cut into pieces, each of which becomes a node of a temporal plan graph.
 """
@@ -30,7 +30,7 @@ STEP = 0.1
 """Length of the cells of time, and of pose nodes [s]."""
 
 SPACING = 0.025
-"""Distance of the tool poses on a straight way [m]."""
+"""Distance of the tool poses on a straight path [m]."""
 
 _BEND = 0.35
 """Most that a joint moves between two of them; more is another posture [rad or m]."""
@@ -49,7 +49,7 @@ class RobotTimeline:
         skills: spans of time (start, end) that are one piece of work each: one node of a
             temporal plan graph, so whatever the robot sweeps in one it may sweep at any time
             of it. In order, not overlapping.
-        busy_until: end of the robot's work; what comes later is a way out of others' way, which
+        busy_until: end of the robot's work; what comes later is a retreat out of others' way, which
             may be dropped when there is new work. The last time where not given.
     """
 
@@ -93,7 +93,7 @@ class RobotTimeline:
         return np.asarray(self.path[k - 1] + share * (self.path[k] - self.path[k - 1]))
 
     def skill_at(self, t: float) -> tuple[float, float]:
-        """Return the span of the skill at time ``t``, ``(t, t)`` where there is none [s]."""
+        """Return the time span of the skill at time ``t``, ``(t, t)`` where there is none [s]."""
         for a, b in self.skills:
             if a - SAME <= t <= b + SAME:
                 return a, b
@@ -108,7 +108,7 @@ class RobotTimeline:
             time: of the waypoints, the first no earlier than the end, shape (w,) [s].
             path: waypoints, the first where the robot stands at the end, shape (w, n).
             skill: the motion is one piece of work.
-            work: False for a way out of others' way, see ``busy_until``.
+            work: False for a retreat out of others' way, see ``busy_until``.
 
         Raises:
             PlanInvariantError: it does not begin where and when the robot stands.
@@ -131,7 +131,7 @@ class RobotTimeline:
         )
 
     def work(self) -> RobotTimeline:
-        """Return the timeline up to the end of the work, where the robot then stands for good."""
+        """Return the timeline up to the end of the work, with a final hold there."""
         t = self.busy_until
         if t >= self.end:
             return self
@@ -144,7 +144,7 @@ class RobotTimeline:
 
 
 class ObjectChange(NamedTuple):
-    """Beginning of a time for which an object is held by a robot, or at rest.
+    """Start of a period in which an object is held by a robot, or at rest.
 
     Attributes:
         time: when it happens [s].
@@ -196,7 +196,7 @@ class ObjectTimeline:
 def held_objects_over_time(
     objects: Mapping[str, ObjectTimeline],
 ) -> dict[str, list[HandChange]]:
-    """Return what each robot that ever holds anything holds, see ``hand_changes``."""
+    """Return the objects held over time by each robot that ever holds any, see ``hand_changes``."""
     spans: dict[str, list[tuple[float, float, str, bytes]]] = {}
     for name, line in objects.items():
         for k, change in enumerate(line.changes):
@@ -214,7 +214,7 @@ def hand_changes(objects: Mapping[str, ObjectTimeline], robot: str) -> list[Hand
 
 
 def _changes(spans: Sequence[tuple[float, float, str, bytes]]) -> list[HandChange]:
-    """Return what a robot holds from when on; it holds each object, in a pose, for a span of time."""
+    """Return the objects a robot holds from each time on, given the time span and pose of each."""
     times = sorted({t for a, b, _, _ in spans for t in (a, b) if np.isfinite(t)})
     out: list[HandChange] = []
     for t in [-np.inf, *times]:
@@ -230,7 +230,7 @@ def decode_pose(hand: bytes) -> Transform:
 
 
 class MotionPieces(NamedTuple):
-    """The motion of one robot from some time on, in order.
+    """The motion of one robot from a given time on, cut into pieces, in order.
 
     Attributes:
         start, end: the time for which a piece counts, shape (p,) [s]; the last one may never
@@ -249,7 +249,7 @@ class MotionPieces(NamedTuple):
     moment: Array
 
     def later(self, k: int) -> MotionPieces:
-        """Return all but the first ``k``."""
+        """Return the pieces without the first ``k``."""
         return MotionPieces._make(values[k:] for values in self)
 
 
@@ -340,7 +340,7 @@ class SkillMotion:
     """Motion of a robot in a skill.
 
     Attributes:
-        robot: who does it.
+        robot: the robot.
         path: waypoints, shape (w, n): in, touch, out.
         touch: waypoint at which the part changes hands.
         time: of the waypoints from the start of the skill on, shape (w,) [s].
@@ -358,16 +358,16 @@ class SkillMotion:
 
     @property
     def before(self) -> Array:
-        """The way in, the touch included."""
+        """The approach, up to and including the touch."""
         return self.path[: self.touch + 1]
 
     @property
     def after(self) -> Array:
-        """The way out, from the touch on."""
+        """The retreat, from the touch on."""
         return self.path[self.touch :]
 
     def kept(self) -> SkillMotion:
-        """Return the motion up to the touch, as long, where the robot then stands and keeps hold."""
+        """Return the motion up to the touch, with the same duration and a final hold there."""
         time = np.append(self.time[: self.touch], self.seconds)
         return replace(self, path=self.before, time=time)
 
@@ -380,16 +380,16 @@ def skill_motion(
     velocity: Array,
     seconds: float,
 ) -> SkillMotion | None:
-    """Return the motion of a skill around a touch, None where an arm cannot follow the ways.
+    """Return the motion of a skill around a touch, None where the arm cannot follow the straight lines.
 
     Args:
-        robot: who does it.
+        robot: the robot.
         frame: its tool frame.
         touch: configuration at the touch, shape (n,).
-        ways: vectors in the world from where the tool comes to the touch, and from the touch
+        ways: displacements in the world from where the tool comes to the touch, and from the touch
             to where it goes, each of shape (3,) [m].
         velocity: joint speed limits, shape (n,).
-        seconds: nominal duration of the skill; more where the joints need more for the ways [s].
+        seconds: nominal duration of the skill; longer where the joint speeds require it [s].
     """
     at = frame_pose(robot, touch, frame)
     into = follow_straight_line(robot, frame, at, touch, -ways[0])
@@ -409,7 +409,7 @@ def skill_motion(
 def follow_straight_line(
     robot: PlacedRobot, frame: str, at: Transform, q: Array, displacement: Array
 ) -> Array | None:
-    """Return configurations along a straight way of the tool, shape (k + 1, n), ``q`` first."""
+    """Return configurations along a straight tool displacement, shape (k + 1, n), ``q`` first."""
     count = max(int(np.ceil(float(np.linalg.norm(displacement)) / SPACING - 1e-9)), 1)
     targets = np.repeat(np.asarray(at)[None], count + 1, axis=0)
     targets[:, :3, 3] += np.linspace(0.0, 1.0, count + 1)[:, None] * displacement

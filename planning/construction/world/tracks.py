@@ -1,4 +1,4 @@
-"""Robots on fixed timelines as obstacles: what they sweep, piece by piece."""
+"""Robots on fixed timelines as obstacles: their swept volumes, piece by piece."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from planning.transforms import Array, Indices
 
 
 class SweptTrack(NamedTuple):
-    """The pieces of one robot, and what it sweeps in each.
+    """The pieces of one robot's motion, and the swept volume of each.
 
     Attributes:
         pieces: in order.
         carriers: the robot with each of the things that it holds at some time.
         hand: which of them it is, shape (p,).
-        sweeps: what it sweeps.
+        sweeps: its swept volumes.
     """
 
     pieces: MotionPieces
@@ -73,9 +73,9 @@ def sweep_track(
     """Sweep all pieces of a robot.
 
     Args:
-        robot: who moves.
+        robot: the moving robot.
         pieces: how.
-        changes: what it holds from when on; pieces end there.
+        changes: the objects it holds from each time on; pieces end there.
         item: returns an object by its name.
     """
     times = np.array([t for t, _ in changes])
@@ -112,7 +112,7 @@ def _sweep_pieces(
 
 
 class Tracks(NamedTuple):
-    """The pieces of many robots.
+    """The pieces of many robots' motions.
 
     Attributes:
         first: pieces of track r are ``range(first[r], first[r + 1])``.
@@ -128,7 +128,7 @@ class Tracks(NamedTuple):
 
 
 def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
-    """Put what robots sweep one after another.
+    """Concatenate the swept tracks of robots.
 
     Args:
         swept: of each robot.
@@ -159,7 +159,7 @@ def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
 
 
 def _padded(pieces: MotionPieces, joints: int) -> MotionPieces:
-    """Return pieces with configurations of so many joints, zero beyond those that there are."""
+    """Return pieces with configurations padded with zeros to a number of joints."""
     if pieces.q_a.shape[1] == joints:
         return pieces
     wider = ((0, 0), (0, joints - pieces.q_a.shape[1]))
@@ -167,7 +167,7 @@ def _padded(pieces: MotionPieces, joints: int) -> MotionPieces:
 
 
 def _joined(firsts: Sequence[Indices]) -> Indices:
-    """Return where each piece's rows begin when those of all robots follow one another."""
+    """Return the first row of each piece when the rows of all robots are concatenated."""
     counts = [np.diff(first) for first in firsts]
     return np.cumsum(np.concatenate([[0], *counts])).astype(np.int64)
 
@@ -176,7 +176,7 @@ def _joined(firsts: Sequence[Indices]) -> Indices:
 def pieces_at(
     start: Array, end: Array, first: int, last: int, lo: float, hi: float
 ) -> tuple[int, int]:
-    """Return which of the pieces ``range(first, last)`` share time with a span, as a range.
+    """Return the index range of the pieces ``range(first, last)`` that overlap a time span.
 
     Args:
         start, end: the time for which each piece counts, shape (p,) [s].

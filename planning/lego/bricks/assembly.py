@@ -1,4 +1,4 @@
-"""LEGO assemblies as data: plate, brick types (with the built-in ones), stock and steps, on the stud grid.
+"""LEGO assemblies as data: plate, brick types, stock and steps, on the stud grid.
 
 The grid of a plate counts studs from its corner: x and y from 0, layer z from 1 (on the plate).
 A plate is also a type of brick, a third as high; heights and levels count such thirds: a brick of
@@ -81,7 +81,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class Cell:
-    """Cell of a brick: the stud of its least x and y, its layer, and whether it is turned.
+    """Position of a brick on the grid: the stud of its least x and y, its layer, and whether it is turned.
 
     Attributes:
         x, y: stud of the least corner, from 0.
@@ -122,7 +122,7 @@ class Cell:
 
 
 class GridSpan(NamedTuple):
-    """The room of a brick on the grid: from where to before where, in studs and levels."""
+    """Block of grid places: from where to before where, in studs and levels."""
 
     x0: int
     x1: int
@@ -138,27 +138,27 @@ class GridSpan(NamedTuple):
 
     @property
     def studs(self) -> frozenset[tuple[int, int]]:
-        """The (x, y) of every stud that it covers."""
+        """The (x, y) of every stud that the block covers."""
         return frozenset(product(range(self.x0, self.x1), range(self.y0, self.y1)))
 
     @property
     def places(self) -> frozenset[GridPlace]:
-        """The (x, y, level) of every place on the grid in it."""
+        """The (x, y, level) of every grid place in the block."""
         xs, ys = range(self.x0, self.x1), range(self.y0, self.y1)
         return frozenset(product(xs, ys, range(self.bottom, self.top)))
 
     def widened(self, studs: int) -> GridSpan:
-        """Return the room that reaches some studs further along x and y."""
+        """Return the block extended by some studs along x and y."""
         x0, x1, y0, y1, *heights = self
         return GridSpan(x0 - studs, x1 + studs, y0 - studs, y1 + studs, *heights)
 
     def shared(self, other: GridSpan) -> GridSpan:
-        """Return what two rooms share, without extent along the axis where they only touch."""
+        """Return the intersection of two blocks, without extent along the axis where they only touch."""
         ends = enumerate(zip(self, other, strict=True))
         return GridSpan(*(min(pair) if k % 2 else max(pair) for k, pair in ends))
 
     def near(self, other: GridSpan, *, levels: int) -> bool:
-        """Tell whether another room begins within a stud beside, and so many levels above or below."""
+        """Tell whether another block begins within one stud sideways and a number of levels above or below."""
         return (
             self.x0 <= other.x1
             and other.x0 <= self.x1
@@ -173,7 +173,7 @@ class GridSpan(NamedTuple):
         return other.bottom == self.top and self.shares_studs(other)
 
     def shares_studs(self, other: GridSpan) -> bool:
-        """Tell whether another room is over or under this one, or in it."""
+        """Tell whether another block is above or below this one, or overlaps it."""
         return (
             self.x0 < other.x1
             and other.x0 < self.x1
@@ -183,7 +183,7 @@ class GridSpan(NamedTuple):
 
 
 class OnGrid:
-    """A brick of a type in a cell, whatever else is known of it.
+    """A brick of a type at a position on the grid.
 
     Attributes:
         brick: its type.
@@ -195,7 +195,7 @@ class OnGrid:
 
     @cached_property
     def span(self) -> GridSpan:
-        """Its room on the grid."""
+        """The block of grid places that it fills."""
         x, y, level = self.cell.x, self.cell.y, self.cell.level
         nx, ny = self.brick.studs[::-1] if self.cell.turned else self.brick.studs
         return GridSpan(x, x + nx, y, y + ny, level, level + self.brick.height)
@@ -317,7 +317,7 @@ class LegoStep(OnGrid):
 
 @dataclass(frozen=True)
 class LegoAssembly:
-    """A LEGO structure, what it is built from, and in which order.
+    """A LEGO structure, its stock, and its steps in order.
 
     Attributes:
         plate: where the structure is built.
@@ -344,7 +344,7 @@ class LegoAssembly:
 
     @property
     def scaffold(self) -> tuple[PlacedBrick, ...]:
-        """The stock bricks that stay where they are."""
+        """The stock bricks that are never moved."""
         return tuple(item for item in self.stock if item.fixed)
 
     def plate_of(self, item: StockBrick) -> Plate:

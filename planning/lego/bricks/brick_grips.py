@@ -55,7 +55,7 @@ def legal_offsets(brick: BrickType, side: int) -> range:
 
 
 def legal_presses(brick: BrickType) -> tuple[Press, ...]:
-    """Return all legal grips of a brick, at most 4 sides x 7 offsets, those of two studs first.
+    """Return all legal grips of a brick, at most 4 sides x 7 offsets, those on two studs first.
 
     Grips of one stud are listed only where the brick has no side of two.
     """
@@ -135,7 +135,7 @@ def press_cell(item: OnGrid, press: Press, *, up: bool) -> Cell:
 
 
 def lever_cell(item: OnGrid, press: Press) -> Cell:
-    """Return the cell beside a gripped edge, of a 1 x 2 brick, over which the tool's wall stands."""
+    """Return the cell next to a gripped edge, of a 1 x 2 brick, over which the tool's wall stands."""
     along_y, greatest = _edge(item.cell, press)
     out = 1 if greatest else -1
     edge = press_cell(item, press, up=False)
@@ -144,7 +144,7 @@ def lever_cell(item: OnGrid, press: Press) -> Cell:
 
 
 def _edge(cell: Cell, press: Press) -> tuple[bool, bool]:
-    """Tell of a pressed edge whether it runs along the grid's y, and is that of greatest x or y."""
+    """Tell whether a pressed edge runs along the grid's y, and whether it is the one of greatest x or y."""
     # A turned brick's least x is the grid's least y.
     along_y = press.side in ((2, 3) if cell.turned else (1, 4))
     greatest = press.side in ((3, 4) if cell.turned else (2, 4))

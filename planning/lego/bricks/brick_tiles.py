@@ -1,4 +1,4 @@
-"""Bricks on one plate, found by their place."""
+"""Spatial index of the bricks on one plate."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Numbered = tuple[int, PlacedBrick]
 
 
 class BrickTiles:
-    """Bricks on one plate, found by where they are.
+    """Spatial index of the bricks on one plate.
 
     Args:
         bricks: each with its place in an order; several may be in one place, at different times.
@@ -28,7 +28,7 @@ class BrickTiles:
                 self._tiles[tile].append(item)
 
     def near(self, span: GridSpan, before: int) -> dict[str, PlacedBrick]:
-        """Return the bricks within a stud of some room that are before a place in their order."""
+        """Return the bricks within one stud of a block that come before a place in their order."""
         found = {
             (number, item.name): item
             for tile in _tiles(span)
@@ -39,7 +39,7 @@ class BrickTiles:
 
 
 def _tiles(span: GridSpan) -> Iterator[tuple[int, int]]:
-    """Yield the tiles of some room and of a stud beside it."""
+    """Yield the tiles of a block and of one stud around it."""
     for x in range((span.x0 - 1) // _TILE, (span.x1 + 1) // _TILE + 1):
         for y in range((span.y0 - 1) // _TILE, (span.y1 + 1) // _TILE + 1):
             yield x, y

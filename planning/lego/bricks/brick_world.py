@@ -55,18 +55,18 @@ Placed = tuple[CellObject, Attachment]
 
 
 def copy_name(station: str, number: int) -> str:
-    """Return the name of a station's brick, counted from 1 in the order of their picks."""
+    """Return the name of a station's brick, counted from 1 in the order of picks."""
     return f"{station}.{number}"
 
 
 def station_of(name: str, stations: Collection[str]) -> str:
-    """Return the station that an object comes from; for any other object its own name."""
+    """Return the station that an object comes from; for other objects their own name."""
     station, _, number = name.rpartition(".")
     return station if number.isdecimal() and station in stations else name
 
 
 def next_copy(item: CellObject, station: str, number: int) -> CellObject:
-    """Return a brick that comes up at a station, made after another one of it."""
+    """Return the next brick that a station supplies after another one."""
     return replace(item, name=copy_name(station, number), later=True)
 
 
@@ -103,12 +103,12 @@ def plate_fixture(plate: Plate, name: str = "plate") -> Fixture:
 
 
 def goal_name(step: int) -> str:
-    """Return the name of a step's brick before one of the stock is chosen for it."""
+    """Return the name of a step's brick before a stock brick is chosen for it."""
     return f"the brick of step {step}"
 
 
 def grasp_number(press: Press) -> int:
-    """Return the number of a grip among the 4 x 7 there can be."""
+    """Return the number of a grip among the 4 x 7 possible ones."""
     return (press.side - 1) * MOST_OFFSETS + press.offset
 
 
@@ -136,7 +136,7 @@ class BrickWorld:
 
     @cached_property
     def stock_at_rest(self) -> Mapping[str, Placed]:
-        """All stock bricks where they stand at the start, a station's under its name."""
+        """All stock bricks at their start poses, a station's under its name."""
         out = {}
         for item in self.cell.objects:
             name = station_of(item.name, self.stations)
@@ -150,7 +150,7 @@ class BrickWorld:
 
     @cached_property
     def loose_stock(self) -> frozenset[str]:
-        """Stock bricks that are gone once they have been used."""
+        """Stock bricks that are gone after their use."""
         return frozenset(
             k for k, item in self.stock.items() if not item.fixed and not item.station
         )
@@ -163,13 +163,13 @@ class BrickWorld:
 
     @cached_property
     def _tiles(self) -> BrickTiles:
-        """The structure's plate: the stock, then the goals by their steps."""
+        """Index of the structure's plate: the stock, then the goals by their steps."""
         stock = [(0, item) for item in self.assembly.stock if self._is_here(item)]
         return BrickTiles([*stock, *enumerate(self.goal_bricks, start=1)])
 
     @cached_property
     def _storage_tiles(self) -> BrickTiles:
-        """The plate of the stock, where it is another one."""
+        """Index of the stock's plate, where it is a separate one."""
         stock = self.assembly.stock
         return BrickTiles((0, item) for item in stock if not self._is_here(item))
 
@@ -209,7 +209,7 @@ class BrickWorld:
         return {goal_name(k + 1): k + 1 for k in range(len(self.assembly.steps))}
 
     def cells_near(self, span: GridSpan, number: int) -> dict[str, PlacedBrick]:
-        """Return the bricks near some room that may stand on the structure's plate in a step."""
+        """Return the bricks near a block that may stand on the structure's plate in a step."""
         return self._tiles.near(span, before=number)
 
     def cells_near_stock(self, stock: str, number: int) -> dict[str, PlacedBrick]:
@@ -250,7 +250,7 @@ class BrickWorld:
 
     @cached_property
     def above(self) -> Mapping[str, frozenset[str]]:
-        """For each stock brick, those that stand on it, however high."""
+        """Bricks stacked on each stock brick, at any height."""
         above: dict[str, frozenset[str]] = {}
         for item in sorted(self.assembly.stock, key=lambda item: -item.cell.level):
             upper = bricks_above(item, self.stock_neighbours(item.name))
@@ -269,13 +269,13 @@ class BrickWorld:
         ]
 
     def grasps(self, number: int) -> list[int]:
-        """Return the grips of a step to choose from, the prescribed one alone, or all."""
+        """Return the candidate grips of a step, the prescribed one alone, or all."""
         step = self.step(number)
         some = step.presses or legal_presses(step.brick)
         return [grasp_number(press) for press in some]
 
     def go_together(self, number: int, grasp: int, support: int) -> bool:
-        """Tell whether a step allows a grip together with one of its supports.
+        """Tell whether a step allows a grip in combination with one of its supports.
 
         Every grip goes with the first support, and every support with the first grip.
         """

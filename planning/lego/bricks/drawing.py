@@ -113,7 +113,7 @@ def read_elevation(
 
 
 def name_bricks(drawn: Iterable[DrawnBrick]) -> tuple[PlacedBrick, ...]:
-    """Return bricks with names of their own: letter and layer, numbered where that is not enough."""
+    """Return bricks with unique names: letter and layer, numbered where that is not enough."""
     out: list[PlacedBrick] = []
     taken: set[str] = set()
     for item in drawn:
@@ -130,7 +130,7 @@ def name_bricks(drawn: Iterable[DrawnBrick]) -> tuple[PlacedBrick, ...]:
 def type_of_size(
     size: tuple[int, int], types: Mapping[str, BrickType]
 ) -> tuple[BrickType, bool] | str:
-    """Return the brick type with a size along x and y and whether it is turned, or why none is.
+    """Return the brick type of a size along x and y and whether it is turned, or the reason why there is none.
 
     Square bricks are not turned.
     """

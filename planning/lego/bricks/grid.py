@@ -1,4 +1,4 @@
-"""The stud grid: from cells to poses, and which bricks touch.
+"""The stud grid: poses of cells, and which bricks touch.
 
 Studs are not modelled: bricks are boxes a tenth of a millimetre smaller on each side than their
 share of the grid.
@@ -82,7 +82,7 @@ def bricks_above(item: OnGrid, others: Mapping[str, OnGrid]) -> tuple[str, ...]:
 def bricks_joined_to_plate(
     places: Mapping[Key, frozenset[GridPlace]], base: Collection[GridPlace] = ()
 ) -> set[Key]:
-    """Return the bricks that are joined to the plate, or to others that are, one on the other.
+    """Return the bricks that are connected to the plate, directly or through others.
 
     Each is given with the places that it fills; what stands in any case fills those of the base.
     """

@@ -1,4 +1,4 @@
-"""Importers of task files that others publish, one room a format.
+"""Importers of published task files, one folder per format.
 
-Imports planning's own files only; nothing in planning imports it.
+Imports bricks and skills; nothing in planning imports it.
 """

@@ -1,4 +1,4 @@
-"""Whether a brick can be pressed on: the force that takes, room for the tools, where to hold.
+"""Feasibility of pressing a brick on: force, room for the tools, supports.
 
-Imports bricks, skills and stability; sequencing imports it.
+Imports bricks, skills, stability, statics and steps; sequencing imports it.
 """

@@ -1,6 +1,6 @@
-"""Which bricks of a design stand in the tool's way, for every press and every supporting spot.
+"""Obstacles of the tool among the bricks of a design, for every press and every support.
 
-Worked out once for the whole design: a press or a support has room in a partial structure when
+Computed once for the whole design: a press or a support has room in a partial structure when
 none of those bricks is there.
 """
 
@@ -62,7 +62,7 @@ _LEVELS = {
 whole layers before the others."""
 
 _SHIFTS = (0, -1, 1)
-"""Studs by which it is aside from the contact then, in x and in y."""
+"""Offsets of the tip from the contact, in x and in y [studs]."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class SupportPlace:
 
 
 class DesignRoom:
-    """Obstacles of the tool among the bricks of one design; each is worked out at most once.
+    """Obstacles of the tool among the bricks of one design, each computed at most once.
 
     Args:
         bricks: of the design, by name.
@@ -105,7 +105,7 @@ class DesignRoom:
         self._supports: dict[Support, SupportPlace] = {}
 
     def in_the_way(self, brick: str, press: Press, names: Names, *, up: bool) -> Names:
-        """Return which of the bricks that are there, or the plate, stand in the way of a press.
+        """Return which of the present bricks, or the plate, block a press.
 
         A brick that goes in from above may come from either side, low or high over its
         neighbours: one way that is free will do.
@@ -125,14 +125,14 @@ class DesignRoom:
     def _find_blockers(
         self, brick: str, press: Press, up: bool, approach: Approach | None = None
     ) -> Names:
-        """Return the obstacles in the design to a press, or to one way to come to it."""
+        """Return the obstacles in the design to a press, or to one approach direction."""
         item, others = self._bricks[brick], self._others(brick)
         if approach is not None:
             return frozenset(self._tool.approach_blocked(item, press, others, approach))
         return frozenset(self._tool.place_blocked(item, press, others, up=up))
 
     def support(self, support: Support) -> SupportPlace:
-        """Return what a supporting tool touches, and what stands in its way."""
+        """Return the contacts and obstacles of a supporting tool."""
         known = self._supports.get(support)
         if known is None:
             room = self._tool.support(support)
@@ -149,7 +149,7 @@ class DesignRoom:
         return known
 
     def touching(self, brick: str, *, from_above: bool) -> list[SupportPlace]:
-        """Return the supporting tools that touch a brick and are not in the plate's way."""
+        """Return the supporting tools that touch a brick and are clear of the plate."""
         return self._touching(from_above)[brick]
 
     def _find_touching(self, from_above: bool) -> dict[str, list[SupportPlace]]:
@@ -168,7 +168,7 @@ class DesignRoom:
         obstacles: Names,
         approach: InsertionWay,
     ) -> tuple[ToolHold, ...]:
-        """Return pushes that are worth any supporting tool that has room, and all of them at once.
+        """Return pushes that bound those of any supporting tool with room, and of all of them together.
 
         Wherever a tool touches a brick, it does no more than pushes on the corners of its face. No
         tool may touch the brick that is pressed on, or run into obstacles.
@@ -187,7 +187,7 @@ class DesignRoom:
         )
 
     def _all_supports(self, from_above: bool) -> Iterator[Support]:
-        """Yield the tool's places at the tops or bottoms of all bricks."""
+        """Yield the poses of the supporting tool at the tops or bottoms of all bricks."""
         found = set()
         for item in self._bricks.values():
             level = item.span.top if from_above else item.span.bottom - BRICK_LEVELS
@@ -201,7 +201,7 @@ class DesignRoom:
             yield Support(Cell.at_level(x, y, level), turn, from_above)
 
     def attack(self, brick: str, press: Press, names: Names, *, up: bool) -> int:
-        """Return +1 or -1: the side to come from with a brick, past no neighbour if possible."""
+        """Return +1 or -1: the side of the approach with a brick, past no neighbour if possible."""
         others = self._boxes.without(self._bricks.keys() - names | {brick})
         return self._tool.attack_side(self._bricks[brick], press, others, up=up)
 
@@ -217,7 +217,7 @@ class DesignRoom:
     def _touches(
         self, support: Support, rectangle: Array
     ) -> dict[str, tuple[ToolHold, ...]]:
-        """Return where a supporting tool touches bricks: the corners of what they share."""
+        """Return the contact points of a supporting tool with bricks: the corners of the shared areas."""
         top, (low, high) = support.from_above, rectangle
         face = support.cell.level + (0 if top else BRICK_LEVELS)
         level, height = face - 1 if top else face, level_height(face)
@@ -246,7 +246,7 @@ def _pushes(brick: str, box: Array, *, top: bool) -> tuple[ToolHold, ...]:
 
 
 def _extent(one: Array, other: Array) -> float:
-    """Return how far two boxes reach together, along x plus along y [m]."""
+    """Return the extent of two boxes together, along x plus along y [m]."""
     far = np.maximum(one[1], other[1]) - np.minimum(one[0], other[0])
     return float(far[0] + far[1])
 
@@ -266,7 +266,7 @@ class SupportSpot:
     tight: bool
 
     def away(self, at: Point) -> float:
-        """Return the distance of what it touches from a point, along x plus along y [m]."""
+        """Return the distance of its contacts from a point, along x plus along y [m]."""
         n = len(self.holds)
         x, y = (sum(hold.point[k] for hold in self.holds) / n for k in (0, 1))
         return abs(x - at[0]) + abs(y - at[1])
@@ -274,7 +274,7 @@ class SupportSpot:
 
 @dataclass(frozen=True)
 class SupportSpots:
-    """Finds where the other arm may hold one partial structure.
+    """Finds support positions of the other arm for one partial structure.
 
     Attributes:
         room: of the tool in the design.
@@ -289,7 +289,7 @@ class SupportSpots:
     def found(
         self, approach: InsertionWay, contact: Cell, at: Point
     ) -> Iterator[SupportSpot]:
-        """Yield the spots: those beside the press first, then the others by distance.
+        """Yield the spots: those next to the press first, then the others by distance.
 
         Args:
             approach: how the brick is pressed on.
@@ -319,7 +319,7 @@ class SupportSpots:
                     yield spot
 
     def _spot(self, support: Support) -> SupportSpot | None:
-        """Return a tool's place as a spot, None where it touches nothing or has no room."""
+        """Return a tool position as a spot, None where it touches nothing or has no room."""
         if support.cell.level < 0:
             return None
         place = self.room.support(support)
@@ -332,7 +332,7 @@ class SupportSpots:
         return SupportSpot(support, holds, not place.near.isdisjoint(self.names))
 
     def _anywhere(self, at: Point, *, from_above: bool) -> list[Support]:
-        """Return the tool's places that touch bricks, the nearest first."""
+        """Return the tool positions that touch bricks, nearest first."""
         found = {
             place.support
             for name in self.names

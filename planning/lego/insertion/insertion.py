@@ -1,14 +1,13 @@
-"""Insertions of a brick into a structure: from above or from below, alone or held by the other arm.
+"""Insertions of a brick into a structure: from above or from below, alone or supported by the other arm.
 
-This is the pruning of APEX-MR App. A for one brick: the structure must bear the pressing force,
-and the tools must have room.
+This is the pruning of APEX-MR App. A for one brick: the structure must bear the pressing force, and the
+tools must have room.
 
-A brick is *perhaps insertable* beside some others when nothing is found that keeps it from going
-in, whichever further bricks are there or not: none of the others is in its way or in the tool's,
-and even the whole design, taken as weightless, bears the press. Whatever keeps it from that keeps
-it from going in beside more bricks, too. To ask once instead of for every press and every
-supporting spot, it is pressed at all its presses at once and held at all spots at once: what the
-structure does not bear then, it bears with none of them.
+A brick is *perhaps insertable* next to some others when nothing is found that excludes its insertion,
+whichever further bricks are present: none of the others blocks it or the tool, and even the whole design,
+taken as weightless, bears the press. Whatever excludes it then also excludes it next to more bricks. For
+one test instead of one for every press and every supporting spot, it is pressed at all its presses and
+supported at all spots simultaneously: what the structure does not bear then, it bears with none of them.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ from planning.statics.equilibrium import Load, StabilityReport
 _Question = tuple[str, InsertionWay, tuple[Press, ...], tuple[ToolHold, ...]]
 
 MOST_SPOTS = 40
-"""So many supporting spots are tried for one press."""
+"""Greatest number of supporting spots for one press."""
 
 _STUD_EDGE = ((0.3, 0.0), (0.0, 0.3), (-0.3, 0.0), (0.0, -0.3))
 """Points on the edge of a stud, from its axis [studs]."""
@@ -60,7 +59,7 @@ class Insertion:
     """An insertion of a brick into a structure.
 
     Attributes:
-        way: how it goes in.
+        way: the insertion method.
         press: the grip.
         support: the supporting tool, None without one.
         bearing: the force that it takes, and what of it the structure bears.
@@ -92,7 +91,7 @@ class Insertions:
         fixed: Iterable[PlacedBrick],
         rules: SequencingRules,
     ) -> Insertions:
-        """Return those of the bricks that are put in and of those that stand from the start."""
+        """Return the insertions of a design from its new bricks and those present from the start."""
         fixed = tuple(fixed)
         names = frozenset(item.name for item in fixed)
         return Insertions(PartialStructures([*bricks, *fixed]), rules, names)
@@ -105,13 +104,13 @@ class Insertions:
 
     @cached_property
     def borne(self) -> dict[_Question, PressBearing]:
-        """What the whole design, taken as weightless, bears of presses, by what was asked."""
+        """Loads that the whole design, taken as weightless, bears under presses, by request."""
         return {}
 
     def last(
         self, names: Names, brick: str, insertion_way: InsertionWay
     ) -> Insertion | None:
-        """Return how a brick of a partial structure is put in as its last one, None if it cannot."""
+        """Return the insertion of a brick of a partial structure as its last one, None if there is none."""
         site = self.at(names, brick, up=insertion_way.up)
         if site.obstacle() is not None or not site.roomy:
             return None
@@ -120,7 +119,7 @@ class Insertions:
         return site.insertion(insertion_way)
 
     def perhaps(self, parts: Names, brick: str) -> bool:
-        """Tell whether a brick might be the last one in beside others (and what is fixed)."""
+        """Tell whether a brick might be the last one inserted next to others (and fixed bricks)."""
         names = parts | self.fixed
         bearings = (
             self.at(names, brick, up=insertion_way.up).prospect(insertion_way)
@@ -133,13 +132,13 @@ class Insertions:
         return self.rules.press_force(self.structures.engaged(brick, others))
 
     def at(self, names: Names, brick: str, *, up: bool) -> InsertionSite:
-        """Return the insertion site of a brick in a partial structure, which has it in place."""
+        """Return the insertion site of a brick in a partial structure that contains it."""
         return InsertionSite(self, names, self.structures.bricks[brick], up)
 
 
 @dataclass(frozen=True)
 class InsertionSite:
-    """A brick that is put into a partial structure, from above or from below.
+    """A brick to insert into a partial structure, from above or from below.
 
     Attributes:
         design: knows all its insertions.
@@ -154,7 +153,7 @@ class InsertionSite:
     up: bool
 
     def insertion(self, insertion_way: InsertionWay) -> Insertion | None:
-        """Return the first insertion that suffices, by the order of presses and spots."""
+        """Return the first sufficient insertion, by the order of presses and spots."""
         if insertion_way.held and not self._might(insertion_way):
             return None
         for press in self.roomy_presses:
@@ -166,7 +165,7 @@ class InsertionSite:
     def insertions(
         self, press: Press, insertion_way: InsertionWay
     ) -> Iterator[Insertion]:
-        """Yield the insertions with one press: alone, or held at each spot that suffices."""
+        """Yield the insertions with one press: alone, or supported at each sufficient spot."""
         if not insertion_way.held:
             bearing = self.bears(press)
             if bearing.stable:
@@ -174,7 +173,7 @@ class InsertionSite:
             return
         spots = list(self.spots(press, insertion_way))
         every = tuple(dict.fromkeys(hold for spot in spots for hold in spot.holds))
-        # What the structure does not bear held at all spots at once, it bears held at none.
+        # What the structure does not bear held at all spots together, it bears held at none.
         if not every or not self._pressed(press, every).stable:
             return
         for spot in spots:
@@ -183,7 +182,7 @@ class InsertionSite:
                 yield Insertion(insertion_way, press, spot.support, bearing)
 
     def prospect(self, insertion_way: InsertionWay) -> PressBearing | None:
-        """Return what any structure with these bricks, or fewer, might bear at most of a press.
+        """Return an upper bound of the press load borne by any structure with at most these bricks.
 
         Its force is the least that pressing can take: onto one other brick alone.
 
@@ -207,19 +206,19 @@ class InsertionSite:
         return design.borne[question]
 
     def bears(self, press: Press, support: Support | None = None) -> PressBearing:
-        """Tell whether the structure bears a press, room for the tools set aside.
+        """Tell whether the structure bears a press, ignoring room for the tools.
 
         A support that touches no brick is as good as none.
         """
         return self._pressed(press, self.holds(support))
 
     def weakness(self, press: Press, support: Support | None = None) -> StabilityReport:
-        """Return how much friction a press takes, and where the structure gives way first."""
+        """Return the friction demand of a press, and where the structure fails first."""
         load, holds = self.load(press), self.holds(support)
         return self.design.structures.weakness(self.names, load, holds)
 
     def obstacle(self) -> str | None:
-        """Return the reason why the brick cannot be inserted this way, None if it may be."""
+        """Return the reason why the brick cannot be inserted by this method, None if it can."""
         over, onto = ("below", "above") if self.up else ("above", "below")
         if self._over:
             return f"{_name(self._over[0])} is in the way {over} it"
@@ -227,19 +226,19 @@ class InsertionSite:
 
     @cached_property
     def force(self) -> float:
-        """The force that it takes to press the brick on [N]."""
+        """Force needed to press the brick on [N]."""
         return self.design.force_onto(self.item.name, self._onto)
 
     @cached_property
     def roomy(self) -> tuple[Press, ...]:
-        """The presses of the brick that leave the tool room."""
+        """The presses of the brick with room for the tool."""
         return tuple(
             p for p in legal_presses(self.item.brick) if self._blocker(p) is None
         )
 
     @cached_property
     def roomy_presses(self) -> tuple[Press, ...]:
-        """The presses of the brick that leave the tool room, the central ones first."""
+        """The presses of the brick with room for the tool, central ones first."""
         onto: tuple[str | None, ...] = self._onto
         studs = self.item.studs
         if onto and None not in onto:
@@ -282,7 +281,7 @@ class InsertionSite:
         )
 
     def spots(self, press: Press, insertion_way: InsertionWay) -> Iterator[SupportSpot]:
-        """Yield where the other arm may hold the structure, a bounded number of them."""
+        """Yield support positions of the other arm, a bounded number of them."""
         contact = press_cell(self.item, press, up=self.up)
         spots = SupportSpots(self.design.room, self.names, self.item.name)
         return islice(
@@ -291,20 +290,20 @@ class InsertionSite:
 
     @property
     def _onto(self) -> tuple[str | None, ...]:
-        """What it is pressed onto, None for the plate."""
+        """The brick that it is pressed onto, None for the plate."""
         structures = self.design.structures
         beside = structures.above if self.up else structures.below
         return beside(self.names, self.item.name)
 
     @property
     def _over(self) -> tuple[str | None, ...]:
-        """What is on the side that it comes from, and so in its way."""
+        """The bricks on the side of its approach, which block it."""
         structures = self.design.structures
         beside = structures.below if self.up else structures.above
         return beside(self.names, self.item.name)
 
     def _blocker(self, press: Press) -> str | None:
-        """Return the first brick in the way of a press, or the plate, or NO_ARM."""
+        """Return the first brick that blocks a press, or the plate, or NO_ARM."""
         room, arms = self.design.room, self.design.rules.arms
         found = room.in_the_way(self.item.name, press, self.names, up=self.up)
         if arms is not None and not found:
@@ -314,14 +313,14 @@ class InsertionSite:
     def _holds_anywhere(
         self, insertion_way: InsertionWay, touchable: Names
     ) -> tuple[ToolHold, ...]:
-        """Return all pushes at once by which the other arm may hold some bricks, none without it."""
+        """Return all pushes by which the other arm may support some bricks, none without it."""
         if not insertion_way.held:
             return ()
         room, name = self.design.room, self.item.name
         return room.holds_anywhere(name, sorted(touchable), self.names, insertion_way)
 
     def _might(self, insertion_way: InsertionWay) -> bool:
-        """Tell whether the structure bears all presses together, held wherever it can be."""
+        """Tell whether the structure bears all presses together, supported wherever possible."""
         holds = self._holds_anywhere(insertion_way, self.names) if self.roomy else ()
         load = self.load(*self.roomy_presses)
         pressed = self.design.structures.pressed
@@ -331,7 +330,7 @@ class InsertionSite:
         return self.design.structures.pressed(self.names, self.load(press), holds)
 
     def holds(self, support: Support | None) -> tuple[ToolHold, ...]:
-        """Return where a supporting tool touches bricks that are there; nowhere for none."""
+        """Return the contacts of a supporting tool with the present bricks; none without a tool."""
         if support is None:
             return ()
         touches = self.design.room.support(support).touches

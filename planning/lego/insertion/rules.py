@@ -1,4 +1,4 @@
-"""Rules of an assembly sequence: which ways and remedies it may use, and what must be borne."""
+"""Rules of an assembly sequence: allowed insertion methods and remedies, and required loads."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Grip = tuple[str, Press, bool]
 """A brick's name, where it is gripped, and whether it goes in from below."""
 
 NO_ARM = "the reach of all arms"
-"""Stands for what is in the way of a grip that no arm of the cell can have, whatever stands there."""
+"""Placeholder for what is in the way of a grip that no arm of the cell can have, whatever stands there."""
 
 
 class InsertionWay(Enum):
-    """A way to press a brick on, the preferred ones first."""
+    """Method of pressing a brick on, in order of preference."""
 
     DOWN = "from above"
     DOWN_HELD_BELOW = "from above, the structure held from below"
@@ -29,32 +29,32 @@ class InsertionWay(Enum):
 
     @property
     def up(self) -> bool:
-        """True when the brick goes in from below."""
+        """True when the brick is inserted from below."""
         return self is InsertionWay.UP
 
     @property
     def holds_from_above(self) -> bool:
-        """True when the other arm holds the structure from above."""
+        """True when the other arm supports the structure from above."""
         return self in (InsertionWay.UP, InsertionWay.DOWN_HELD_ABOVE)
 
     @property
     def apart(self) -> float:
-        """How far the other arm's tool keeps from the press [m]."""
+        """Distance of the other arm's tool from the press [m]."""
         return TOOLS_APART if self is InsertionWay.DOWN_HELD_ABOVE else 0.0
 
     @property
     def held(self) -> bool:
-        """True when the other arm holds the structure."""
+        """True when the other arm supports the structure."""
         return self is not InsertionWay.DOWN
 
 
 @dataclass(frozen=True)
 class ArmLimits:
-    """Grips that no arm of a cell can have, though the tool has room.
+    """Grips that no arm of a cell can reach, though the tool has room.
 
     Attributes:
         reaches: tells whether some arm, alone in its cell, reaches a brick with a grip.
-        beside: bricks beside all of which no arm was found to have a grip; several sets of them.
+        beside: sets of bricks next to which no arm was found to reach a grip.
     """
 
     reaches: Callable[[PlacedBrick, Press, bool], bool]
@@ -63,7 +63,7 @@ class ArmLimits:
     def blocker(
         self, item: PlacedBrick, press: Press, names: frozenset[str], *, up: bool
     ) -> str | None:
-        """Return what keeps all arms from a grip in a partial structure, None for nothing."""
+        """Return what blocks a grip for all arms in a partial structure, None for nothing."""
         for bricks in self.beside.get((item.name, press, up), ()):
             if bricks <= names:
                 return min(bricks, default=NO_ARM)
@@ -78,7 +78,7 @@ class SequencingRules:
         support: a second robot may hold the structure from below.
         place_up: a brick may be handed over and pressed on from below, a second robot pressing
             against it from above.
-        hold_down: a second robot may hold the structure down from above, beside the press.
+        hold_down: a second robot may hold the structure down from above, next to the press.
         scaffold: temporary bricks may carry what cannot go in otherwise.
         removable: temporary bricks must be such that they can be taken out again.
         plinth: layers by which the structure is raised on temporary bricks.
@@ -111,7 +111,7 @@ class SequencingRules:
 
     @cached_property
     def allowed(self) -> tuple[InsertionWay, ...]:
-        """The ways to press a brick on that are allowed, the preferred ones first."""
+        """The allowed methods of pressing a brick on, in order of preference."""
         choices = {
             InsertionWay.DOWN: True,
             InsertionWay.DOWN_HELD_BELOW: self.support,
@@ -123,7 +123,7 @@ class SequencingRules:
         )
 
     def ways_of(self, brick: str) -> tuple[InsertionWay, ...]:
-        """The ways that are allowed for one brick."""
+        """Return the allowed methods for one brick."""
         if brick not in self.alone:
             return self.allowed
         return tuple(

@@ -1,4 +1,4 @@
-"""Room for the tool among the bricks: the third pruning of APEX-MR App. A.
+"""Clearance of the tool among the bricks: the third pruning of APEX-MR App. A.
 
 The tool is cut into convex pieces, each bounded by a box along the plate's axes at every pose of
 a skill; a pose has room when no box meets a brick or the plate. That errs on the safe side at
@@ -46,7 +46,7 @@ _SAME = 1e-6
 """Corners at the same height, or above each other, to within this [m]."""
 
 PLATE = "the plate"
-"""Name that stands for the plate where a blocking brick is named."""
+"""Name of the plate among the names of blocking bricks."""
 
 GRID = Plate(translation(24 * STUD_PITCH, 24 * STUD_PITCH, 0.0), (48, 48))
 """A plate whose corner is the origin: poses on it are poses in the plate's frame."""
@@ -66,7 +66,7 @@ def _box(corners: Array) -> Array:
 
 
 def _cut(corners: Array) -> list[Array]:
-    """Cut a convex body across where it tapers."""
+    """Cut a convex body in two where it tapers."""
     z = corners[:, 2]
     low, high = (corners[np.abs(z - end) < _SAME, :2] for end in (z.min(), z.max()))
     same = np.allclose(
@@ -110,7 +110,7 @@ def brick_box(item: PlacedBrick) -> Array:
 def blocking_bricks(
     boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0
 ) -> list[str]:
-    """Return the bricks that any of the boxes meets, and ``PLATE`` for the plate.
+    """Return the bricks that any of the boxes overlaps, and ``PLATE`` for the plate.
 
     Args:
         boxes: shape (k, 2, 3) in the plate's frame [m].
@@ -126,7 +126,7 @@ def blocking_bricks(
 
 @kernel
 def _met(low: Array, high: Array, corners: Array) -> npt.NDArray[np.bool_]:
-    """Return which of the boxes of bricks any of some boxes meets, shape (n,)."""
+    """Return which of the boxes of bricks overlap any of some boxes, shape (n,)."""
     found = np.zeros(len(corners), np.bool_)
     for n in range(len(corners)):
         for k in range(len(low)):
@@ -156,7 +156,7 @@ def _bounds(corners: Array) -> Array:
 
 @dataclass(frozen=True)
 class SupportRoom:
-    """Room of a supporting tool, in the plate's frame.
+    """Volume of a supporting tool, in the plate's frame.
 
     Attributes:
         boxes: around the tool, before and while it supports, shape (k, 2, 3) [m].
@@ -171,7 +171,7 @@ class SupportRoom:
 
 @cache
 def tool_room(robot: str) -> ToolRoom:
-    """Return the room of the LEGO tool of a registered robot."""
+    """Return the swept volumes of the LEGO tool of a registered robot."""
     model = robot_model(robot)
     to_tool = inverse(model.flange @ model.frames["tool"])
     bodies = [
@@ -192,7 +192,7 @@ def tool_room(robot: str) -> ToolRoom:
 
 @dataclass(frozen=True)
 class ToolRoom:
-    """A LEGO tool in its frame ``"tool"``, the room that it takes in the skills, what is in its way.
+    """A LEGO tool in its frame ``"tool"``, its swept volumes in the skills, and their obstacles.
 
     That frame has z out of the tool, the origin in the grip plane, and x towards the middle of a
     brick gripped from above.
@@ -213,7 +213,7 @@ class ToolRoom:
     supports: BoundedCache[SupportRoom]
 
     def boxes_at(self, *poses: Transform) -> Array:
-        """Return boxes along the world's axes around the pieces, pose by pose, shape (k, 2, 3) [m].
+        """Return axis-aligned boxes around the pieces, pose by pose, shape (k, 2, 3) [m].
 
         The poses are those of the frame ``"tool"``.
         """
@@ -225,7 +225,7 @@ class ToolRoom:
     def place_blocked(
         self, item: PlacedBrick, press: Press, others: BrickBoxes, *, up: bool
     ) -> list[str]:
-        """Return the obstacles to pressing a brick on at its goal; from above, however it comes."""
+        """Return the obstacles to pressing a brick on at its goal; from above, for any approach."""
         goals = self._targets(item, press, up=up).subgoals
         if up:
             boxes = self._boxes(goals)
@@ -245,7 +245,7 @@ class ToolRoom:
     def approach_blocked(
         self, item: PlacedBrick, press: Press, others: BrickBoxes, approach: Approach
     ) -> list[str]:
-        """Return the obstacles to bringing a brick to where it is pressed on from above.
+        """Return the obstacles to the approach of a brick that is pressed on from above.
 
         Planning keeps off all bricks there, those beside its place included.
         """
@@ -257,7 +257,7 @@ class ToolRoom:
         return found + blocking_bricks(moved, others, clearance=KEPT)
 
     def support(self, support: Support) -> SupportRoom:
-        """Return the room of a supporting tool."""
+        """Return the volume of a supporting tool."""
         return self.supports.get(support, lambda: self._support(support))
 
     def _support(self, support: Support) -> SupportRoom:
@@ -271,7 +271,7 @@ class ToolRoom:
     def attack_side(
         self, item: PlacedBrick, press: Press, others: BrickBoxes, *, up: bool
     ) -> int:
-        """Return +1 or -1: the side to come from, past no other brick if there is one, else +1."""
+        """Return +1 or -1: the side of the approach, past no other brick if possible, else +1."""
         for attack in (1, -1):
             targets = self._targets(item, press, up=up, attack=attack)
             at, goals = targets.change_at or 0, targets.subgoals
@@ -294,7 +294,7 @@ class ToolRoom:
         return place_targets(grip, up=up, attack=attack, height=height)
 
     def _below_lever(self, item: PlacedBrick, press: Press) -> Array:
-        """Return the room of the knobs that the tool's wall would stand on beside a plate."""
+        """Return the volume of the knobs under the tool's wall next to a plate."""
         grip = grip_pose(top_pose(GRID, item), item.brick, press)
         wall = np.add(self.lever_end, [[0.0, 0.0, 0.0], [0.0, 0.0, STUD_HEIGHT]])
         return _box(wall @ grip[:3, :3].T + grip[:3, 3])[None]
@@ -309,7 +309,7 @@ class ToolRoom:
 
 
 def _side_neighbours(item: PlacedBrick, others: BrickBoxes) -> set[str]:
-    """Return the bricks beside a brick that touch it, corners included."""
+    """Return the bricks adjacent to a brick, corners included."""
     low, high = brick_box(item)
     them = others.corners
     near = (them[:, 0] <= high + TOUCH) & (them[:, 1] >= low - TOUCH)
@@ -318,7 +318,7 @@ def _side_neighbours(item: PlacedBrick, others: BrickBoxes) -> set[str]:
 
 
 def _above(item: PlacedBrick) -> Array:
-    """Return the room of a brick that comes down the last two layers."""
+    """Return the volume swept by a brick on its last two layers down."""
     box = brick_box(item)
     box[0, 2] += brick_height(item.brick)
     box[1, 2] += 2 * LAYER_HEIGHT
@@ -326,7 +326,7 @@ def _above(item: PlacedBrick) -> Array:
 
 
 def _moved(item: PlacedBrick, goal: Transform, approach: Iterable[Subgoal]) -> Array:
-    """Return a box around a brick on its straight way to its goal, shape (1, 2, 3).
+    """Return a box around a brick on its straight path to its goal, shape (1, 2, 3).
 
     The frame that carries it comes to the goal along subgoals with the same axes.
     """

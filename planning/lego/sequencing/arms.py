@@ -1,10 +1,10 @@
-"""A sequence that the arms of a cell can do: tools decide first, arms have their say, again and again.
+"""Search for a sequence that the arms of a cell can execute: alternately by tool clearance and by reach.
 
-A sequence is sought with room for the tool alone. What the arms of the cell can do at each of its
-steps is found as it is for planning. Where nobody can do a step, the sequence is sought anew, with
-what was learnt: grips that no arm reaches are none, a grip that bricks kept from every arm is none
-beside these, and a brick that no two arms can support is to go in alone. Every sequence that
-fails teaches something that rules it out, or the search ends.
+A sequence is searched with tool clearance alone. The candidates of the cell's arms at each of its steps are
+then found as for planning. Where no robot can do a step, the search is repeated with new constraints: grips
+that no arm reaches are excluded, a grip that bricks blocked for every arm is excluded next to these, and a
+brick that no two arms can support must be inserted alone. Every failed sequence adds a constraint that
+excludes it, or the search ends.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ _MOST_TRIES = 12
 """Sequences that are tried."""
 
 _PATIENCE = 3
-"""So many of them in turn may leave no fewer steps undone than the best before."""
+"""Number of consecutive sequences without improvement before the search stops."""
 
 Sequencer = Callable[[SequencingRules], tuple[LegoAssembly, SequencedStructure]]
 """Finds a sequence by some rules."""
 
 
 class GripReach:
-    """Whether some arm of a cell reaches a place of a plate with a grip, remembered by place.
+    """Cached test whether some arm of a cell reaches a place of a plate with a grip.
 
     Nothing but the arm itself is looked at.
 
@@ -89,7 +89,7 @@ class GripReach:
 
 @dataclass(frozen=True)
 class ArmSequence:
-    """A sequence, and what the arms can do at its steps.
+    """A sequence, and the capabilities of the arms at its steps.
 
     Attributes:
         found: the sequence.
@@ -119,7 +119,7 @@ def sequence_for_arms(
         cell: its objects are the stock.
         sequenced: finds a sequence by some rules.
         rules: to begin with.
-        stage: entered while arms are asked.
+        stage: context entered while the reach of arms is checked.
 
     Raises:
         TwinError: there is no sequence even for the tool alone, or a place that no arm reaches.
@@ -154,7 +154,7 @@ def sequence_for_arms(
 
 
 def _learnt(now: ArmSequence, reach: GripReach) -> SequencingRules | None:
-    """Return rules by which what the arms cannot do is not tried again, None where nothing is learnt."""
+    """Return rules that exclude what the arms cannot do, None where nothing is learnt."""
     rules, names = now.rules, [item.name for item in now.found.sequence]
     impossible = now.candidates.problem.impossible
     beside = dict(rules.arms.beside) if rules.arms else {}
@@ -179,7 +179,7 @@ def _learnt(now: ArmSequence, reach: GripReach) -> SequencingRules | None:
 def _beside(
     candidates: LegoCandidates, number: int, press: Press, names: Sequence[str]
 ) -> frozenset[str] | None:
-    """Return the bricks that kept all arms from a grip of a step, None where an arm can have it.
+    """Return the bricks that blocked a grip of a step for all arms, None where an arm can reach it.
 
     They were in the way where the brick goes, or where it is picked.
     """

@@ -1,13 +1,10 @@
-"""Proof that a structure cannot be assembled: bricks of which none can be the last one in.
+"""Proof that a structure cannot be assembled: a set of bricks of which none can be inserted last.
 
-Bricks that are perhaps insertable (see ``insertion``) can be set aside one after the other, in any
-order; if some remain of which none is, no order of assembly exists, as one of them would have to be
-the last.
+Bricks that are perhaps insertable (see ``insertion``) can be removed one after the other, in any order; if
+some remain of which none is, no assembly order exists, as one of them would have to be the last.
 
-Reachability check of every step, before the search for candidates.
-
-Nothing but the robot itself is looked at. What is out of reach here stays so whatever stands
-around; what is within reach may still turn out to be obstructed when candidates are sought.
+Also the reachability check of every step, before the search for candidates. It considers the robot alone:
+what is out of reach here stays so in any surroundings; what is within reach may still be obstructed.
 """
 
 from __future__ import annotations
@@ -38,11 +35,11 @@ _Attempt = tuple[PlacedRobot, SkillTargets]
 def blocked_parts(
     parts: Iterable[Part], perhaps: Callable[[frozenset[Part], Part], bool]
 ) -> frozenset[Part]:
-    """Return the parts that remain when all that are perhaps insertable are set aside.
+    """Return the parts that remain after removing all that are possibly insertable, repeatedly.
 
     Args:
         parts: to begin with, those that are tried first come first.
-        perhaps: tells whether a part might be the last one in beside others, given them all. What
+        perhaps: tells whether a part might be inserted last, given all parts with it. What
             is true for some parts must be true for fewer of them.
     """
     order = list(parts)
@@ -59,7 +56,7 @@ def blocked_parts(
 def smallest_blocking_set(
     parts: Iterable[Part], perhaps: Callable[[frozenset[Part], Part], bool]
 ) -> frozenset[Part]:
-    """Return parts of which none can be the last one in, and no fewer of them; none if there are.
+    """Return a smallest set of parts of which none can be inserted last; empty if there is none.
 
     Args:
         parts: of the finished product, those first that should rather not be named.
@@ -77,7 +74,7 @@ def smallest_blocking_set(
 
 
 class Refusal:
-    """Says why bricks of a design cannot go in.
+    """Explains why bricks of a design cannot be inserted.
 
     Args:
         insertions: of the design.
@@ -93,7 +90,7 @@ class Refusal:
         return f"{name!r} ({item.brick.name} at {item.cell.words})"
 
     def blocked(self, core: Names) -> str:
-        """Return why bricks block each other: none of them can be the last one in."""
+        """Return the reason why bricks block each other: none of them can be inserted last."""
         lines = self._lines((self._why_never(core, name), name) for name in core)
         if len(core) == 1:
             return f"no order of assembly exists: this brick cannot go in\n{lines}"
@@ -103,12 +100,12 @@ class Refusal:
         )
 
     def dead_end(self, parts: Names) -> str:
-        """Return why no brick of a partial structure can be the last one in."""
+        """Return the reason why no brick of a partial structure can be inserted last."""
         names = parts | self._fixed
         return self._lines((self._why_not(names, name), name) for name in parts)
 
     def _lines(self, whys: Iterable[tuple[tuple[int, str], str]]) -> str:
-        """Return a line for each brick, those that others wait for first."""
+        """Return one line per brick, those that others wait for first."""
         bricks = self._structures.bricks
 
         def order(item: tuple[tuple[int, str], str]) -> tuple[int, int, str]:
@@ -120,7 +117,7 @@ class Refusal:
         return indent(format_faults(lines), "  ")
 
     def _why_never(self, core: Names, name: str) -> tuple[int, str]:
-        """Return why a brick cannot go in beside others, whatever else is there."""
+        """Return the reason why a brick cannot be inserted next to others in any structure."""
         names, design = core | self._fixed, frozenset(self._structures.bricks)
         below, above = self._structures.below, self._structures.above
         reasons, waits = [], 0
@@ -156,7 +153,7 @@ class Refusal:
         )
 
     def _why_not(self, names: Names, name: str) -> tuple[int, str]:
-        """Return why a brick cannot be the last one in, after the rank of the reason."""
+        """Return the reason why a brick cannot be inserted last, after the rank of the reason."""
         rest = names - {name}
         if not self._structures.stands(rest):
             report = self._structures.weakness(rest)
@@ -190,7 +187,7 @@ class Refusal:
 
 
 def _no_room(blocker: str) -> str:
-    """Return why the tool does not get there."""
+    """Return the reason why the tool does not fit."""
     if blocker == NO_ARM:
         return "no arm of the cell gets there with a grip that has room"
     thing = blocker if blocker == "the plate" else f"brick {blocker!r}"
@@ -223,7 +220,7 @@ def check_reach(
 def find_reach_faults(
     cell: Workcell, assembly: LegoAssembly, names: Sequence[str] = ()
 ) -> list[tuple[int, str]]:
-    """Return the number of each step that is out of reach, and why; see ``check_reach``."""
+    """Return the number of each unreachable step, with the reason; see ``check_reach``."""
     reach, steps = _Reach(BrickWorld(cell, assembly)), assembly.steps
     names = names or [f"step {k} ({s.words})" for k, s in enumerate(steps, start=1)]
     return [
@@ -234,7 +231,7 @@ def find_reach_faults(
 
 
 class _Reach:
-    """Reach of all robots; picks are worked out once for a stock brick."""
+    """Reach of all robots, with cached picks of stock bricks."""
 
     def __init__(self, world: BrickWorld) -> None:
         self._world = world
@@ -244,7 +241,7 @@ class _Reach:
         )
 
     def faults(self, number: int) -> Iterator[str]:
-        """Yield what of a step is out of reach."""
+        """Yield what is out of reach in a step."""
         robots = [robot.name for robot in self._world.cell.robots]
         step = self._world.step(number)
         if len(robots) == 1 and (step.up or step.support is not None):
@@ -274,7 +271,7 @@ class _Reach:
             )
 
     def _out_of_reach(self, attempts: Iterable[_Attempt]) -> dict[str, str]:
-        """Return the robots that none of the attempts is possible for, each with a reason."""
+        """Return the robots for which no attempt is possible, each with a reason."""
         done: set[str] = set()
         reasons: dict[str, dict[str, int]] = defaultdict(lambda: defaultdict(int))
         for robot, targets in attempts:
@@ -318,5 +315,5 @@ class _Reach:
 
 
 def _reasons(reasons: dict[str, str]) -> str:
-    """Return why it is out of reach of each robot, in brackets."""
+    """Return the reason for each robot, in brackets."""
     return f" ({'; '.join(f'{name}: {why}' for name, why in reasons.items())})"

@@ -1,4 +1,4 @@
-"""Search for an assembly sequence: depth first, repeated with what dead ends have shown.
+"""Search for an assembly sequence: depth first, repeated with what was learnt from dead ends.
 
 Each try goes depth first, up to a number of partial structures. At a dead end the bricks that
 nothing but the press keeps from going in have lost what would have borne it: they become urgent
@@ -60,7 +60,7 @@ def find_assembly_sequence(
     limit: int = 100_000,
     failed: set[frozenset[Part]] | None = None,
 ) -> DisassemblySearch[Part, How]:
-    """Search for an order in which parts can be put together.
+    """Search for an order in which parts can be assembled.
 
     Args:
         parts: the parts of the finished product.
@@ -126,7 +126,7 @@ class Removals:
         self.urgency: Counter[str] = Counter()
 
     def of(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
-        """Yield the bricks that may be removed from some (and what is fixed).
+        """Yield the bricks that may be removed from some bricks (and fixed ones).
 
         Urgent ones come first, then those at the top.
         """

@@ -21,7 +21,7 @@ from planning.lego.sequencing.removal import UnremovableBrick, find_unremovable_
 from planning.lego.stability.partial_structures import Names, PartialStructures
 
 _MOST_COLUMNS = 40
-"""So many places for a column are tried at once."""
+"""Number of column places tried together."""
 
 
 def supporting_columns(
@@ -31,7 +31,7 @@ def supporting_columns(
     *,
     beyond: Collection[tuple[int, int]] = (),
 ) -> Iterator[tuple[PlacedBrick, ...]]:
-    """Yield columns that would carry a brick where there is nothing below it, the widest first.
+    """Yield columns that would support a brick with nothing below it, widest first.
 
     Each is a choice of its own: they may share places.
 
@@ -89,7 +89,7 @@ def _column(
     heights: Mapping[int, BrickType],
     filled: Mapping[GridPlace, str],
 ) -> list[PlacedBrick]:
-    """Return a column up to a level from what stands below it; none where heights do not add up."""
+    """Return a column up to a level on the bricks below it; none where heights do not add up."""
     column: list[PlacedBrick] = []
     while top > 0:
         fitting = [h for h in heights if h <= top]
@@ -110,7 +110,7 @@ def _column(
 def raise_on_plinth(
     structure: Sequence[PlacedBrick], layers: int
 ) -> tuple[tuple[PlacedBrick, ...], tuple[PlacedBrick, ...]]:
-    """Return a structure raised by layers, and the temporary bricks that it then stands on.
+    """Return a structure raised by layers, and the temporary bricks under it.
 
     Under each brick that stood on the plate come as many of its own type.
     """
@@ -133,7 +133,7 @@ def raise_on_plinth(
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A structure with the temporary bricks that it needs, and what is known of its bricks.
+    """A structure with the temporary bricks that it needs, and cached results on its bricks.
 
     Attributes:
         structure: what is built.
@@ -149,28 +149,28 @@ class Design:
 
     @cached_property
     def parts(self) -> Names:
-        """Names of the bricks that are put in."""
+        """Names of the bricks to insert."""
         return frozenset(item.name for item in (*self.structure, *self.temporary))
 
     @cached_property
     def insertions(self) -> Insertions:
-        """How bricks go in."""
+        """Insertions of its bricks."""
         bricks = [*self.structure, *self.temporary]
         return Insertions.of(bricks, self.fixed, self.rules)
 
     @property
     def structures(self) -> PartialStructures:
-        """What stands and what it bears."""
+        """Stability of its partial structures."""
         return self.insertions.structures
 
     @cached_property
     def shut_in(self) -> tuple[UnremovableBrick, ...]:
-        """Temporary bricks that cannot be taken out again."""
+        """Temporary bricks that can no longer be removed."""
         names = frozenset(item.name for item in self.temporary)
         return find_unremovable_bricks((*self.structure, *self.temporary), names)
 
     def on_plinth(self) -> Design:
-        """Return it raised on the plinth that the rules ask for."""
+        """Return the design raised on the plinth that the rules require."""
         raised, plinth = raise_on_plinth(self.structure, self.rules.plinth)
         return replace(self, structure=raised, temporary=plinth) if plinth else self
 
@@ -199,7 +199,7 @@ class Design:
         return list(next(filter(None, columns), ()))
 
     def _column(self, name: str, *, carriers: bool = False) -> tuple[PlacedBrick, ...]:
-        """Return a column under a brick, or under the nearest of its carriers with room for one."""
+        """Return a column under a brick, or under its nearest carrier with room for one."""
         for item in self._with_carriers([name]):
             column = self._best(self._columns_below(item))
             if column or not carriers:
@@ -209,7 +209,7 @@ class Design:
     def _best(
         self, columns: Iterable[tuple[PlacedBrick, ...]]
     ) -> tuple[PlacedBrick, ...]:
-        """Return the first column that shuts no temporary brick in, or else the first.
+        """Return the first column that traps no temporary brick, or else the first.
 
         Where temporary bricks must be removable there is none else.
         """
@@ -222,16 +222,16 @@ class Design:
 
     @cached_property
     def blocked(self) -> Names:
-        """Return the bricks that remain when all that might go in last are set aside."""
+        """Return the bricks that remain after removing all that might be inserted last."""
         return blocked_parts(self.order(), self.insertions.perhaps)
 
     def blocking_set(self) -> Names:
-        """Return a smallest set of bricks of which none can be the last one in."""
+        """Return a smallest set of bricks of which none can be inserted last."""
         some = (name for name in self.order() if name in self.blocked)
         return smallest_blocking_set(some, self.insertions.perhaps)
 
     def scaffolded(self) -> Design:
-        """Return it with scaffolding under bricks that could not go in otherwise.
+        """Return the design with scaffolding under bricks that could not be inserted otherwise.
 
         Bricks that nothing lets in whatever stands around them get a column first; then one brick
         of the smallest blocking set at a time, until no set of bricks is blocked or no column
@@ -251,7 +251,7 @@ class Design:
             design = design._with(columns)
 
     def scaffolded_elsewhere(self) -> Design | None:
-        """Return it with columns at the places that leave the fewest bricks blocked, None for none.
+        """Return the design with columns at the places that leave the fewest bricks blocked, None for none.
 
         One column after another. Each place below the smallest blocking set, and below what carries
         it, is tried: it takes longer than ``scaffolded``, whose columns may stand where the tool has
@@ -279,7 +279,7 @@ class Design:
         return replace(self, temporary=(*self.temporary, *column))
 
     def _all_columns(self) -> Iterator[tuple[PlacedBrick, ...]]:
-        """Yield a bounded number of columns below the smallest blocking set and what carries it."""
+        """Yield a bounded number of columns below the smallest blocking set and its carriers."""
         every = (
             column
             for item in self._with_carriers(sorted(self.blocking_set()))
@@ -294,7 +294,7 @@ class Design:
         return supporting_columns(item, self.structures.filled, types, beyond=beyond)
 
     def _with_carriers(self, front: list[str]) -> Iterator[PlacedBrick]:
-        """Yield bricks, then what is below them, then what is below that."""
+        """Yield bricks, then their carriers, then the carriers of those."""
         bricks, seen = self.structures.bricks, set(front)
         every = frozenset(bricks)
         while front:

@@ -1,10 +1,10 @@
-"""Removal of temporary bricks from a finished structure, and which of them cannot be removed.
+"""Removal of temporary bricks from a finished structure, and which of them are trapped.
 
-Temporary bricks stay until the structure is lifted off the plate; what stands from the start stays
-behind with it. Then a helper comes off its knobs straight up or down, and from there on moves in any
-way along the grid until it is outside. One is taken at a time. Taking one makes room for others and
-takes none away, so that helpers are taken as they come, and those that remain at the end remain in
-any order. Hands, the force of pulling, and helpers that would come out together are not looked at.
+Temporary bricks stay until the structure is lifted off the plate; bricks present from the start stay on the
+plate. Then a temporary brick comes off its knobs straight up or down, and moves in any direction along the
+grid until it is outside. They are removed one at a time. Each removal only makes room for others, so the
+same bricks are trapped at the end in any order. Hands, pulling forces, and bricks that would come out
+together are ignored.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ _VERTICAL = ((0, 0, -1), (0, 0, 1))
 _ASIDE = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 
 _NAMED = 4
-"""So many of the bricks in the way of a helper are named."""
+"""Greatest number of blocking bricks to name."""
 
 
 @dataclass(frozen=True)
 class UnremovableBrick:
-    """A helper that cannot be taken out any more.
+    """A temporary brick that can no longer be removed.
 
     Attributes:
         brick: the helper.
-        behind: what is in its way, what it is pressed onto first.
+        behind: the bricks that block it, those it is pressed onto first.
     """
 
     brick: PlacedBrick
@@ -36,7 +36,7 @@ class UnremovableBrick:
 
     @property
     def words(self) -> str:
-        """The helper and what it is behind, in one phrase."""
+        """The temporary brick and what blocks it, in one phrase."""
         named = [_place(item) for item in self.behind[:_NAMED]]
         more = len(self.behind) - len(named)
         named += [f"{more} more"] if more else []
@@ -46,7 +46,7 @@ class UnremovableBrick:
 def find_unremovable_bricks(
     bricks: Iterable[PlacedBrick], helpers: frozenset[str]
 ) -> tuple[UnremovableBrick, ...]:
-    """Return the helpers that cannot be taken out of a finished structure, the lowest first.
+    """Return the temporary bricks trapped in a finished structure, lowest first.
 
     Args:
         bricks: of the structure with its helpers, without what stays behind with the plate.
@@ -76,11 +76,11 @@ def find_unremovable_bricks(
 
 @dataclass(frozen=True)
 class _WayOut:
-    """How far a brick gets among others.
+    """Search for an exit path of a brick among others.
 
     Attributes:
         outside: whether it gets out.
-        hits: what it runs into on all its ways, those at its own knobs first.
+        hits: obstacles on all its paths, those at its own knobs first.
     """
 
     outside: bool
@@ -88,13 +88,13 @@ class _WayOut:
 
     @staticmethod
     def of(item: PlacedBrick, filled: Mapping[GridPlace, str]) -> _WayOut:
-        """Search all ways of a brick along the grid, straight ones first."""
+        """Search all paths of a brick along the grid, straight ones first."""
         own, span = item.places, item.span
         around = _bounds(place for place in filled if place not in own)
         hits: dict[str, None] = {}
 
         def clear(at: GridPlace, margin: int) -> bool:
-            """Tell whether it is clear of others with so many levels above and below it."""
+            """Tell whether it is clear of others within a number of levels above and below it."""
             rows = range(span.bottom - margin, span.top + margin)
             found = [
                 name
@@ -122,7 +122,7 @@ class _WayOut:
 
 
 def _bounds(places: Iterable[GridPlace]) -> GridSpan | None:
-    """Return the room of some places, None for none."""
+    """Return the block around some places, None for none."""
     axes = list(zip(*places, strict=True))
     if not axes:
         return None

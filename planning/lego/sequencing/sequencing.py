@@ -2,7 +2,7 @@
 
 Assembly by disassembly: from the finished structure, bricks are removed one at a time such that
 what remains stands, and such that the removed brick could be put back. Reversed, the removals are
-the assembly sequence. Before the search, bricks that block each other are looked for: where there
+the assembly sequence. Before the search, sets of bricks that block each other are determined: where there
 are any, no order exists, and they are the proof.
 """
 
@@ -38,7 +38,7 @@ _TRIES = 100
 def _search(
     design: Design, limit: int, progress: Progress
 ) -> DisassemblySearch[str, Insertion]:
-    """Search for an order in which the bricks of a finished structure can be put together.
+    """Search for an order in which the bricks of a finished structure can be assembled.
 
     The limit is the largest number of partial structures to look at, beyond one for each brick.
     """
@@ -64,7 +64,7 @@ def _search(
 
 @dataclass(frozen=True)
 class SequencedStep:
-    """A step of an assembly sequence, and why it is what it is.
+    """A step of an assembly sequence, and the reasons for its choice.
 
     Attributes:
         name: the brick's name in the structure.
@@ -111,14 +111,14 @@ def sequence_structure(
     rules: SequencingRules | None = None,
     progress: Progress = no_progress,
 ) -> SequencedStructure:
-    """Return an order in which a structure can be assembled, and how each brick goes in.
+    """Return an order in which a structure can be assembled, with the insertion of each brick.
 
     Args:
         structure: the bricks of the finished structure, on the plate or on the scaffold.
         scaffold: bricks that stand from the start and stay.
         helpers: temporary bricks that are chosen already, on a plinth where there is one.
         rules: what is allowed.
-        progress: told how many partial structures were looked at, and of how many at most.
+        progress: called with how many partial structures were looked at, and of how many at most.
 
     Returns:
         The first sequence found. Bricks of the top layer are removed first; within a layer the
@@ -187,7 +187,7 @@ def sequence_structure(
 
 
 def _stuck(design: Design, found: DisassemblySearch[str, Insertion]) -> list[str]:
-    """Return the bricks that could go in at a dead end but for the press, from the top down."""
+    """Return the bricks that only the press load excludes at a dead end, from the top down."""
     end = found.dead_end or frozenset()
     return [n for n in design.order() if n in end and design.insertions.perhaps(end, n)]
 
@@ -233,7 +233,7 @@ def _check_finished(design: Design) -> None:
 
 
 def _remedies(design: Design) -> str:
-    """Return which remedies that are off would help, as a further line of a refusal."""
+    """Return which disabled remedies would help, as a further line of an error."""
     rules = design.rules
     remedies = {
         "support": replace(rules, support=True),

@@ -1,8 +1,7 @@
-"""What a structure bears at the steps of a given sequence: whether it does, and what gives way first.
+"""Stability at the steps of a given sequence: whether the structure bears them, and what fails first.
 
-A sequence that the planner finds is made so that the structure stands after each step, and bears
-every press on the way (``sequencing``); one that a person wrote is checked here, step by step,
-with the same equilibrium and the same insertion force.
+A sequence that the planner finds is stable after each step, and bears every press (``sequencing``); one
+written by a person is checked here, step by step, with the same equilibrium and the same insertion force.
 """
 
 from __future__ import annotations
@@ -76,7 +75,7 @@ def stable_steps(
 
 
 def unremovable_steps(assembly: LegoAssembly) -> tuple[UnremovableBrick, ...]:
-    """Return the temporary bricks of an assembly's steps that cannot be taken out again."""
+    """Return the temporary bricks of an assembly's steps that can no longer be removed."""
     built = zip(assembly.structure, assembly.steps, strict=True)
     helpers = frozenset(item.name for item, step in built if step.temporary)
     return find_unremovable_bricks(assembly.structure, helpers)
@@ -84,7 +83,7 @@ def unremovable_steps(assembly: LegoAssembly) -> tuple[UnremovableBrick, ...]:
 
 @dataclass(frozen=True)
 class StepChoices:
-    """Grips and supports of one step, judged by what the structure bears.
+    """Grips and supports of one step, checked for stability.
 
     Attributes:
         step: the step.
@@ -105,7 +104,7 @@ class StepChoices:
         return self.step.supports or (None,)
 
     def stable(self) -> LegoStep | None:
-        """Return the step with the grips and supports that do, None where none does."""
+        """Return the step with its stable grips and supports, None where there are none."""
         grips, supports = self.grips, self.supports
         pairs = product(supports, grips)
         pair = next(((p, s) for s, p in pairs if self._bears(p, s)), None)
@@ -168,7 +167,7 @@ class StepChoices:
 
 
 def _entry(keys: Mapping[str, Any]) -> str:
-    """Return what a scenario file would say."""
+    """Return the corresponding entry of a scenario file."""
     return "{" + ", ".join(f"{key}: {value}" for key, value in keys.items()) + "}"
 
 

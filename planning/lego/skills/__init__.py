@@ -1,4 +1,4 @@
 """The six LEGO skills: poses, joint paths, supports, handovers, candidates for the assignment.
 
-Imports bricks; sequencing imports it.
+Imports bricks, steps, tasks and kinematics; insertion and sequencing import it.
 """

@@ -72,7 +72,7 @@ _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 def _once(
     find: Callable[Concatenate[BrickSkills, Key], Answer],
 ) -> Callable[Concatenate[BrickSkills, Key], Answer]:
-    """Let a method work out each of its answers at most once."""
+    """Cache the results of a method per arguments."""
 
     @wraps(find)
     def found(skills: BrickSkills, /, *key: Key.args, **named: Key.kwargs) -> Answer:
@@ -86,15 +86,15 @@ def _once(
 
 
 class BrickSkills:
-    """Free picks, places, supports and handovers, or why there are none.
+    """Free picks, places, supports and handovers, or the reasons why there are none.
 
-    Each is worked out at most once. The scene is the stock at rest and the goals of the earlier
+    Each is computed at most once. The scene is the stock at rest and the goals of the earlier
     steps, other robots at HOME.
 
     Attributes:
         world: cell and assembly.
         home: HOME of each robot, shape (n,).
-        known: answers by what was asked, by the name of the method.
+        known: cached results by arguments, by the name of the method.
     """
 
     def __init__(self, world: BrickWorld) -> None:
@@ -104,11 +104,11 @@ class BrickSkills:
         self.known: dict[str, dict[tuple[object, ...], Any]] = defaultdict(dict)
 
     def after(self, skill: ResolvedSkill) -> frozenset[str]:
-        """Return the stock bricks that stand in the way of a skill until they have been used."""
+        """Return the stock bricks that block a skill until they have been used."""
         return skill.gone.difference(self.world.goal_numbers)
 
     def latest(self, skill: ResolvedSkill) -> int | None:
-        """Return the last step at which a skill is possible: a later brick is in the way."""
+        """Return the last step at which a skill is possible before a later brick blocks it."""
         numbers = self.world.goal_numbers
         return min((numbers[k] for k in skill.gone if k in numbers), default=None)
 
@@ -156,13 +156,13 @@ class BrickSkills:
         return replace(option, gone=option.gone | above)
 
     def _is_blocked(self, found: Found) -> bool:
-        """Tell whether things are in the way of a skill, for good or until they are gone."""
+        """Tell whether obstacles block a skill, for good or until they are gone."""
         if isinstance(found, Obstruction):
             return found.by is not None
         return bool(self.after(found))
 
     def _refill(self, stock: str) -> Placed | None:
-        """Return what stands where a stock brick was, once it has been picked."""
+        """Return the next brick at the place of a stock brick once that has been picked."""
         if stock not in self.world.stations:
             return None
         item, at = self.world.stock_at_rest[stock]
@@ -171,13 +171,13 @@ class BrickSkills:
     def pick_targets(
         self, robot: str, stock: str, grasp: int, *, by_halves: bool = False
     ) -> SkillTargets:
-        """Return the subgoals of picking a stock brick with a grip, its twist by halves or not."""
+        """Return the subgoals of picking a stock brick with a grip; ``by_halves`` splits the twist."""
         twist = self.world.assembly.twist["pick"]
         grip = self._picked(robot, stock, grasp)
         return pick_targets(grip, twist=twist, by_halves=by_halves)
 
     def _picked(self, robot: str, stock: str, grasp: int) -> BrickGrip:
-        """Return a robot's grip of a stock brick where it is picked."""
+        """Return a robot's grip on a stock brick at its pick."""
         item, top = self.world.stock[stock], self.world.start_top(stock)
         frames = self.world.cell.robot(robot).model.frames
         return BrickGrip(frames, item.brick, top, press_from_number(grasp))
@@ -193,7 +193,7 @@ class BrickSkills:
         """Return the subgoals of placing the brick of a step.
 
         Args:
-            robot: who places.
+            robot: the placing robot.
             step: counted from 1.
             grasp: number of the grip.
             attack: sign of the sideways offset of the approach, the step's own when None.
@@ -209,11 +209,11 @@ class BrickSkills:
         )
 
     def placing(self, robot: str, step: int, grasp: int) -> Subgoal:
-        """Return where a robot lets go of the brick of a step."""
+        """Return the pose at which a robot releases the brick of a step."""
         return self._placed(robot, step, grasp).place(up=self.world.step(step).up)
 
     def _placed(self, robot: str, step: int, grasp: int) -> BrickGrip:
-        """Return a robot's grip of the brick of a step in its place."""
+        """Return a robot's grip on the brick of a step in its place."""
         kind, top = self.world.step(step).brick, self.world.goal_top(step)
         frames = self.world.cell.robot(robot).model.frames
         return BrickGrip(frames, kind, top, press_from_number(grasp))
@@ -224,7 +224,7 @@ class BrickSkills:
     ) -> Found:
         """Return the place of a step (from 1) by a robot, with a grip (number).
 
-        ``beside`` is who stands supporting meanwhile; None when all others are at HOME.
+        ``beside`` is the robot that supports meanwhile; None when all others are at HOME.
         """
         world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)
@@ -259,12 +259,12 @@ class BrickSkills:
 
     @_once
     def least_pick(self, robot: str, stock: str, grasp: int) -> float:
-        """Return the least joint distance from HOME to where a pick takes hold, whatever is in the way."""
+        """Return the least joint distance from HOME to the grasp of a pick, ignoring obstacles."""
         return self._least(robot, [self.pick_targets(robot, stock, grasp)])
 
     @_once
     def near_place(self, robot: str, step: int, grasp: int) -> float:
-        """Return a joint distance that ``least_place`` is not below, sooner: that to the pose alone.
+        """Return a cheap lower bound of ``least_place``: the joint distance to the pose alone.
 
         That is 0 where no posture is found.
         """
@@ -274,7 +274,7 @@ class BrickSkills:
 
     @_once
     def least_place(self, robot: str, step: int, grasp: int) -> float:
-        """Return the least joint distance from HOME to where a place lets go, whatever is in the way."""
+        """Return the least joint distance from HOME to the release of a place, ignoring obstacles."""
         alternatives = product(*self._ways_to_place(step, grasp))
         return self._least(
             robot,
@@ -301,7 +301,7 @@ class BrickSkills:
     def _ways_to_place(
         self, step: int, grasp: int
     ) -> tuple[tuple[float, ...], tuple[int, ...]]:
-        """Return the heights of the approach, and the sides it comes from, in the order to try."""
+        """Return the heights and sides of the approach, in the order to try."""
         work = self.world.step(step)
         # The side given belongs to the step's own press.
         other = () if work.press == press_from_number(grasp) else (-work.attack,)
@@ -344,7 +344,7 @@ class BrickSkills:
     def handover(
         self, giver: str, receiver: str, step: int, grasp: int
     ) -> Handover | Obstruction:
-        """Return how the brick of a step is handed over, at the first place that works."""
+        """Return the handover of the brick of a step, at the first place that is free."""
         cell = self.world.cell
         robots = source, _ = cell.robot(giver), cell.robot(receiver)
         resting = giver_rest_poses(source.base)

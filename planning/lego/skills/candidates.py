@@ -22,7 +22,7 @@ from planning.tasks.assignment import (
 )
 
 _SPARE = 2
-"""So many grips of a robot are never pruned: another way to go where no motion is found."""
+"""Number of grips of a robot that are never pruned: alternatives where no motion is found."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class LegoCandidates:
 def find_candidates(
     cell: Workcell, assembly: LegoAssembly, *, alternatives: int | None = None
 ) -> LegoCandidates:
-    """Find every feasible way to do every step, with its cost.
+    """Find every feasible candidate of every step, with its cost.
 
     A candidate's skills are reachable in one posture each, and free of contacts among the stock,
     the goals of the earlier steps, the other robots at HOME, and the cooperating robot at its
@@ -57,7 +57,7 @@ def find_candidates(
     Args:
         cell: its objects are the stock of the assembly.
         assembly: the structure and its steps.
-        alternatives: for each robot and step, at most so many grips, and so many supports, become
+        alternatives: for each robot and step, at most this number of grips, and of supports, become
             candidates; by default all that may be in the cheapest plan, see ``BrickCollector``.
             Grips are tried in the order of their joint distance from HOME, supports in that of
             the step.
@@ -72,13 +72,13 @@ def find_candidates(
 def empty_candidates(
     cell: Workcell, assembly: LegoAssembly, *, alternatives: int | None = None
 ) -> LegoCandidates:
-    """Return the candidates of no step yet; see ``find_candidates`` for the arguments and errors."""
+    """Return a problem without candidates yet; see ``find_candidates`` for arguments and errors."""
     skills = BrickSkills(BrickWorld(cell, assembly))
     return BrickCollector(skills, alternatives).candidates(0)
 
 
 def candidates_up_to(known: LegoCandidates, count: int) -> LegoCandidates:
-    """Return the candidates of the first so many steps; those of steps that have some are kept."""
+    """Return the candidates of a number of first steps; those of known steps are kept."""
     collector = BrickCollector(known.skills, known.alternatives)
     for number in range(1, count + 1):
         if number <= len(known.problem.steps):
@@ -91,15 +91,14 @@ def candidates_up_to(known: LegoCandidates, count: int) -> LegoCandidates:
 class BrickCollector(CandidateCollector):
     """Gathers the candidates of a LEGO assembly.
 
-    All supports become candidates. A way to use a brick is left out where that provably leaves the
-    least value of (1) as it is: let w be a candidate of the same step, robot, brick and giver,
-    which waits for no brick to be gone, goes with every support of another robot, and costs no
-    more. In any plan w can stand in for what is left out: (2) to (8) ask for step, robot and brick
+    All supports become candidates. A candidate is pruned where that provably leaves the optimum of (1)
+    unchanged: let w be a candidate of the same step, robot, brick and giver,
+    which waits for no brick to be gone, is compatible with every support of another robot, and costs no
+    more. In any plan w can replace the pruned candidate: (2) to (8) ask for step, robot and brick
     only; nothing has to be used before w; no support is excluded by it; and the sum of costs does
-    not grow. That a grip costs more than w is known before its collisions are looked at, which is
-    what takes the time: the joint distances to where it picks and places are least in the best of
-    all postures that the skills could choose from, whatever is in their way. For most grips the
-    nearest posture at the place itself, the way there left out, tells as much.
+    not grow. That a grip costs more than w is known before its collision checks, which take most of the
+    time: a lower bound is the joint distance in the best of all postures, ignoring obstacles. For most
+    grips the nearest posture at the place alone suffices.
     """
 
     def __init__(self, skills: BrickSkills, alternatives: int | None) -> None:
@@ -108,7 +107,7 @@ class BrickCollector(CandidateCollector):
         self.world, self.skills = skills.world, skills
 
     def candidates(self, count: int) -> LegoCandidates:
-        """Return what was gathered of the first so many steps."""
+        """Return the candidates gathered for a number of first steps."""
         steps = self.world.assembly.steps[:count]
         problem = self.problem(
             [step.words for step in steps],
@@ -195,10 +194,10 @@ class BrickCollector(CandidateCollector):
         cost: float,
         proven: Mapping[str, float],
     ) -> list[str]:
-        """Return the bricks that a grip reaches, perhaps for less than what can stand in for it.
+        """Return the bricks that a grip reaches at possibly less cost than the known alternatives.
 
         Args:
-            picker: who picks the brick.
+            picker: the picking robot.
             grasp: number of the grip.
             stocks: the bricks.
             cost: the least that all but the pick costs.
@@ -212,7 +211,7 @@ class BrickCollector(CandidateCollector):
         ]
 
     def _ordered_grasps(self, robot: str, step: int) -> list[int]:
-        """Return the grips of a step, those whose place is near to HOME first."""
+        """Return the grips of a step, those with places near HOME first."""
         grasps = self.world.grasps(step)
         if len(grasps) <= 1:
             return grasps
@@ -228,7 +227,7 @@ class BrickCollector(CandidateCollector):
         return sorted(grasps, key=away)
 
     def _add_supports(self, step: int) -> dict[int, SupportCandidate]:
-        """Add the support candidates of a step; return who stands where by candidate index."""
+        """Add the support candidates of a step; return the standing configurations by candidate index."""
         out: dict[int, SupportCandidate] = {}
         for robot in self.home:
             count = 0
@@ -251,7 +250,7 @@ class BrickCollector(CandidateCollector):
     def _place(
         self, robot: str, step: int, grasp: int, supports: dict[int, SupportCandidate]
     ) -> ResolvedSkill | None:
-        """Return the cheapest place, alone or beside any of the supports."""
+        """Return the cheapest place, alone or next to any of the supports."""
         beside: list[SupportCandidate | None] = [None]
         if self.world.step(step).up or self.world.step(step).supports:
             beside = [
@@ -273,7 +272,7 @@ class BrickCollector(CandidateCollector):
     def _pick(
         self, step: int, robot: str, stock: str, grasp: int
     ) -> ResolvedSkill | None:
-        """Return how a robot picks a brick of the stock in time for a step."""
+        """Return the pick of a stock brick by a robot in time for a step."""
         found = self.skills.pick(robot, stock, grasp)
         if isinstance(found, ResolvedSkill):
             latest = self.skills.latest(found)
@@ -290,7 +289,7 @@ class BrickCollector(CandidateCollector):
         supports: dict[int, SupportCandidate],
         first: int,
     ) -> bool:
-        """Note which supports the newest primary candidates do not go with; return whether there are any."""
+        """Record which supports exclude the newest primary candidates; return whether there are any."""
         newest, clashes = range(first, len(self.primaries)), False
         for index, item in supports.items():
             if item.robot == robot or not newest:

@@ -1,4 +1,4 @@
-"""From choices to steps of a LEGO assembly: which skills they are, and what touches in them (APEX-MR IV-A)."""
+"""Expansion of assignment choices to steps of a LEGO assembly: skills and contacts (APEX-MR IV-A)."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def lego_work(candidates: LegoCandidates) -> AssemblyWork:
 def _expand_step(
     candidates: LegoCandidates, plan: TaskPlan, step: int, first_index: int
 ) -> StepTasks:
-    """Return the tasks of a step as the plan chooses it.
+    """Return the tasks of a step for the choice of a plan.
 
     The plan must have the choices of the earlier steps, whose bricks stand around.
     """
@@ -75,7 +75,7 @@ def _expand_step(
 def _waits(
     candidates: LegoCandidates, steps: Sequence[StepTasks]
 ) -> Iterator[tuple[Task, Task]]:
-    """Yield what waits for what between steps.
+    """Yield the precedence pairs of steps.
 
     A place waits for the place before it, and so does a support; a brick of the stock is picked
     after those that stood on it, a station's once it has come up.
@@ -103,7 +103,7 @@ def _waits(
 def _bricks_taken(
     plan: TaskPlan, step: int, stations: Collection[str]
 ) -> tuple[list[str], Mapping[str, int]]:
-    """Return what the steps of a plan up to one take, and which brick stands at each station after them.
+    """Return the bricks taken up to a step of a plan, and the brick at each station after it.
 
     Of steps that have taken their bricks it is these; the others take those that come up from then on.
 
@@ -133,7 +133,7 @@ def _bricks_taken(
 
 
 class _ChosenBrickStep:
-    """A step as a plan does it, with the bricks that stand around by then."""
+    """A step with its choice, and the bricks around it at that time."""
 
     def __init__(self, candidates: LegoCandidates, plan: TaskPlan, step: int) -> None:
         self.skills = candidates.skills
@@ -231,7 +231,7 @@ class _ChosenBrickStep:
         return resting_contacts(robot, item, pose, press, others, fixtures)
 
     def _touched(self, option: ResolvedSkill) -> tuple[Pairs, Pairs]:
-        """Return what the tool leans on in a skill, and grazes, as far as it is there by then."""
+        """Return the present bricks that the tool leans on or grazes in a skill."""
         tool = entity_name(option.path.robot, "tool")
         later = self.world.goal_numbers
         found = {True: NOTHING, False: NOTHING}
@@ -254,7 +254,7 @@ class _ChosenBrickStep:
         return out
 
     def _standing_near(self, span: GridSpan) -> dict[str, OnGrid]:
-        """Return the bricks near some room above the plate when the brick has been picked."""
+        """Return the bricks near a block above the plate when the brick has been picked."""
         return self._standing(self.world.cells_near(span, self.choice.step))
 
     def _flange(self, robot: str, q: Array) -> Transform:

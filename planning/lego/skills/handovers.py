@@ -1,4 +1,4 @@
-"""Handovers of a brick between two robots: where they meet, and in which postures.
+"""Handovers of a brick between two robots: meeting poses and postures.
 
 The receiver holds its tool level towards the giver, side studs up; the giver comes down from
 above. The published place is tried first, then others around it in the vertical plane between
@@ -48,7 +48,7 @@ _LEVEL = rotation("y", np.pi / 2)
 def receive_poses(
     receiver: Transform, giver: Transform
 ) -> tuple[tuple[Subgoal, Subgoal], ...]:
-    """Return places to receive a brick, in the order to try, given both base poses in the world.
+    """Return candidate poses to receive a brick, in the order to try, given both base poses in the world.
 
     Returns:
         Candidates (pre, receive), the same list for the same bases: the tool drawn back, where
@@ -79,7 +79,7 @@ def receive_poses(
 
 
 def giver_rest_poses(giver: Transform) -> Subgoal:
-    """Return where a giver of a base pose is before and after a handover: flange pointing down."""
+    """Return the giver's flange poses before and after a handover, pointing down."""
     pose = giver @ translation(*REST) @ rotation("x", np.pi)
     return Subgoal("handover rest", "flange", pose)
 
@@ -91,11 +91,11 @@ def brick_meetings(
     press: Press,
     rest: Array,
 ) -> Iterator[MeetingPlace]:
-    """Yield where the brick of a step may be handed over, in the order to try.
+    """Yield candidate handover places of a step's brick, in the order to try.
 
     Args:
         world: cell and assembly.
-        robots: who gives, and who receives.
+        robots: giver and receiver.
         step: of the brick, counted from 1.
         press: the grip.
         rest: where the giver stands before and after, shape (n,).

@@ -101,7 +101,7 @@ Bricks = Mapping[str, OnGrid]
 
 @dataclass(frozen=True)
 class BrickGrip:
-    """A brick that a tool holds by its edge, somewhere.
+    """A brick that a tool holds by its edge at some pose.
 
     Attributes:
         frames: tool frames of the robot in its flange frame, ``RobotModel.frames``.
@@ -126,7 +126,7 @@ class BrickGrip:
         return side_contact_pose(self.top, self.brick, self.press)
 
     def place(self, *, up: bool) -> Subgoal:
-        """Return where it lets the brick go, pressed on from above or from below."""
+        """Return the subgoal that releases the brick, pressed on from above or from below."""
         if up:
             return Subgoal("place", "alt", self.alt)
         return Subgoal("attach", "tool", self.tool)
@@ -262,7 +262,7 @@ def handover_targets(
 
 
 def received_top(grip: BrickGrip, tool: Transform) -> Transform:
-    """Return where the top face of a handed-over brick is while the receiver stands ready.
+    """Return the pose of the top face of a handed-over brick while the receiver stands ready.
 
     Args:
         grip: the receiver's, of the brick in its place.
@@ -317,12 +317,12 @@ def support_targets(plate: Plate, support: Support) -> tuple[SkillTargets, ...]:
 
 
 def lever_reaches_below(brick: BrickType) -> bool:
-    """Tell whether the wall beside the tool's grip reaches the knobs of what a brick stands on."""
+    """Tell whether the wall next to the tool's grip reaches the knobs below the brick."""
     return brick_height(brick) < LEVER_WALL + STUD_HEIGHT
 
 
 def supported_span(support: Support) -> GridSpan:
-    """Return the room on the grid that the supporting tip takes up, two studs and a brick high."""
+    """Return the grid block of the supporting tip, two studs and a brick high."""
     cell = replace(support.cell, turned=support.orientation in (1, 2))
     return PlacedBrick("", BRICKS["1x2"], cell).span
 
@@ -355,13 +355,13 @@ def resting_contacts(
 ) -> Pairs:
     """Return the allowed contacts of a brick, and of the tool on it, at its pick or place.
 
-    That is each other; the bricks around; the fixtures that the brick stands on, plate, and
-    table if level; for the tool the bricks beside: its lever wall reaches down along the gripped
+    These are with each other; the bricks around; the fixtures that the brick stands on, plate, and
+    table if level; for the tool the adjacent bricks: its lever wall reaches down along the gripped
     edge, and turns against what stands there. Along the edge of a plate it reaches to the bottom,
     where it touches what ends beside it: what the plate stands on, if that ends at the edge.
 
     Args:
-        robot: who picks or places.
+        robot: the robot that picks or places.
         item: the brick where it is then.
         pose: of the centre of its box in the world.
         press: the grip.
@@ -387,7 +387,7 @@ def resting_contacts(
 
 
 def neighbours_leaned_on(item: OnGrid, others: Bricks) -> frozenset[str]:
-    """Return the bricks beside a brick that is picked, one stud away from it.
+    """Return the bricks next to a picked brick, one stud away from it.
 
     The tool reaches one stud over the edge that it grips: it stands a tenth of a millimetre beside
     them, and the twist that loosens the brick leans it onto their upper edge, by 2.1 mm for 16
@@ -400,7 +400,7 @@ def neighbours_leaned_on(item: OnGrid, others: Bricks) -> frozenset[str]:
 
 
 def resting_room(item: OnGrid) -> GridSpan:
-    """Return the room of a brick at its pick or place, the tool's wall beside a plate included.
+    """Return the block of a brick at its pick or place, the tool's wall next to a plate included.
 
     Whatever resting_contacts names is near to it.
     """
@@ -408,7 +408,7 @@ def resting_room(item: OnGrid) -> GridSpan:
 
 
 def support_contacts(robot: str, support: Support, bricks: Bricks) -> Pairs:
-    """Return the contacts of a supporting tool with the bricks it holds, and those beside it.
+    """Return the contacts of a supporting tool with the supported bricks, and with their neighbours.
 
     A support-top presses on layer z - 1, a support-bottom on z + 1.
     """
@@ -417,7 +417,7 @@ def support_contacts(robot: str, support: Support, bricks: Bricks) -> Pairs:
 
 
 def _bordering(span: GridSpan, bricks: Bricks, *, levels: int) -> list[str]:
-    """Return the bricks with a face, an edge or a corner on some room of the grid.
+    """Return the bricks that share a face, an edge or a corner with a block of the grid.
 
     Edges and corners count because bricks are a fifth of a millimetre apart, less than the
     margin that planning keeps. Those above and below count where ``levels`` is 1.

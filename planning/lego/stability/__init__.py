@@ -1,4 +1,4 @@
 """Static equilibrium of brick structures as a linear program (StableLego).
 
-Imports bricks; sequencing imports it.
+Imports bricks and statics; insertion and sequencing import it.
 """

@@ -140,7 +140,7 @@ def side_contacts(
 
 
 def brick_centre(item: PlacedBrick) -> Array:
-    """Return a brick's centre of mass, that of its box, shape (3,) [studs]."""
+    """Return a brick's centre of mass, taken as that of its box, shape (3,) [studs]."""
     nx, ny = item.span.size
     cell = item.cell
     middle = stud_height(cell.level + item.brick.height / 2)
@@ -176,7 +176,7 @@ def _cavity(nx: int, ny: int, i: int, j: int) -> Array:
 
 @dataclass(frozen=True)
 class JointStrength:
-    """Forces that a joint between LEGO bricks bears; plates hold as bricks do, an assumption.
+    """Strength of a joint between LEGO bricks; plates are assumed to hold as bricks do.
 
     Attributes:
         narrow_pull: friction T of one of the four contacts of a knob in a brick of one stud's
@@ -201,7 +201,7 @@ class JointStrength:
 
 @dataclass(frozen=True)
 class ToolHold:
-    """A place where a standing tool touches a brick: it pushes back, it does not pull.
+    """Contact of a standing tool with a brick: it pushes back, it does not pull.
 
     Attributes:
         brick: name of the brick.
@@ -229,13 +229,13 @@ def joint_contacts(
 
 
 def load_in_studs(load: Load) -> Load:
-    """Return a load of a tool as the program of equilibrium takes it."""
+    """Return a tool load for the equilibrium program, in studs."""
     return replace(load, points=tuple(map(_in_studs, load.points)))
 
 
 @cache
 def tool_push(hold: ToolHold) -> ContactForce:
-    """Return the push of a standing tool as the program of equilibrium takes it, in studs."""
+    """Return the push of a standing tool for the equilibrium program, in studs."""
     up = (0.0, 0.0, float(hold.direction))
     return ContactForce(None, hold.brick, _in_studs(hold.point), up)
 

@@ -1,12 +1,12 @@
-"""Stability of the partial structures of one design: which stand, and what pressing they bear.
+"""Stability of the partial structures of one design: which stand, and which presses they bear.
 
-A sequence search asks thousands of times about structures that differ by a brick. Where bricks
-rest by pushing alone no program is needed: a push on top of a brick goes through when its point
-lies in the convex hull of contacts below that go through themselves, down to the plate. Such loads
-add up without any friction (pushing is unlimited), so a structure whose bricks all rest like this
-has score 0, and neither pressing where it goes through nor a further brick that rests like this
-can raise the score of another. The others are judged by one linear program that is changed from
-one structure to the next (``planning.statics.equilibrium``).
+A sequence search queries thousands of structures that differ by a brick. Where bricks rest by compression
+alone no program is needed: a push on top of a brick is carried when its point lies in the convex hull of
+contacts below that carry pushes themselves, down to the plate. Such loads add up without any friction
+(compression is unlimited), so a structure whose bricks all rest like this has score 0, and neither a press
+where pushes are carried nor a further brick that rests like this can raise the score of another. All others
+are checked by one linear program that is updated from one structure to the next
+(``planning.statics.equilibrium``).
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _STRENGTH = JointStrength()
 def resting_region(
     item: PlacedBrick, joints: Iterable[KnobJoint], regions: Mapping[str, Region]
 ) -> Region:
-    """Return where a push on a brick goes through to the plate.
+    """Return the region of a brick in which a push is carried straight down to the plate.
 
     Given are the joints with what it stands on, and the regions of that.
 
@@ -105,7 +105,7 @@ def _cross(a: Point, b: Point, c: Point) -> float:
 
 @dataclass(frozen=True)
 class PressBearing:
-    """Share of the force that presses a brick on which the structure bears.
+    """Required press force, and the force that the structure bears.
 
     Attributes:
         needed: the force [N].
@@ -157,7 +157,7 @@ class PartialStructures:
 
     @cached_property
     def _program(self) -> Equilibrium:
-        """The program in studs, made when it is asked for: many structures rest by pushing alone."""
+        """The program in studs, created on first use: many structures rest on compression alone."""
         bricks = self.bricks
         knobs = (joint_contacts(j, bricks[j.upper], _STRENGTH) for j in self._joints)
         return Equilibrium(
@@ -177,7 +177,7 @@ class PartialStructures:
         )
 
     def engaged(self, name: str, others: Iterable[str | None]) -> float:
-        """Return the friction of all contacts between a brick and others on or under it [N]."""
+        """Return the total friction of the contacts between a brick and others on or under it [N]."""
         some, total = set(others), 0.0
         for joint in (*self._under[name], *self._over[name]):
             if (joint.lower if joint.upper == name else joint.upper) in some:
@@ -187,7 +187,7 @@ class PartialStructures:
         return total
 
     def stands(self, names: Names) -> bool:
-        """Tell whether a partial structure stands by itself."""
+        """Tell whether a partial structure is stable without help."""
         known = self._standing.get(names)
         if known is None:
             regions = self._regions_of(names)
@@ -226,11 +226,11 @@ class PartialStructures:
     def weakness(
         self, names: Names, load: Load | None = None, holds: Sequence[ToolHold] = ()
     ) -> StabilityReport:
-        """Return how much friction a partial structure needs, and where it gives way first."""
+        """Return the friction demand of a partial structure, and where it fails first."""
         return self._program.least_pull(_case(names, load, holds))
 
     def _goes_through(self, names: Names, load: Load) -> bool:
-        """Return True when pressing and weight go down to the plate by pushing alone."""
+        """Return True when press and weight are carried down to the plate by compression alone."""
         if load.force[2] > 0.0:
             return False
         push = -load.force[2]
@@ -245,9 +245,9 @@ class PartialStructures:
         return False
 
     def _regions_of(self, names: Names) -> dict[str, Region]:
-        """Return where pushes on the bricks of a partial structure go through to the plate.
+        """Return the regions of bricks in a partial structure in which pushes are carried to the plate.
 
-        A brick's region depends only on the bricks that it stands on, so few are worked out anew
+        A brick's region depends only on the bricks that it stands on, so few are computed again
         from one partial structure to the next.
         """
         known = self._regions.get(names)
@@ -268,7 +268,7 @@ class PartialStructures:
 
 
 def _case(names: Names, load: Load | None, holds: Sequence[ToolHold]) -> LoadCase:
-    """Return bricks under a press, whose own joints push but do not pull yet, as a load case."""
+    """Return the load case of bricks under a press, whose own joints push but do not pull yet."""
     pushes = tuple(map(tool_push, holds))
     if load is None:
         return LoadCase(names, pushes=pushes)

@@ -1,4 +1,4 @@
 """Descriptions of robots and tools: read, checked, and fitted to each other for a cell.
 
-Imports cell only.
+Imports cell and meshes.
 """

@@ -1,4 +1,4 @@
-"""Files of a robot's description: their hash, a copy for a plan, and those that are made here."""
+"""Files of a robot's description: hashes, copies for plans, and generated files."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def description_sha256(model: RobotModel) -> str | None:
 
 @lru_cache(maxsize=64)
 def _sha256(model: RobotModel, stamps: tuple[int, ...]) -> str:
-    """Hash what the files hold; ``stamps`` makes an edited file be read anew."""
+    """Return a hash of the contents of files; ``stamps`` invalidates the cache of an edited file."""
     digest = hashlib.sha256(read_file(model.urdf))
     for _, path in _meshes(model, "collision"):
         digest.update(hashlib.sha256(read_file(path, MESH_BYTES)).digest())
@@ -45,7 +45,7 @@ def _sha256(model: RobotModel, stamps: tuple[int, ...]) -> str:
 
 
 def copy_description(model: RobotModel, folder: Path) -> Path:
-    """Copy a robot's URDF and meshes to where they are found without the rest of the disk.
+    """Copy a robot's URDF and meshes into a self-contained folder.
 
     Args:
         model: the robot, whose URDF stays as it is.
@@ -90,10 +90,10 @@ def _meshes(model: RobotModel, purpose: str) -> Iterator[tuple[str, Path]]:
 
 
 def store_description(root: Element, name: str) -> Path:
-    """Write a description to a file, with its meshes beside it; the same goes to the same file.
+    """Write a description to a file named by its content, with its meshes next to it.
 
     Args:
-        root: of a URDF whose meshes have absolute names; they are named anew here.
+        root: of a URDF whose meshes have absolute names; they are named again here.
         name: of the file, without a suffix.
 
     Returns:
@@ -125,7 +125,7 @@ def store_description(root: Element, name: str) -> Path:
 
 @cache
 def session_folder() -> Path:
-    """Return a folder that is there as long as the program runs."""
+    """Return a temporary folder that exists as long as the program runs."""
     folder, owner = Path(tempfile.mkdtemp(prefix="assembly-twin-")), os.getpid()
 
     def remove() -> None:
@@ -137,7 +137,7 @@ def session_folder() -> Path:
 
 
 def _link(source: Path, target: Path) -> None:
-    """Put a file in a second place, without a copy where the file system can do that."""
+    """Link a file to a second place, or copy it where the file system has no links."""
     try:
         target.symlink_to(source)
     except FileExistsError:

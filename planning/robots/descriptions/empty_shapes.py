@@ -1,4 +1,4 @@
-"""Shapes of robot descriptions that have no volume: makers write a size of 0 for a link without a body."""
+"""Shapes of robot descriptions without volume: some vendors write size 0 for a link without a body."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OBJ_LINE = re.compile(rb"(#.*|(v|vn|vt|vp|l|p|o|g|s|mtllib|usemtl)\b.*)?\s*")
 
 
 def remove_empty_shapes(root: Element, dirs: Sequence[Path]) -> None:
-    """Remove shapes without a volume, and write the kinds of those that collide at their links."""
+    """Remove shapes without volume, and record the kinds of colliding ones at their links."""
     for link, shape, form in find_empty_shapes(root, dirs):
         link.remove(shape)
         if shape.tag == "collision":
@@ -35,7 +35,7 @@ def remove_empty_shapes(root: Element, dirs: Sequence[Path]) -> None:
 def find_empty_shapes(
     root: Element, dirs: Sequence[Path]
 ) -> list[tuple[Element, Element, Element]]:
-    """Return link, collision or visual, and form of each shape of a URDF without a volume."""
+    """Return link, collision or visual, and form of each URDF shape without volume."""
     return [
         (link, shape, form)
         for link in root.findall("link")
@@ -45,7 +45,7 @@ def find_empty_shapes(
 
 
 def _is_empty(form: Element, dirs: Sequence[Path]) -> bool:
-    """Tell whether a size is 0 or a mesh has no triangles; with sizes that no body has it is refused elsewhere."""
+    """Tell whether a size is 0 or a mesh has no triangles; invalid sizes are refused elsewhere."""
     if not all(form.get(key) for key in SHAPES.get(form.tag, ("",))):
         return False
     sizes: list[float] = []
@@ -65,7 +65,7 @@ def _is_empty(form: Element, dirs: Sequence[Path]) -> bool:
 
 
 def _has_triangles(path: Path) -> bool:
-    """Tell whether an STL or OBJ file has a triangle; what is damaged or of another format counts as having some."""
+    """Tell whether an STL or OBJ file has a triangle; damaged or other formats count as having some."""
     try:
         content = read_file(path, MESH_BYTES)
     except OSError:

@@ -1,7 +1,7 @@
-"""What a cell adds to a description (tool, flange, limits, held joints), and how that is written in it.
+"""Changes that a cell makes to a description (tool, flange, limits, held joints), and their XML form.
 
-The mass that a tool is said to have, in place of what its links add up to. Joints that are held at values:
-they become fixed, and what mimics them too.
+A stated mass of a tool replaces the sum over its links. Joints that are held at values become fixed, with
+all joints that mimic them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _SLACK = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Tool:
-    """A tool of a cell, apart from any robot.
+    """A tool of a cell, independent of any robot.
 
     Attributes:
         name: unique in the cell.
@@ -74,7 +74,7 @@ class Fitting:
     """Changes that a cell makes to the description of a robot.
 
     Attributes:
-        tool: what is mounted on its flange; None for what it comes with.
+        tool: the mounted tool; None for the robot's own.
         bare: whether nothing is mounted, not even what it comes with: its tools are handled as
             objects, and what hangs on its last joint touches them.
         flange: link whose frame is the flange; None for the one that its description means.
@@ -90,12 +90,12 @@ class Fitting:
 
     @property
     def is_nothing(self) -> bool:
-        """Whether the description stays as it is."""
+        """Whether the description stays unchanged."""
         return self == Fitting()
 
 
 def write_options(root: Element, options: UrdfOptions) -> None:
-    """Add what is known of a robot besides its links and joints to its description."""
+    """Add properties of a robot besides its links and joints to its description."""
     assert options.flange_link is not None
     notes = SubElement(root, _ELEMENT, flange=options.flange_link)
     if options.home is not None:
@@ -118,7 +118,7 @@ def write_options(root: Element, options: UrdfOptions) -> None:
 
 
 def written_options(root: Element) -> UrdfOptions | None:
-    """Return what ``write_options`` wrote into a description, None where it did not.
+    """Return the options that ``write_options`` wrote into a description, None where it did not.
 
     Raises:
         RobotModelError: a number is none.
@@ -161,14 +161,14 @@ def _grip(element: Element) -> ToolGrip:
 def set_total_mass(
     body: Element, link: str, mass: float, centre: Array, length: float
 ) -> None:
-    """Let the links of a description weigh so much together.
+    """Scale the masses of the links to a total mass.
 
     Links that have masses keep their shares of it. Where none has, all of it is in one link, and
     turns as a rod does across its axis.
 
     Args:
         body: of a URDF, changed.
-        link: name of the one that has the mass where none is told.
+        link: link that has the whole mass where none is stated.
         mass: of all [kg].
         centre: where that one has it, in the frame of the link, shape (3,) [m].
         length: of the rod [m].
@@ -204,7 +204,7 @@ def set_total_mass(
 
 
 def hold_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
-    """Fix joints where they are held, and all that mimic one of them.
+    """Fix joints at given values, with all joints that mimic them.
 
     Args:
         root: of a URDF, changed.
@@ -229,7 +229,7 @@ def hold_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
 
 
 def hold_all_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
-    """Fix all joints: those without a value at zero, or at the limit that is nearest to it."""
+    """Fix all joints: those without a value at zero, or at the nearest limit."""
     held = dict(values)
     for joint in root.findall("joint"):
         name = str(joint.get("name"))
@@ -255,7 +255,7 @@ def free_joints(root: Element) -> tuple[str, ...]:
 
 
 def free_kinds(root: Element) -> frozenset[str]:
-    """Return the joints of kinds that cannot move here, but can be held at zero."""
+    """Return the joints of unsupported kinds, which can only be held at zero."""
     return frozenset(
         str(joint.get("name"))
         for joint in root.findall("joint")
@@ -266,7 +266,7 @@ def free_kinds(root: Element) -> frozenset[str]:
 def _with_followers(
     joints: Mapping[str, Element], values: Mapping[str, float], path: Path
 ) -> dict[str, float]:
-    """Return the values of the joints that are held and of those that mimic them."""
+    """Return the values of held joints and of the joints that mimic them."""
 
     def value_of(name: str, followed: tuple[str, ...]) -> float | None:
         if name in values:

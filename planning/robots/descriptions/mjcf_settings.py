@@ -1,4 +1,4 @@
-"""What MJCF leaves to its settings: classes of elements, and units of angles and limits of joints."""
+"""MJCF defaults and compiler settings: element classes, angle units and joint limits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from planning.robots.descriptions.xml_files import parse_vector
 from planning.transforms import Transform, from_quat_wxyz, identity
 
 _TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
-"""Ways to say an orientation; an element has one of them."""
+"""Notations of an orientation; an element has one of them."""
 
 _KINDS = ("hinge", "slide", "ball", "free")
 
@@ -27,7 +27,7 @@ _Attributes = dict[str, dict[str, str]]
 
 @dataclass(frozen=True)
 class MjcfJoint:
-    """A joint as its file and its class have it.
+    """A joint with the attributes of its element and class.
 
     Attributes:
         name: of the joint.
@@ -43,7 +43,7 @@ class MjcfJoint:
 
 
 class MjcfSettings:
-    """What the compiler is told, and what classes say of elements.
+    """Compiler settings and class defaults of an MJCF file.
 
     Sections that are there several times, as in files that include others, become one.
 
@@ -85,7 +85,7 @@ class MjcfSettings:
             self._collect(default, {}, top=True)
 
     def _collect(self, default: Element, around: _Attributes, *, top: bool) -> None:
-        """Keep the attributes of a class, and of the classes within it, on top of those around it."""
+        """Collect the attributes of a class and of its nested classes, which override those around them."""
         own = dict(around)
         for child in default:
             if child.tag != "default":
@@ -97,7 +97,7 @@ class MjcfSettings:
             self._collect(child, own, top=False)
 
     def attributes(self, element: Element, around: str) -> dict[str, str]:
-        """Return what an element says, and what its class does.
+        """Return the attributes of an element, with the defaults of its class.
 
         Args:
             element: of the file.
@@ -107,7 +107,7 @@ class MjcfSettings:
         return _on_top(known.get(element.tag, {}), element.attrib)
 
     def pose(self, given: Mapping[str, str], where: str) -> Transform:
-        """Return the pose that attributes of an element stand for."""
+        """Return the pose given by the attributes of an element."""
         where = f"{self.path}: {where}"
         out = self._turned(given, where)
         out[:3, 3] = parse_vector(given.get("pos", "0 0 0"), f"{where}, pos")
@@ -146,7 +146,7 @@ class MjcfSettings:
         return _with_axes(turned.as_matrix())
 
     def joint(self, given: Mapping[str, str], name: str) -> MjcfJoint:
-        """Return a joint from its attributes; ``name`` is that of one that has none."""
+        """Return a joint from its attributes; ``name`` is used for one without a name."""
         name, kind = given.get("name", name), given.get("type", "hinge")
         where = f"{self.path}: joint {name!r}"
         if kind not in _KINDS:
@@ -173,7 +173,7 @@ class MjcfSettings:
 
 
 def _merge_sections(root: Element) -> None:
-    """Put the content of sections of a kind into the first of them."""
+    """Merge all sections of a kind into the first of them."""
     first: dict[str, Element] = {}
     for section in list(root):
         kept = first.setdefault(section.tag, section)
@@ -184,14 +184,14 @@ def _merge_sections(root: Element) -> None:
 
 
 def _on_top(low: Mapping[str, str], high: Mapping[str, str]) -> dict[str, str]:
-    """Return attributes with others on top; whoever says an orientation says all of it."""
+    """Return attributes with overrides; an orientation is overridden as a whole."""
     turned = any(key in high for key in _TURNS)
     kept = {k: v for k, v in low.items() if not (turned and k in _TURNS)}
     return kept | dict(high)
 
 
 def turn_from_z(direction: npt.NDArray[np.float64]) -> Transform:
-    """Return the least turn that takes the z axis to a direction, shape (3,)."""
+    """Return the least rotation that maps the z axis to a direction, shape (3,)."""
     x, y, z = (direction / max(float(np.linalg.norm(direction)), 1e-300)).tolist()
     flat = math.hypot(x, y)
     axis = np.array([-y, x, 0.0]) / flat if flat > 0.0 else np.array([1.0, 0.0, 0.0])

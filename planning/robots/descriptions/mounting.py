@@ -1,4 +1,4 @@
-"""Fits a robot out for a cell: one description of arm and tool, in which only the arm moves.
+"""Mounting of a tool on an arm: one description in which only the arm moves.
 
 Everything that reads descriptions, the audit's engines and the recorder among them, reads this
 one like that of a vendor.
@@ -70,11 +70,11 @@ _KEPT = ("link", "joint", "material")
 
 
 def shapes_to_urdf(name: str, shapes: Sequence[PlacedForm]) -> Element:
-    """Return the description of a thing of one link.
+    """Return the description of a body with one link.
 
     Args:
         name: of the thing and of its link.
-        shapes: what it is made of, each in its place in the frame of the link.
+        shapes: its shapes, each at its pose in the frame of the link.
     """
     root = Element("robot", name=name)
     link = SubElement(root, "link", name=name)
@@ -87,7 +87,7 @@ def shapes_to_urdf(name: str, shapes: Sequence[PlacedForm]) -> Element:
 
 
 def cut_meshes(root: Element, within: float) -> None:
-    """Put convex pieces in the place of the meshes that the links of a description collide with.
+    """Replace the collision meshes of a description by their convex pieces.
 
     Args:
         root: of a URDF whose meshes have absolute names, changed.
@@ -151,7 +151,7 @@ def _write(link: Element, tag: str, piece: Piece) -> None:
 
 
 def _obj(vertices: Array, faces: Indices | Array) -> str:
-    """Write triangles to a file that is kept; return its path."""
+    """Write triangles to a cached file; return its path."""
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in np.asarray(vertices).tolist()]
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in np.asarray(faces).tolist()]
     text = "\n".join(lines) + "\n"
@@ -166,11 +166,11 @@ def _obj(vertices: Array, faces: Indices | Array) -> str:
 def fitted_description(
     path: Path, options: UrdfOptions, fitting: Fitting, package_dirs: tuple[Path, ...]
 ) -> Element:
-    """Return one description of an arm and what a cell adds to it.
+    """Return one description of an arm with the changes that a cell makes.
 
     Args:
         path: description of the arm.
-        options: what is known of it besides.
+        options: its other known properties.
         fitting: what the cell adds.
         package_dirs: where its meshes are looked up, besides the usual places.
 
@@ -218,7 +218,7 @@ def fitted_description(
 
 @contextmanager
 def _at_fault(key: str, given: bool) -> Iterator[None]:
-    """Say of errors which key of the cell is at fault, where it is given."""
+    """Add the key of the cell at fault to errors, where it is given."""
     try:
         yield
     except RobotModelError as error:
@@ -228,7 +228,7 @@ def _at_fault(key: str, given: bool) -> Iterator[None]:
 
 
 def _tidy(root: Element) -> None:
-    """Leave out what is for other programs, and inertias that are not whole."""
+    """Remove elements of other programs, and incomplete inertias."""
     for child in list(root):
         if child.tag not in _KEPT:
             root.remove(child)
@@ -267,7 +267,7 @@ def _write_limits(
 
 
 def _complete_limits(root: Element) -> None:
-    """Give limits that are told with a prefix, such as drake:acceleration, the name that URDF has.
+    """Rename prefixed limits, such as drake:acceleration, to their URDF names.
 
     Those that URDF demands are there in any case; 0 says that they are not known.
     """
@@ -279,7 +279,7 @@ def _complete_limits(root: Element) -> None:
 
 
 def _with_offset(root: Element, flange: str, offset: Transform) -> str:
-    """Return a link whose frame is the flange, made where an offset leaves none."""
+    """Return a link whose frame is the flange, created where an offset requires it."""
     if np.array_equal(offset, np.eye(4)):
         return flange
     name = f"{flange}.flange"
@@ -289,7 +289,7 @@ def _with_offset(root: Element, flange: str, offset: Transform) -> str:
 
 
 def _meshes_in_full(root: Element, dirs: Sequence[Path]) -> None:
-    """Name the meshes by where they are; what is only looked at may be missing."""
+    """Replace mesh names by absolute paths; visual meshes may be missing."""
     for link in root.findall("link"):
         for shape in (*link.findall("collision"), *link.findall("visual")):
             mesh = shape.find(".//mesh")
@@ -303,7 +303,7 @@ def _meshes_in_full(root: Element, dirs: Sequence[Path]) -> None:
 
 
 def _take_off(root: Element, links: frozenset[str], flange: str, path: Path) -> None:
-    """Remove the tool that a robot comes with, and what hangs on it."""
+    """Remove the tool that a robot comes with, and everything mounted on it."""
     below = set(links)
     joints = root.findall("joint")
     grown = True
@@ -373,7 +373,7 @@ def _cut(body: Element, path: Path, within: float) -> None:
 
 
 def _tcp(body: Element, top: str, tool: Tool) -> Transform:
-    """Return the point at which a tool works, in the frame of its root link."""
+    """Return the tool centre point, in the frame of the tool's root link."""
     if tool.tcp is not None:
         return tool.tcp
     names = tuple(str(link.get("name")) for link in body.findall("link"))
@@ -388,7 +388,7 @@ def _tcp(body: Element, top: str, tool: Tool) -> Transform:
 
 
 def _rename(body: Element, prefix: str) -> None:
-    """Put a prefix before all names, so that they are those of no link of the arm."""
+    """Prefix all names, so that they differ from those of the arm."""
     shared = {material.get("name") for material in body.findall("material")}
     for link in body.findall("link"):
         link.set("name", prefix + str(link.get("name")))

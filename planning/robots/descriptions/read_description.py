@@ -1,4 +1,4 @@
-"""Reads the description of a robot or a tool, in URDF or in MJCF, as URDF.
+"""Reading of a robot or tool description, URDF or MJCF, as URDF.
 
 MJCF is the format of MuJoCo: bodies become links, their joints joints. pinocchio reads MJCF too, but
 takes ranges of slides for angles, mixes classes, and knows neither ``limited: false`` nor the value that
@@ -81,7 +81,7 @@ def mjcf_to_urdf(root: Element, path: Path) -> Element:
 
 
 def _include(root: Element, path: Path, depth: int) -> None:
-    """Put the content of included files where they are named."""
+    """Insert the content of included files at their references."""
     for element in list(root.iter()):
         for at, child in reversed(list(enumerate(element))):
             if child.tag != "include":
@@ -94,7 +94,7 @@ def _include(root: Element, path: Path, depth: int) -> None:
 
 
 def _check_values(root: Element, path: Path) -> None:
-    """Require numbers to be numbers of a magnitude that bodies have, and directions to have one."""
+    """Check that numbers are plausible in magnitude, and directions not zero."""
     for element in root.iter():
         for key in _NUMBERS & element.attrib.keys():
             name = element.get("name") or element.get("class") or ""
@@ -110,7 +110,7 @@ def _check_values(root: Element, path: Path) -> None:
 
 
 def _check_references(root: Element, path: Path) -> None:
-    """Require classes and meshes that are named to be there."""
+    """Check that referenced classes and meshes exist."""
     classes = {item.get("class", "main") for item in root.iter("default")} | {"main"}
     meshes = {_mesh_name(item) for item in root.findall("asset/mesh")}
     for key, valid in (("class", classes), ("childclass", classes), ("mesh", meshes)):
@@ -129,7 +129,7 @@ def _mesh_name(mesh: Element) -> str:
 
 
 def _meshes(root: Element, settings: MjcfSettings) -> dict[str, dict[str, str]]:
-    """Return the attributes that URDF has of each mesh, by its name."""
+    """Return the URDF attributes of each mesh, by its name."""
     found = {}
     for mesh in root.findall("asset/mesh"):
         given, name = settings.attributes(mesh, "main"), mesh.get("file", "")
@@ -147,7 +147,7 @@ def _meshes(root: Element, settings: MjcfSettings) -> dict[str, dict[str, str]]:
 
 @dataclass(frozen=True)
 class _UrdfWriter:
-    """Writes what is in bodies to a URDF.
+    """Converts bodies to links and joints of a URDF.
 
     Attributes:
         urdf: what is written.
@@ -164,7 +164,7 @@ class _UrdfWriter:
     path: Path
 
     def fill(self, link: Element, body: Element, pose: Transform, around: str) -> None:
-        """Write what is in a body, or in a frame of it.
+        """Write the content of a body, or of a frame in it.
 
         Args:
             link: of the body.
@@ -212,7 +212,7 @@ class _UrdfWriter:
     def _joint(
         self, parent: Element, given: Mapping[str, str], name: str, pose: Transform
     ) -> tuple[Element, Transform]:
-        """Write the joint of a body; return the link that it moves, and where the body is in that."""
+        """Write the joint of a body; return its child link, and the pose of the body in that."""
         joint = self.settings.joint(given, f"{name}Joint_0")
         pivot = parse_vector(
             given.get("pos", "0 0 0"), f"{self.path}: joint {joint.name!r}"
@@ -288,7 +288,7 @@ class _UrdfWriter:
     def _shape(
         self, kind: str, given: Mapping[str, str], where: str
     ) -> tuple[Transform, dict[str, str]]:
-        """Return the pose of a geom, and the attributes that URDF has of its shape."""
+        """Return the pose of a geom, and the URDF attributes of its shape."""
         if kind == "mesh":
             if given.get("mesh") not in self.meshes:
                 raise RobotModelError(f"{where} has no mesh")
@@ -318,7 +318,7 @@ class _UrdfWriter:
         }
 
     def tie(self, root: Element) -> None:
-        """Write the joints that an equality ties to another one as joints that mimic it.
+        """Write equality constraints between joints as joints that mimic another one.
 
         It ties what they have moved since they were drawn.
         """
@@ -340,7 +340,7 @@ class _UrdfWriter:
 
 
 def read_description(path: Path) -> Element:
-    """Return the description in a URDF or MJCF file as URDF, not checked yet.
+    """Return a URDF or MJCF description as URDF, not checked yet.
 
     Raises:
         RobotModelError: the file cannot be read, or is neither.
@@ -359,7 +359,7 @@ def read_description(path: Path) -> Element:
 
 
 def _take_capsules_apart(root: Element, path: Path) -> None:
-    """Write capsules, which not every program reads, as a cylinder and two balls."""
+    """Replace capsules, which not every program reads, by a cylinder and two spheres."""
     for link in root.findall("link"):
         for shape in (*link.findall("collision"), *link.findall("visual")):
             capsule = shape.find("geometry/capsule")
@@ -387,7 +387,7 @@ def _take_capsules_apart(root: Element, path: Path) -> None:
 
 
 def is_plain_urdf(path: Path) -> bool:
-    """Tell whether every program reads a description as it is, its meshes where it names them."""
+    """Tell whether every program can read a description as it is, with its meshes."""
     root = read_xml(path)
     try:
         ElementTree.fromstring(read_file(path))

@@ -1,4 +1,4 @@
-"""The joints of a URDF file, checked before anything is built from it, and which link is the flange."""
+"""The joints of a URDF file, checked before use, and its flange link."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _TIP = re.compile(
 
 @dataclass(frozen=True, kw_only=True)
 class GivenLimits:
-    """Limits of a robot's joints in place of what its description says.
+    """Joint limits that override those of a description.
 
     Attributes:
         velocity: one value for all joints, or one for each [rad/s or m/s].
@@ -58,7 +58,7 @@ class GivenLimits:
     payload: float | None = None
 
     def by_joint(self) -> Mapping[str, tuple[float, ...]]:
-        """Return the limits that are given of joints, by the names that URDF has for them."""
+        """Return the given limits of joints, by their URDF attribute names."""
         given = {key: getattr(self, key) for key in BY_JOINT}
         return {key: values for key, values in given.items() if values is not None}
 
@@ -126,7 +126,7 @@ class LinkTree:
     fixed: frozenset[str]
 
     def fixed_below(self, link: str) -> tuple[str, ...]:
-        """Return the links that hang on ``link`` by fixed joints only, itself included."""
+        """Return the links connected to ``link`` by fixed joints only, itself included."""
         out = [link]
         for other in out:  # grows while it is walked
             out += [
@@ -188,7 +188,7 @@ def serial_chain(
 def checked_tree(
     root: Element, path: Path, dirs: Sequence[Path], frozen: frozenset[str]
 ) -> LinkTree:
-    """Check all that descriptions of arms and of tools have in common, and return the links.
+    """Check what descriptions of arms and of tools have in common, and return the links.
 
     Args:
         root: of the XML.
@@ -365,7 +365,7 @@ def _joint(element: Element, name: str, path: Path) -> UrdfJoint:
 
 
 def _drive(limit: Element, key: str, where: str) -> float:
-    """Return what a drive can do, infinite where nothing, or no limit, is said; any prefix will do."""
+    """Return the drive limits, infinite where none are stated; any prefix is accepted."""
     for name, text in limit.items():
         if name.rpartition(":")[2] == key:
             value = parse_number(text, f"{where}, {key} limit")
@@ -405,7 +405,7 @@ def flange_link(description: UrdfFile, wanted: str | None) -> str:
 
 
 def links_on_flange(description: UrdfFile, flange: str) -> tuple[str, ...]:
-    """Return the links that hang on the flange: the tool, where nobody says otherwise.
+    """Return the links beyond the flange: the tool, unless stated otherwise.
 
     What hangs on ``flange`` hangs on ``tool0`` too: they are two frames of one face.
     """
@@ -420,7 +420,7 @@ def links_on_flange(description: UrdfFile, flange: str) -> tuple[str, ...]:
 
 
 def tip_link(links: tuple[str, ...]) -> str | None:
-    """Return the link that is named as the point at which a tool works, if there is one."""
+    """Return the link named as the tool centre point, if there is one."""
     return next((link for link in links if _TIP.search(link)), None)
 
 

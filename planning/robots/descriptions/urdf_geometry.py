@@ -19,12 +19,12 @@ TURNING = ("revolute", "continuous")
 
 
 def format_numbers(values: Iterable[float]) -> str:
-    """Return numbers as descriptions have them."""
+    """Return numbers in URDF notation."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def origin_pose(element: Element | None, where: str) -> Transform:
-    """Return the pose that an ``<origin>`` stands for; none stands for no offset."""
+    """Return the pose of an ``<origin>``; none means no offset."""
     if element is None:
         return np.eye(4)
     xyz = parse_vector(element.get("xyz", "0 0 0"), f"{where}, xyz of <origin>")
@@ -33,7 +33,7 @@ def origin_pose(element: Element | None, where: str) -> Transform:
 
 
 def write_pose(parent: Element, pose: Transform) -> None:
-    """Give an element an ``<origin>`` in place of what it has."""
+    """Replace the ``<origin>`` of an element."""
     for old in parent.findall("origin"):
         parent.remove(old)
     turned = np.asarray(pose)[:3, :3]
@@ -56,7 +56,7 @@ def joint_axis(joint: Element, where: str) -> Array:
 
 
 def joint_motion(joint: Element, value: float, where: str) -> Transform:
-    """Return what a joint that turns or slides moves its link by, at a value [rad or m]."""
+    """Return the transform of a revolute or prismatic joint at a value [rad or m]."""
     along, move = joint_axis(joint, where) * value, np.eye(4)
     if joint.get("type") in TURNING:
         move[:3, :3] = Rotation.from_rotvec(along).as_matrix()

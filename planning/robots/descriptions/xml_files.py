@@ -1,4 +1,4 @@
-"""Robot descriptions as XML files: read leniently, their meshes found, their numbers checked."""
+"""Robot descriptions as XML files: lenient reading, mesh search, checks of numbers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from planning.files import is_file, read_file, ros_folders
 _DECLARATION = re.compile(rb"\A((?:\s+|<!--.*?-->)+)<\?xml[^>]*\?>", re.DOTALL)
 
 _ABOVE = 3
-"""So many folders above that of a description are searched."""
+"""Number of parent folders of a description that are searched."""
 
 # What a link may measure and how far from its joint it may be [m], [rad]: libraries crash,
 # or never end, on bodies of 1e300 m and of no size at all.
@@ -30,7 +30,7 @@ _PLACES = {"xyz": (0.0, 1000.0, 3), "rpy": (0.0, 1e4, 3)}
 
 
 def read_xml(path: Path) -> Element:
-    """Return the root of an XML file, prefixes of names left as they are written.
+    """Return the root of an XML file, with name prefixes kept.
 
     Files of vendors name elements such as ``drake:member`` and attributes such as
     ``drake:acceleration`` without saying what the prefix stands for.
@@ -59,7 +59,7 @@ def read_xml(path: Path) -> Element:
 
 
 def strip_prefixes(root: Element) -> None:
-    """Take elements and attributes with a prefix out: they are notes to other programs."""
+    """Remove elements and attributes with a prefix, which are annotations of other programs."""
     for element in list(root.iter()):
         for child in list(element):
             if ":" in child.tag:
@@ -69,7 +69,7 @@ def strip_prefixes(root: Element) -> None:
 
 
 def search_folders(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[Path, ...]:
-    """Return where the meshes of a description are looked up, its own folder first.
+    """Return the search path for the meshes of a description, its own folder first.
 
     Where ROS is set up, its packages are searched too.
     """
@@ -78,14 +78,14 @@ def search_folders(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[Path,
 
 
 def find_mesh(name: str, dirs: Sequence[Path]) -> Path | None:
-    """Return the first file that a mesh's name may mean, None where there is none."""
+    """Return the first file that matches a mesh's name, None where there is none."""
     bare = bare_name(name)
     places = (folder / bare for folder in dirs)  # an absolute path stays as it is
     return next((place for place in places if is_file(place)), None)
 
 
 def find_mesh_of_package(name: str, dirs: Sequence[Path]) -> Path | None:
-    """Return the file that a mesh's name may mean where its package's folder is called otherwise.
+    """Return the matching mesh file where the folder of its package has another name.
 
     A package that was downloaded is often in a folder such as ``arm_description-main``.
     """
@@ -96,7 +96,7 @@ def find_mesh_of_package(name: str, dirs: Sequence[Path]) -> Path | None:
 
 
 def bare_name(name: str) -> str:
-    """Return the name of a mesh without the scheme in front of it."""
+    """Return the name of a mesh without its scheme."""
     for scheme in ("file://", "package://", "model://"):
         name = name.removeprefix(scheme)
     return name
@@ -107,7 +107,7 @@ SHAPES |= {"mesh": ("filename",)}
 
 
 def check_numbers(root: Element, path: Path) -> None:
-    """Require every number of the geometry to be one, and of a magnitude that bodies have."""
+    """Check that the numbers of the geometry are valid and plausible in magnitude."""
     for joint in root.findall("joint"):
         where = f"{path}: joint {joint.get('name')!r}"
         # Also of a second one, though only the first counts.
@@ -124,7 +124,7 @@ def check_numbers(root: Element, path: Path) -> None:
 
 
 def check_meshes(root: Element, path: Path, dirs: Sequence[Path]) -> None:
-    """Require the mesh of every collision shape to be there."""
+    """Check that the mesh of every collision shape exists."""
     for link in root.findall("link"):
         for element in link.findall("collision//mesh"):
             name = required_attribute(element, "filename", path)
@@ -164,7 +164,7 @@ def _check_values(
 
 
 def parse_number(text: str, where: str) -> float:
-    """Return a number of a description; ``where`` says which one, for messages."""
+    """Return a number of a description; ``where`` locates it in messages."""
     try:
         value = float(text)
     except ValueError:
@@ -175,7 +175,7 @@ def parse_number(text: str, where: str) -> float:
 
 
 def parse_vector(text: str, where: str, count: int = 3) -> tuple[float, ...]:
-    """Return so many numbers of a description."""
+    """Return a fixed number of values of a description."""
     values = tuple(parse_number(part, where) for part in text.split())
     if len(values) != count:
         raise RobotModelError(f"{where} must be {count} numbers, is {text[:60]!r}")
@@ -183,7 +183,7 @@ def parse_vector(text: str, where: str, count: int = 3) -> tuple[float, ...]:
 
 
 def required_attribute(element: Element, key: str, path: Path) -> str:
-    """Return an attribute that an element must have."""
+    """Return a required attribute of an element."""
     value = element.get(key)
     if not value:
         raise RobotModelError(f"{path}: a <{element.tag}> has no {key}")

@@ -1,4 +1,4 @@
 """Reader of the task files of the APEX-MR authors.
 
-Imports planning's own files only; nothing in planning imports it.
+Imports bricks; nothing in planning imports it.
 """

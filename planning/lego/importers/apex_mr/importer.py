@@ -1,4 +1,4 @@
-"""Import of task files as the authors of APEX-MR publish them, as a scenario.
+"""Import of published APEX-MR task files as a scenario.
 
 Expected in the folder: ``assembly_tasks/<task>.json``, ``env_setup/env_setup_<task>.json``,
 ``lego_library.json``, ``plate_calibration.json`` and ``robot_properties/``; ``steps/`` only for
@@ -94,7 +94,7 @@ def import_apex_mr(
             ``steps/<task>_seq.json`` where there is one, instead of leaving it to the planner.
         press_from: which of the two ways in which a grip is given is taken where they
             contradict each other: ``press_side`` and ``press_offset``, or the cell ``press_x``.
-        note: called with a line for everything that is not taken over: keys that say nothing
+        note: called with a line for everything that is not imported: keys that say nothing
             to us, prescribed bricks that the stock no longer has to give, grips that contradict
             themselves.
 
@@ -183,7 +183,7 @@ def _robots(folder: Path) -> list[dict[str, Any]]:
 
 
 def _plates(folder: Path, notes: Notes) -> dict[str, Any]:
-    """Return ``plate``, and ``storage_plate`` where it is not the same."""
+    """Return ``plate``, and ``storage_plate`` where it is a separate one."""
     file = read_json(folder / "plate_calibration.json")
     notes.unused(file, frozenset(("assemble_plate", "storage_plate")))
     world = arm_base(folder / "robot_properties", None)
@@ -207,7 +207,7 @@ def _table(robots: list[dict[str, Any]], plates: dict[str, Any]) -> dict[str, An
 
 
 def _twists(folder: Path) -> dict[str, Any]:
-    """Return the twist angles where the folder has a ``user_config.json`` with others."""
+    """Return the twist angles of the folder's ``user_config.json``, where it overrides the defaults."""
     path = folder / "user_config.json"
     if not path.exists():
         return {}
@@ -245,7 +245,7 @@ def _upright(xyz: Sequence[float]) -> dict[str, Any]:
 
 
 def _tidy(value: float) -> float:
-    """Drop what rounding has left behind, and the sign of zero."""
+    """Remove rounding errors, and the sign of zero."""
     return round(float(value), 12) + 0.0
 
 
@@ -303,7 +303,7 @@ def _steps(
     """Return the entries of the steps, in order.
 
     Published numbers of stock bricks can be older than the stock: one that is scaffolding now,
-    or taken by an earlier step, is not taken over.
+    or taken by an earlier step, is not imported.
 
     Args:
         path: of the task, or of the sequence that was chosen for it.
@@ -346,7 +346,7 @@ def _steps(
 
 
 def _ways(step: Record, press: Mapping[str, Any]) -> dict[str, Any]:
-    """Return how a step is done, as far as it says, with the grip that was read."""
+    """Return the method of a step, as far as the file states it, with the grip that was read."""
     entry: dict[str, Any] = {"place": "up"} if _is_up(step) else {}
     entry |= press
     if step.integer("support_x", default=NONE) != NONE:
@@ -403,7 +403,7 @@ def _press(
 
 
 def _presses_at(step: Record, kind: BrickType, *, up: bool) -> list[Press]:
-    """Return the grips whose contact is the published cell, that of the given side first."""
+    """Return the grips whose contact is the published cell, those of the given side first."""
     item, contact = PlacedBrick("", kind, step.cell("")), step.cell("press_")
     sides = sorted(SIDES, key=lambda k: k != step.content.get("press_side"))
     grips = (

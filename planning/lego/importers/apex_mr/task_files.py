@@ -29,7 +29,7 @@ TOOLS: Mapping[str, str] = {
 """What each tool frame is called in the name of its published file."""
 
 NONE = -1
-"""Stands for a value that a step does not have."""
+"""Placeholder for a value that a step does not have."""
 
 _PI = np.pi
 # Rows (theta offset, d, a, alpha) of the arm whose tasks are published, up to the flange.
@@ -47,7 +47,7 @@ _GP4 = np.array(
 
 @dataclass(frozen=True)
 class Record:
-    """A JSON object with the place it comes from.
+    """A JSON object with its location in the files.
 
     Attributes:
         path: the file.
@@ -114,7 +114,7 @@ class Record:
 
 
 class Notes:
-    """Content of published files that is not taken over: unknown keys, counted, and the rest."""
+    """Content of published files that is not imported: unknown keys, counted, and the rest."""
 
     def __init__(self) -> None:
         self._unused: Counter[tuple[Path, str]] = Counter()
@@ -125,7 +125,7 @@ class Notes:
         self._others.append(text)
 
     def unused(self, record: Record, known: frozenset[str]) -> None:
-        """Note the keys of a record that are not among the known ones."""
+        """Note the unknown keys of a record."""
         self._unused.update((record.path, k) for k in record.content if k not in known)
 
     def unused_key(self, record: Record, key: str) -> None:
@@ -133,7 +133,7 @@ class Notes:
         self._unused[record.path, key] += 1
 
     def lines(self) -> tuple[str, ...]:
-        """Return what was noted in words, in the order in which it was met."""
+        """Return the notes in words, in the order in which they were made."""
         unused = (
             f"{path}: {key!r} is not used" + (f", {n} times" if n > 1 else "")
             for (path, key), n in self._unused.items()

@@ -100,7 +100,7 @@ def find_stations(
     first. A plate's station stands on a brick: beside it the tool needs the room below.
 
     Args:
-        robot: who is to reach them.
+        robot: the robot.
         plate: of the structure.
         structure: where the structure will be; nothing comes near.
         kinds: the types.
@@ -132,7 +132,7 @@ def find_stations(
 def _places(
     plate: Plate, structure: GridSpan, kind: BrickType, *, far: bool
 ) -> Iterator[Station]:
-    """Yield the places of a station in the order in which they are tried."""
+    """Yield the candidate positions of a station in the order in which they are tried."""
     wide, deep = plate.studs
     nx, ny = kind.studs
     middle = (deep - ny) // 2
@@ -162,7 +162,7 @@ def _reaches(robot: PlacedRobot, plate: Plate, station: Station) -> bool:
 
 
 class Finished:
-    """Picks at stations once a model stands.
+    """Picks at stations next to the finished model.
 
     Args:
         robots: of the cell.
@@ -181,7 +181,7 @@ class Finished:
         self._twist = dict(DEFAULT_TWIST)
 
     def stays_free(self, robot: str, station: Station) -> bool:
-        """Tell whether a robot picks at a station with every grip beside the finished model."""
+        """Tell whether a robot can pick at a station with every grip next to the finished model."""
         stock = (StockBrick("station", station.brick, station.cell, station=True),)
         assembly = LegoAssembly(self._plate, stock, self._steps, self._twist)
         objects, plate = stock_objects(assembly), plate_fixture(self._plate)
@@ -195,7 +195,7 @@ class Finished:
 
 
 def model_cell(model: BrickModel) -> dict[str, Any]:
-    """Return the content of a scenario that builds a model in the middle of a cell chosen for it.
+    """Return the scenario content that builds a model in the middle of a cell chosen for it.
 
     Raises:
         ScenarioError: it is too large, or there is no room for the feeding stations.
@@ -221,7 +221,7 @@ def model_cell(model: BrickModel) -> dict[str, Any]:
 def _content(
     model: BrickModel, robots: tuple[PlacedRobot, ...], studs: int, *, free: bool
 ) -> dict[str, Any]:
-    """Return the content of a scenario with a plate so wide.
+    """Return the content of a scenario with a plate of a given width.
 
     Raises:
         ScenarioError: there is no room for the feeding stations; or, where picks are to stay free
@@ -265,7 +265,7 @@ def _content(
 
 
 def model_orientations(model: BrickModel) -> list[BrickModel]:
-    """Return a model as it is, and turned by a quarter turn with a note of why, as far as they fit.
+    """Return a model as read, and turned by a quarter turn with a note of why, where they fit.
 
     Where neither fits between the stations, it is the model as it is.
     """
@@ -295,7 +295,7 @@ def structure_content(model: BrickModel, corner: tuple[int, int]) -> dict[str, A
 
 
 def _colour(item: ModelBrick) -> dict[str, Any]:
-    """Return the colour of a brick where it is not that of its type anyway."""
+    """Return the colour of a brick where it is not the default of its type."""
     if item.colour is None or item.colour == brick_colour(item.brick):
         return {}
     return {"colour": list(item.colour)}
@@ -304,10 +304,10 @@ def _colour(item: ModelBrick) -> dict[str, Any]:
 def free_corner(
     model: BrickModel, studs: tuple[int, int], taken: Mapping[tuple[int, int], str]
 ) -> tuple[int, int]:
-    """Return where a model stands free on a plate of some studs, as near to its middle as can be.
+    """Return the corner of a model placed free on a plate, as near to its middle as possible.
 
     Raises:
-        ScenarioError: it fits nowhere; says what stands in its way in the middle.
+        ScenarioError: it fits nowhere; names the obstacle in the middle.
     """
     wide, deep, _ = model.size
     covered = frozenset().union(*(item.studs for item in model.bricks))

@@ -1,4 +1,4 @@
-"""Models of LDraw as bricks on the grid.
+"""Import of LDraw models as bricks on the grid.
 
 x and z of LDraw are x and y of the grid, its y points down; 20 units are a stud, 24 a brick and 8
 a plate. A whole model may be shifted against that grid, parts may not be against each other.
@@ -95,7 +95,7 @@ def read_ldraw(path: Path) -> BrickModel:
 
 
 def _parts(path: Path, document: Document) -> list[Reference]:
-    """Return the parts of the whole model, those of models in it in their places."""
+    """Return the parts of the whole model, submodels resolved."""
     main = next(iter(document.models))
     out: list[Reference] = []
     # Models that are still to be read, the one whose parts come first on top.
@@ -146,7 +146,7 @@ def _kinds(path: Path, parts: Sequence[Reference]) -> list[BrickType]:
 
 
 def _quarters(path: Path, parts: Sequence[Reference]) -> list[int]:
-    """Return by how many quarter turns about the vertical each part is turned."""
+    """Return the number of quarter turns about the vertical of each part."""
     faults, quarters = FileFaults(path), []
     for part in parts:
         found = _quarter(part.pose[:3, :3])
@@ -159,7 +159,7 @@ def _quarters(path: Path, parts: Sequence[Reference]) -> list[int]:
 
 
 def _quarter(turn: Array) -> int | str:
-    """Return the quarter turns about y of a rotation, or what else it is."""
+    """Return a rotation as quarter turns about y, or a description of it where it is none."""
     if not np.allclose(turn @ turn.T, np.eye(3), atol=2 * _ROUND):
         return "scaled or sheared"
     if np.linalg.det(turn) < 0.0:
@@ -188,7 +188,7 @@ def _corner(
 
 
 def _cells(path: Path, parts: Sequence[Reference], corners: Array) -> list[list[int]]:
-    """Return stud and level of each corner on the grid that most of them share.
+    """Return stud and level of each corner, on the grid that most of them share.
 
     Raises:
         ScenarioError: some are not on it; names them, and by how much.

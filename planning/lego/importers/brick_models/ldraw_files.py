@@ -1,4 +1,4 @@
-"""Lines of an LDraw file: models with their references to parts and to each other, and colours.
+"""Lines of an LDraw file: models with references to parts and to each other, and colours.
 
 A ``.ldr`` file is one model. A ``.mpd`` file holds several, each after ``0 FILE name``; the first
 is the whole, which refers to the others. Colours and steps are counted, lines and faces (types 2
@@ -23,7 +23,7 @@ Colour = tuple[int, int, int]
 """Red, green and blue, 0 to 255."""
 
 INHERITED = ("16", "24")
-"""Codes that stand for the colour of the model around."""
+"""Codes of the colour of the surrounding model."""
 
 _VALUES: Mapping[int, int] = MappingProxyType(
     {
@@ -130,7 +130,7 @@ def _split(value: int) -> Colour:
 
 @dataclass(frozen=True)
 class Reference:
-    """A part or a model in a model, or in the whole one.
+    """A reference to a part or to a submodel.
 
     Attributes:
         line: of the file, from 1.
@@ -148,12 +148,12 @@ class Reference:
 
     @property
     def source(self) -> str:
-        """Where it stands, such as ``"line 12 by way of line 3"``."""
+        """Its location, such as ``"line 12 by way of line 3"``."""
         return f"line {self.line}{self._way}"
 
     @property
     def words(self) -> str:
-        """Its file and by which lines it came, such as ``"3001.dat by way of line 3"``."""
+        """Its file and reference chain, such as ``"3001.dat by way of line 3"``."""
         return f"{self.name}{self._way}"
 
     @property
@@ -163,7 +163,7 @@ class Reference:
 
 @dataclass
 class Document:
-    """The models of a file by name, in small letters; the first is the whole.
+    """The models of a file by lower-case name; the first is the main model.
 
     Attributes:
         models: references of each.
@@ -218,12 +218,12 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
 
 
 def file_name(text: str) -> str:
-    """Return the name of a file as references compare it."""
+    """Return the name of a file, normalised as references are."""
     return text.strip().strip('"').replace("\\", "/").casefold()
 
 
 def _reference(words: Sequence[str], number: int) -> Reference | str:
-    """Return the reference of a line, or what is wrong with it."""
+    """Return the reference of a line, or its fault."""
     if len(words) < _REFERENCE:
         return f"a part has {_REFERENCE} values, this line {len(words)}"
     if not _COLOUR.fullmatch(words[1]):
@@ -244,7 +244,7 @@ def _reference(words: Sequence[str], number: int) -> Reference | str:
 
 
 def brick_type_of_file(name: str) -> BrickType | None:
-    """Return the brick type of a part by the name of its file, None where it is none.
+    """Return the brick type of a part by its file name, None where it is no brick.
 
     Printed bricks are bricks.
     """
@@ -254,12 +254,12 @@ def brick_type_of_file(name: str) -> BrickType | None:
 
 
 def is_baseplate(name: str) -> bool:
-    """Tell by the name of its file whether a part is a base plate, on which bricks stand."""
+    """Tell by its file name whether a part is a base plate."""
     return name.removesuffix(".dat") in _BASEPLATES
 
 
 def part_number(size: tuple[int, int], height: int) -> str | None:
-    """Return the number of the part of a size in studs and levels, None where there is none."""
+    """Return the part number of a size in studs and levels, None where there is none."""
     return _OF_SIZE.get(((min(size), max(size)), height))
 
 

@@ -47,7 +47,7 @@ class BrickModel:
 
     Attributes:
         bricks: in the order of the file.
-        notes: what was not taken over, a line each.
+        notes: what was not imported, a line each.
     """
 
     bricks: tuple[ModelBrick, ...]
@@ -76,12 +76,12 @@ class BrickModel:
 
     @property
     def kinds(self) -> Counter[BrickType]:
-        """How many bricks there are of each type."""
+        """Number of bricks of each type."""
         return Counter(item.brick for item in self.bricks)
 
 
 class FileFaults:
-    """Faults of a file, each at its line, told together.
+    """Faults of a file, each at its line, reported together.
 
     Args:
         path: the file.
@@ -96,7 +96,7 @@ class FileFaults:
         self._faults.append((line, message))
 
     def check(self, *, choices: Sequence[str] = (), form: str = "") -> None:
-        """Raise an error where there are faults, with valid alternatives or the form of a line.
+        """Raise an error where there are faults, with valid alternatives or the expected form of a line.
 
         Raises:
             ScenarioError: names the first faults by line, and how many more there are.
@@ -139,7 +139,7 @@ def read_lines(path: Path) -> list[str]:
 def finish_model(
     path: Path, bricks: Sequence[ModelBrick], notes: Iterable[str] = ()
 ) -> BrickModel:
-    """Return a model of bricks that may be anywhere on the grid, moved to its corner.
+    """Return a model of bricks from any position on the grid, moved to its corner.
 
     Raises:
         ScenarioError: there are no bricks or too many, two are in one place, or some are
@@ -166,7 +166,7 @@ def finish_model(
 
 
 def _check_places(path: Path, bricks: Sequence[ModelBrick]) -> None:
-    """Check that no two bricks are in one place, and that all are joined to the plate."""
+    """Check that no two bricks overlap, and that all are connected to the plate."""
     taken: dict[GridPlace, ModelBrick] = {}
     overlaps: dict[tuple[str, str], None] = {}
     places = [item.places for item in bricks]
