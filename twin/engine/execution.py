@@ -356,7 +356,7 @@ class Execution:
         self.machines = machine_chains(self.tpg)
 
     def _report_stops(self, edge_ns: float, until_ns: float) -> float:
-        """Record protective stops that begin or end until a time; return the next such time [ns].
+        """Record stops that begin or end until a time; return the next such time [ns].
 
         They are no events of the simulation, which would otherwise never run out of events.
         """

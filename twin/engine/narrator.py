@@ -136,7 +136,7 @@ class Narrator:
             self.emit("resumed", chain, node)
 
     def stopped(self, stops: Sequence[Stops], chain: int, node: int, t_ns: int) -> None:
-        """Emit protective stops of a robot that begin or end at a time.
+        """Emit stops of a robot that begin or end at a time.
 
         Overlapping stops end together, each with its own row: so readers can distinguish them from
             a breakdown at the same time.

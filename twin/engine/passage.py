@@ -172,7 +172,7 @@ class Passage:
     def _stand(
         self, node: int, gone: float, stops: Stops | None
     ) -> list[tuple[int, Standstill]]:
-        """Stand for all pending standstills and protective stops."""
+        """Stand for all pending standstills and stops."""
         now = self.now_ns
         self.commands.append((float(now), node, gone, 0.0, 0.0))
         stood = []
@@ -189,7 +189,7 @@ class Passage:
     def _until(
         self, stop: int, node: int, gone: float, shape: tuple[float, ...]
     ) -> float:
-        """Follow the rest of a node until a protective stop; return the progress."""
+        """Follow the rest of a node until a stop; return the progress."""
         left, leave, peak, ramp = shape
         time = stop - (self.base_ns + self.passed)
         speeding, slowing = (peak - self.speed) * ramp, (peak - leave) * ramp

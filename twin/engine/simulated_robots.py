@@ -103,7 +103,7 @@ class SimulatedRobots(RobotPort):
         return failed
 
     def _work_end(self, chain: int, busy_ns: int) -> int:
-        """Return the end of work that begins now, protective stops included [ns]."""
+        """Return the end of work that begins now, stops included [ns]."""
         return self.motion_time(chain, 0, self._cell.now_ns, busy_ns)
 
     def motion_time(self, chain: int, _node: int, begin_ns: int, offset_ns: int) -> int:

@@ -1,7 +1,4 @@
-"""Candidate distributions of one sample: fitted, tested and ranked.
-
-Picture of a fit: histogram with densities, and quantiles against quantiles.
-"""
+"""Candidate distributions of one sample: fitted, tested and ranked."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def _row(t_ns: int, q: Array, node: int) -> Rows:
 def stopped_motion(
     tpg: TemporalPlanGraph, run: ExecutionRecord, k: int, node: int
 ) -> StoppedPath | None:
-    """Return the motion of a skill interrupted by protective stops; None without any.
+    """Return the motion of a skill interrupted by stops at clock times; None without any.
 
     Args:
         tpg: the executed plan.

@@ -122,12 +122,12 @@ class ExecutionRecord:
         return int(self.stood_ns[chain][self.end_ns[chain] >= 0].sum())
 
     def stopped_ns(self, chain: int, until_ns: int) -> int:
-        """Return the total time of protective stops of a robot before a time [ns]."""
+        """Return the total time of stops of a robot before a time [ns]."""
         stops = self.stops_ns[chain]
         return sum(min(b, until_ns) - a for a, b in stops if a < until_ns)
 
     def pace(self, chain: int) -> StoppedClock:
-        """Return the clock of a robot, which halts during protective stops."""
+        """Return the clock of a robot, which halts during stops at clock times."""
         return StoppedClock(self.stops_ns[chain])
 
     def waits(self) -> tuple[RobotWait, ...]:
