@@ -56,7 +56,7 @@ class Candidate:
     Attributes:
         family: the family.
         theta: its parameters, shape (p,).
-        section: the same as a scenario says it.
+        section: its scenario section.
         aicc: Akaike's information criterion, corrected for small samples; less is better.
         anderson_darling: A**2, how far the sample is from the distribution.
         p_value: probability of an A**2 as great when the family is right.
@@ -98,7 +98,7 @@ def fit_candidates(
         values: durations, shape (n,), at least 6 [s].
         resamples: bootstrap samples a family.
         seed: of the bootstrap.
-        progress: told how many families are done.
+        progress: receives the number of finished families.
 
     Returns:
         The candidates, best first; none where all durations are the same, but for less than
@@ -111,7 +111,7 @@ def fit_candidates(
     found = []
     for k, family in enumerate(suiting):
         progress(k, len(suiting))
-        with suppress(ValidationError, ScenarioError):  # no scenario can say it
+        with suppress(ValidationError, ScenarioError):  # no scenario section can express it
             found.append(fit_family(family, x, resamples=resamples, seed=seed))
     progress(len(suiting), len(suiting))
     return tuple(sorted(found, key=lambda c: (c.rejected, c.aicc)))

@@ -115,8 +115,8 @@ def uniforms(
         replications: their numbers, 0 or more, shape (r,).
         robots: robot of each draw, n names.
         tasks: task index of each draw, shape (n,), or that of all.
-        kinds: kind of task of each draw, n names.
-        purpose: what the draws are for, such as ``"duration"``.
+        kinds: task kind of each draw, n names.
+        purpose: purpose of the draws, such as ``"duration"``.
         indices: number of the draw where one task needs several, shape (n,), or that of all.
 
     Returns:
