@@ -115,7 +115,7 @@ def standing_recording(tpg: TemporalPlanGraph, state: StandingState) -> Recordin
 
 
 def _begun(tpg: TemporalPlanGraph, state: StandingState) -> tuple[int, ...]:
-    """Return the number of started nodes of each chain."""
+    """Return the number of nodes after which each chain stands."""
     counts = list(state.completed)
     counts[tpg.chain_index[state.robot]] += state.at_end
     return tuple(counts)
