@@ -1,4 +1,4 @@
-"""An arm that follows its nodes as planned, by the clock: a driver without a robot."""
+"""A simulated arm that follows its nodes by the clock: a driver without a robot."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrde
 
 
 class SimulatedArm:
-    """A driver that passes nodes in the time that the plan has for them.
+    """A driver that passes nodes in their planned times.
 
     Args:
         clock: returns the time [s].
         pace: how many times as fast as planned.
-        fails: tells of the first node of a skill whether it fails.
-        stands: joint positions at which the arm is when it is started anew, shape (n,); by default where the
+        fails: returns for the first node of a skill whether it fails.
+        stands: joint positions of the arm after a restart, shape (n,); by default where the
             plan has it.
         reach: how far from the path it may stand then [rad or m].
     """
@@ -46,7 +46,7 @@ class SimulatedArm:
         self._order, self._acted_s = ToolOrder("", "", 0.0), -math.inf
 
     def begin(self, start: Array, done: int) -> None:
-        """Be told where the plan has it stand; see Driver."""
+        """Start at the planned configuration; see Driver."""
         self._first = self._done = done
         self._start = start
 
