@@ -1,4 +1,4 @@
 """What is worth fixing: by how much a study's makespans fall when one thing takes less time.
 
-Imports engine, recorders, run, uncertainty and study.replications; the rest of study imports it.
+Imports engine, recorders, runs, uncertainty and studies.replications; the rest of studies imports it.
 """
