@@ -1,4 +1,4 @@
-"""Processes are done where the scenario says, by who may, while what is to be held is held."""
+"""Audit of processes: place, robot, and held parts as the scenario requires."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class _DoneProcess:
     """A process that was executed.
 
     Attributes:
-        robot: who did it.
+        robot: its robot.
         begin, end: when [s].
         missed: how far its tool stayed away from the place, 0 if it came there [m].
-        words: what is wrong with where the tool was; empty if nothing is.
+        words: description of a wrong tool position; empty if none.
     """
 
     robot: str
@@ -46,7 +46,7 @@ class _DoneProcess:
 
 
 def process_violations(case: AuditCase) -> Iterator[Violation]:
-    """Yield processes that were not done, or not as the scenario says.
+    """Yield missing or wrong processes.
 
     Each wanted process is one task of its name, in which the tool's frame comes to every pose of
     its path in turn, z opposite to that of the place, relative to where the part or fixture is
@@ -100,7 +100,7 @@ def process_violations(case: AuditCase) -> Iterator[Violation]:
 
 
 def _placed_at(case: AuditCase) -> Iterator[tuple[str, float]]:
-    """Yield the names of steps that place objects, with when those came to rest last [s]."""
+    """Yield the steps that place objects, with the last time these came to rest [s]."""
     for place in case.wanted.places:
         stays = case.stays.get(place.object or "", ())
         if place.name is not None and len(stays) > 1 and stays[-1].holder is None:
@@ -138,7 +138,7 @@ def _done(case: AuditCase, process: ExpectedProcess, index: int) -> _DoneProcess
 
 
 def _span(rows: RobotRows, nodes: Indices) -> tuple[float, float] | None:
-    """Return from when to when a robot is at some nodes [s], None if it never is.
+    """Return the interval of a robot's nodes [s], None if never executed.
 
     What takes no time has no rows of its own within limits: it is passed where the next node begins.
     """
@@ -153,7 +153,7 @@ def _span(rows: RobotRows, nodes: Indices) -> tuple[float, float] | None:
 
 
 def _place(case: AuditCase, process: ExpectedProcess, t: float) -> Transform | None:
-    """Return where a process is done, None while its part is in a hand."""
+    """Return the place of a process, None while its part is held."""
     if process.owner is None:
         return process.pose
     stay = case.place(process.owner, t)
@@ -165,7 +165,7 @@ def _place(case: AuditCase, process: ExpectedProcess, t: float) -> Transform | N
 def _tip(
     case: AuditCase, process: ExpectedProcess, robot: str, span: tuple[float, float]
 ) -> Transform | str:
-    """Return where the frame of a process is in the flange frame, or what is wrong with the tool."""
+    """Return the process frame in the flange frame, or the fault of the tool."""
     placed = case.cell.robot(robot)
     frames = placed.model.frames
     if any(tool.robot == robot for tool in case.wanted.tools):
@@ -180,7 +180,7 @@ def _tip(
 
 
 def _missed(tools: Array, path: list[Transform]) -> tuple[float, str]:
-    """Return how far a tool stays away from a path at most, and what is wrong in words."""
+    """Return the largest deviation of a tool from a path, and its description."""
     first = 0
     for at in path:
         away = np.linalg.norm(tools[first:, :3, 3] - at[:3, 3], axis=1)
