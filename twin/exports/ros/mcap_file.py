@@ -1,7 +1,7 @@
-"""A run as an MCAP file: joint states, frames, trajectories and what everything looks like.
+"""A run as an MCAP file: joint states, frames, trajectories and markers.
 
-Times are those of the run, from 0 on. What moves has messages at a rate; once a second everything is
-said again, so that whoever joins in the middle soon knows all, until nothing has moved for a minute.
+Times are those of the run, from 0 on. Moving things have messages at a rate; once a second everything
+is repeated for late subscribers, until nothing has moved for a minute.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def _messages(run: RunResult, rate_hz: float) -> Iterator[Message]:
 
 
 def _times(motion: Trajectory, rate_hz: float) -> Nanoseconds:
-    """Return times at a rate at which a robot moves, begins or ends to, and one every second [ns].
+    """Return message times of a robot: at a rate while it moves, and every second [ns].
 
     Of a standstill that lasts for more than a minute there are those of the first minute.
     """
@@ -176,7 +176,7 @@ def _whole_numbers(low: Array, high: Array) -> Indices:
 
 
 def _objects(run: RunResult) -> Iterator[Message]:
-    """Yield where objects are, whenever one changes hands and once a second, and how they look."""
+    """Yield object poses at every transfer and every second, and their markers."""
     there: ObjectsThere | None = None
     spans = [_moving(motion) for motion in run.motions.values()]
     begins, ends = map(np.concatenate, zip(*spans, strict=True))
