@@ -1,4 +1,4 @@
-"""Checks of places: parts that overlap, hang or fall where they go, and places of work."""
+"""Checks of places: overlap, support and balance of parts at goals, and places of work."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _BESIDE = 0.5
 
 @for_part_assemblies
 def check_goals(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield parts of an assembly that overlap, or hang in the air, in their places."""
+    """Yield parts that overlap or are unsupported at their goals."""
     cell, section, assembly = parts.there, parts.section, parts.found
     if isinstance(assembly, str):
         yield Finding(("assembly", "steps"), assembly, error=True)
@@ -82,7 +82,7 @@ def check_goals(subject: CheckContext, parts: OrderedParts) -> Findings:
 
 @for_part_assemblies
 def check_joints(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield what is joined to something that is farther from it than the joint says."""
+    """Yield joints whose parts are farther apart than the joint allows."""
     listed = [set(item.parts) for item in parts.section.joined]
     known = set().union(*listed)
     for joint, words in wide_joints(subject.cell, parts.listed):
@@ -92,7 +92,7 @@ def check_joints(subject: CheckContext, parts: OrderedParts) -> Findings:
 
 @for_part_assemblies
 def check_balance(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield the first part that would fall, in the order in which parts are put in place."""
+    """Yield the first part that would fall, in assembly order."""
     from planning.parts.balance import PartBalance, balance_groups
 
     if parts.steps is None or parts.listed.balance is None:
@@ -111,7 +111,7 @@ def check_balance(subject: CheckContext, parts: OrderedParts) -> Findings:
 
 @for_part_assemblies
 def check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield processes in which the tool stays far from all that they are done at.
+    """Yield processes whose tool stays far from all parts.
 
     Some tools do work at a distance, and their processes say at which (``distance_m``).
     """
@@ -145,7 +145,7 @@ def _nearest(
     process: Process,
     there: Mapping[str, PlacedObject],
 ) -> Iterator[tuple[str, float]]:
-    """Yield what is nearest to the tool of a robot at each pose of its path, and how far it is [m]."""
+    """Yield the nearest thing to a robot's tool at each pose of its path, with distance [m]."""
     body = Shape((), tuple(tool_bodies(robot.model)))
     tip = inverse(frame_in_last_joint(robot.model, process.frame))
     way = process_targets(process, known.place, process.turns[0])
@@ -158,7 +158,7 @@ def _nearest(
 
 @for_part_assemblies
 def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield machines that work at parts elsewhere than they stand, or nowhere that anybody tells.
+    """Yield machines that work far from their fixtures, or at unknown places.
 
     Where a machine names its fixtures, a part that lies on none of them cannot be worked at. Where it does
     not, it stands where its parts are brought to; so they are to be brought, and to one place.
