@@ -124,7 +124,7 @@ class _Pile:
             front += new
 
     def _put(self, name: str, pose: Transform) -> None:
-        """Note a pose, and the corners of the upright box around what is there."""
+        """Record a pose, and the corners of the axis-aligned box around the object."""
         self._poses[name] = pose
         places = [(shape.at(pose), shape) for shape in self._case.shapes[name]]
         middle = np.array([at[:3, 3] for at, _ in places])

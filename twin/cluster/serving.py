@@ -53,7 +53,7 @@ class _Worker(Worker):
         super().__init__(*arguments, **options)
 
     def start_http_server(self, *_: Any, **__: Any) -> None:
-        """Start none: it would ask nobody for a certificate."""
+        """Start none: it would require no certificate."""
 
 
 def serve_cluster(

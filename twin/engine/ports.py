@@ -1,4 +1,4 @@
-"""Ports of an execution: robots, objects that arrive late, replanning, and people beside the cell.
+"""Ports of an execution: robots, late objects, replanning, and people next to the cell.
 
 ``Execution`` owns the graph, the clock and the dispatcher. The differences between simulation,
 operation and runs with drivers are behind these protocols.

@@ -68,7 +68,7 @@ def begin_design(target: Path, source: str) -> Path:
 
 
 def scenario_text(scenario: Scenario) -> str:
-    """Return a scenario as YAML, without what it leaves to defaults."""
+    """Return a scenario as YAML, without default values."""
     whole = scenario.model_dump(mode="json", by_alias=True, exclude={"explore"})
     said = scenario.model_dump(
         mode="json", by_alias=True, exclude_defaults=True, exclude={"explore"}

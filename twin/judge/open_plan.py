@@ -88,7 +88,7 @@ class OpenEvent(Section):
 
     @property
     def verb(self) -> str:
-        """What happens."""
+        """The verb of the event."""
         return next(verb for verb in VERBS if getattr(self, verb) is not None)
 
     @property

@@ -369,7 +369,7 @@ class RemoteRobots(RobotPort):
         )
 
     def record_driver(self, name: str, words: str) -> None:
-        """Record that a robot has stopped, with the reason in words, or that it resumes, without any."""
+        """Record that a robot has stopped, with the reason, or that it resumes, without one."""
         if self._cell.narrator is not None and name in self._cell.tpg.chain_index:
             kind: EventKind = "stopped" if words else "resumed"
             self._cell.narrator.emit(

@@ -300,7 +300,7 @@ class RunResult:
         return read_parquet(self._as_written(name))
 
     def __repr__(self) -> str:
-        """Return what it is in a line, whatever is left of its folder."""
+        """Return a one-line description, even for a damaged folder."""
         where = "in memory" if self.folder is None else f"in {self.folder}"
         try:
             entries = f"{self.outcome}, {self.policy}, {self.makespan_s:.2f} s, "

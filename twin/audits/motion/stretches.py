@@ -63,7 +63,7 @@ def stretches(world: AuditWorld, replay: ReplayedRun) -> Iterator[RunStretch]:
 
 
 class _Sampler:
-    """Samples an execution finely enough, with what is known of a cell's shapes.
+    """Samples an execution finely enough, with the shapes of the cell.
 
     Args:
         world: the cell.

@@ -77,7 +77,7 @@ def mcap_files(run: RunResult, *, rate_hz: float = RATE_HZ) -> Mapping[str, byte
 
 
 def _messages(run: RunResult, rate_hz: float) -> Iterator[Message]:
-    """Yield all messages, in no order but that of what is said of one time."""
+    """Yield all messages; only those of the same time are in order."""
     cell = run.tpg.cell
     colours = team_colours([robot.name for robot in cell.robots])
     drawn = {

@@ -122,7 +122,7 @@ def _sliding(parent: str, name: str, visual: Element, axis: Array) -> Iterator[E
 def closing_distance(
     robot: PlacedRobot, item: CellObject, in_flange: Transform
 ) -> float:
-    """Return how far each finger of a robot closes on a part; 0 where they would not touch it [m].
+    """Return the closing travel of each finger on a part; 0 where they would not touch it [m].
 
     Args:
         robot: whose fingers close along the y axis of their frame.

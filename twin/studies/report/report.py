@@ -110,7 +110,7 @@ def _in_order(result: StudyResult) -> list[int]:
 
 
 def _file_name(label: str) -> str:
-    """Return a label as part of the name of a file, with a hash in place of what is too long."""
+    """Return a label as part of a file name, shortened with a hash."""
     name = re.sub(r"[^a-z0-9.]+", "-", label.lower()).strip("-")
     if len(name) <= _LONGEST_NAME:
         return name

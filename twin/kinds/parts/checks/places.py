@@ -218,7 +218,7 @@ def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
 def _from_door(
     own: MachineSection, lying: PlacedObject, subject: CheckContext
 ) -> float | None:
-    """Return how far a part is from the door of a machine, None where it has none [m]."""
+    """Return the distance of a part from a machine's door, None without a door [m]."""
     if own.door is None:
         return None
     from twin.planning.shapes import build_shape

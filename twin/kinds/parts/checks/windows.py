@@ -100,7 +100,7 @@ def check_due_times(subject: CheckContext, parts: OrderedParts) -> Findings:
 def _paces(
     subject: CheckContext, section: PartsSection
 ) -> Iterator[tuple[str, float, float]]:
-    """Yield conveyors and machines of a line: in words, and the time until the first product has its parts, and for each further one [s].
+    """Yield conveyors and machines of a line: description, time until the first product has its parts, and time per further one [s].
 
     By the mean of their times; nothing else takes any time.
     """
