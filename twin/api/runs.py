@@ -47,7 +47,8 @@ def plan(
     Args:
         scenario: a scenario, or the path of its file; by default that of the run.
         world: where the plan begins, as ``runs/cliff@42``: the folder of a run, and seconds since its
-            start; by default with all robots at HOME and all objects at their starts. Each robot goes on
+            start; by default with all robots at HOME and all objects at their starts. Each robot
+            continues
             to the first border at which it is at rest and within no skill; the plan begins there.
         out_of_service: robots that do nothing from then on, and stand where they are.
         progress: receives the progress of each stage.

@@ -173,7 +173,7 @@ def moved_spans(
 def _standing(rows: RobotRows, way: Array) -> npt.NDArray[np.bool_]:
     """Return which steps between rows belong to a pushed robot at rest, shape (k - 1,).
 
-    Such a step leads to a row that comes again at once, as that of the node that then begins.
+    Such a step leads to a row that is repeated as the first one of the next node.
 
     Args:
         rows: of the robot.

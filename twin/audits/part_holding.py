@@ -18,7 +18,7 @@ def keeping_violations(
 ) -> Iterator[Violation]:
     """Yield parts released before the task for which they are held was complete.
 
-    A part is to be kept hold of where the scenario says until when, or where the plan has its
+    A part must be held where the scenario gives an end of the hold, or where the plan has its
     robot let go of it after another task. While it was carried its robot's tool was at it, which
     the grips say, and it does not move any more: so the tool stays at it as long as that robot
     stands.
@@ -57,7 +57,8 @@ def states_and_holds(
 def _held_in_place(case: AuditCase) -> dict[str, tuple[float, float]]:
     """Return the intervals in which parts are held at their places [s].
 
-    That is as long as who placed them stands still, whatever they are kept hold of for; where balance is looked
+    That is as long as the placing robot stands still, whatever the reason of the hold; where balance is
+    looked
     at, and the rest of a plan was not executed, that may be any part.
     """
     wanted, begins = case.wanted, dict[str, Task]()

@@ -51,9 +51,8 @@ def process_violations(case: AuditCase) -> Iterator[Violation]:
     Each wanted process is one task of its name, in which the tool's frame comes to every pose of
     its path in turn, z opposite to that of the place, relative to where the part or fixture is
     then. A part that is to be held has another robot's tool at it that stands still meanwhile.
-    Steps begin after the end of those that they are to come after, and what is to be kept hold of
-    until a step is complete stays in its hand for that long. Without a log machines' work is
-    waited for by nobody. What was done before the plan began is not looked for.
+    Steps begin after the end of their predecessors, and parts to be held until a step is complete stay
+    held. Without a log the work of machines is not checked, nor is work before the plan began.
     """
     begun = case.cell.begun
     before = () if begun is None else begun.steps

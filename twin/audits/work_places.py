@@ -1,6 +1,6 @@
 """Audit of intermediate places of parts, and of parts at machines while these work.
 
-What is in its place must stand at all times: by friction, by joints, or in somebody's hand.
+Placed parts must stand at all times: by friction, by joints, or held by a robot.
 """
 
 from __future__ import annotations

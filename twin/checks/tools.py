@@ -1,4 +1,4 @@
-"""Checks of tools: fingers that open wide enough, and tool frames that are at the tool."""
+"""Checks of tools: finger openings, tool frames, flanges, descriptions."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ def find_close_ups(
 ) -> list[CloseUp]:
     """Return the close-ups of a view.
 
-    Things that are near each other are drawn together; one alone has room for its name beside it.
+    Things that are near each other are drawn together; a single one has room for its name next to it.
 
     Args:
         boxes: lower and upper corners of the things in the view, shape (n, 2, 2) [m].

@@ -214,7 +214,7 @@ def schema_problems(
     """
     errors, kinds = _of_kinds_given(document, errors)
     out = []
-    meant: set[KeyPath] = set()  # missing keys that an unknown key stands for
+    meant: set[KeyPath] = set()  # missing keys probably meant by an unknown key
     for error in errors:
         if error["type"] == "extra_forbidden":
             *parent, name = error["loc"]

@@ -81,8 +81,8 @@ class ExecutionModel:
         policy: ``"asynchronous"`` releases every node that is safe by the TPG; ``"sequential"`` lets
             one robot work at a time, always on the first task in planned order that is safe;
             ``"synchronous"`` lets no robot enter a slot of the plan before every robot has left the
-            one before; in ``"open-loop"`` every robot follows the planned clock and waits for
-            nobody, so that robots may collide.
+            one before; in ``"open-loop"`` every robot follows the planned clock and never
+            waits, so that robots may collide.
         messages: between robots and dispatcher.
         disturbances: disturbances of the execution.
         hold: what opens a window of time is held back until the later step will be in time with this

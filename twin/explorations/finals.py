@@ -93,7 +93,8 @@ class ChangeValue:
         words: text on the change.
         gain: by how much the goal is better with it; None where there is no design without it.
         reason: why not.
-        by_plans: of all changes at once the mean gain over several plans of both, each with another seed
+        by_plans: of all changes together the mean gain over several plans of both, each with
+            another seed
             of the planner; None where that is not known.
     """
 

@@ -153,7 +153,7 @@ class RungClimb:
             )
         except TwinError as error:
             return refused_evaluation(self._rung, str(error), **self._known)
-        except Exception as error:  # one of many designs: the others go on
+        except Exception as error:  # one of many designs: the others continue
             words = f"a fault of the program: {type(error).__name__}: {error}"
             return refused_evaluation(self._rung, words, **self._known)
         finally:

@@ -85,7 +85,7 @@ def circular_waits(document: Mapping[str, Any]) -> list[str]:
     everybody += document.get("machines", {}).values()
     number = 0
     for motions in everybody:
-        number += 1  # a gap: nobody comes after the last of another
+        number += 1  # a gap: no motion follows the last one of another robot
         begins = True
         for motion in motions:
             if begins:
@@ -183,7 +183,7 @@ def _motion(
         inside = (smooth.t_ns > begin) & (smooth.t_ns < end)
         at = np.unique(np.r_[begin, smooth.t_ns[inside], end])
         q, v, _ = smooth.states_at(at)
-        # Accelerations are told as they are: worked out of speeds they have fewer digits.
+        # Accelerations are written directly: derived from speeds they have fewer digits.
         own = [np.interp(at, smooth.t_ns, column) for column in smooth.a.T]
         t_ns, rows = at - begin, (q, v, np.stack(own, axis=1))
     times = [(begin + t) / NANOSECONDS for t in t_ns.tolist()]

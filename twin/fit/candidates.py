@@ -111,7 +111,7 @@ def fit_candidates(
     found = []
     for k, family in enumerate(suiting):
         progress(k, len(suiting))
-        with suppress(ValidationError, ScenarioError):  # no scenario section can express it
+        with suppress(ValidationError, ScenarioError):  # no scenario can say it
             found.append(fit_family(family, x, resamples=resamples, seed=seed))
     progress(len(suiting), len(suiting))
     return tuple(sorted(found, key=lambda c: (c.rejected, c.aicc)))

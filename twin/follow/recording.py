@@ -257,7 +257,7 @@ class LiveRecording:
         rows = self._rows[chain.robot]
         for node in range(self._shown[chain.robot], robot.completed):
             end = int(robot.end_ns[node])
-            # The clock of a whole node: where in it the robot stood is not told apart.
+            # Standstills are spread over the whole node.
             start = min(int(robot.start_ns[node] + robot.stood_ns[node]), end)
             own = slice(int(chain.first[node]), int(chain.first[node + 1]))
             passed = np.rint(chain.fraction[own] * (end - start)).astype(np.int64)

@@ -178,7 +178,7 @@ class FollowedRun:
             self._flag(event, f"it has nodes 0 to {len(chain) - 1}")
             return
         if event.kind == "waiting" and self._is_left_out(event.task):
-            node = -1  # it waited for what was then planned anew
+            node = -1  # it waited for nodes that were then replanned
         if node >= 0 and event.task not in (-1, int(chain.task[node])):
             self._flag(event, f"node {node} is of task {int(chain.task[node])}")
         if event.kind == "failed" and node >= 0:

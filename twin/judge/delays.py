@@ -45,7 +45,7 @@ class DelayModel:
 
     Attributes:
         slower: a move takes up to so many times as long as planned, evenly drawn.
-        stalls_per_h: how often a robot stands in an hour of planned motion, before it goes on.
+        stalls_per_h: number of standstills of a robot per hour of planned motion.
         stall_s: for how long then, from and to, evenly drawn [s].
     """
 

@@ -1,7 +1,7 @@
 """Intended contacts of an open plan, from its transfers and declared contacts.
 
 - A hand touches what it holds, from the work in which it takes it to the work in which it gives it away.
-- What is taken or put down touches what it lies on or beside, in that work.
+- A picked or placed object touches its neighbours, in that work.
 - A tool touches what a motion says that it does; bricks at rest it may graze while it works.
 
 How deep all that may be is the audit's: see ``twin.audits.contacts``.
@@ -39,7 +39,7 @@ def intended_contacts(
     Args:
         plan: says what tools touch.
         graph: of it: knows the tasks.
-        world: measures what lies beside what.
+        world: measures distances of neighbours.
         planned: the plan as it is executed at its own times.
         wanted: says what keeps objects at rest.
     """

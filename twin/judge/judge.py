@@ -157,7 +157,7 @@ def judge(
         scenario: its task; by default the one that the file names.
         seeds: how many executions under delays are looked at.
         engine: to measure with; by default PyBullet where it is installed, else coal.
-        progress: told how far it has come.
+        progress: receives the progress.
 
     Raises:
         InvalidScenarioError: the file is no open plan, or does not fit its scenario.

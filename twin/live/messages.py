@@ -59,7 +59,7 @@ class Report:
         seen: number of the last command processed.
         version: number of the graph that its last nodes are from, 0 before the first.
         have: how many nodes it knows, from the robot's first one on.
-        state: how far it is; its samples are new, and now and then all that have not been heard of.
+        state: state of the driver; its samples are new, and now and then all unacknowledged ones.
         first: number of the first of the samples.
         kept: number of the oldest sample that it can resend.
     """

@@ -61,7 +61,7 @@ class RemoteRobots(RobotPort):
         execution: the run.
         links: state of the protocol of each driver, by robot.
         wires: carries messages to it.
-        written: sees to it that all events so far are on the disk; called before a driver is cleared for more.
+        written: flushes all events to the disk; called before further nodes are cleared.
         out_s: a robot whose driver has been silent for so long is out of service [s].
         tolerance: farthest that a joint may be from its path [rad or m]; beyond it all stop.
         pace: how many times as fast as the clock the run's time goes.

@@ -68,7 +68,7 @@ class Session:
 
         Args:
             cell: with the robots.
-            written: sees to it that all events so far are on the disk.
+            written: flushes all events to the disk.
             measured: file to which samples are written.
             history: history of the log, where the dispatcher is restarted.
         """

@@ -11,13 +11,14 @@ The measure bounds how often each of them can still occur:
 
     mu = (E, N, Q, A),    compared lexicographically
     E  robots and machines in service + announced changes of the order to come + late parts not missed yet
-    N  steps not planned yet; 0 once the planner has given up every further step
+    N  steps not planned yet; 0 once the planner has abandoned every further step
     Q  times * steps - questions asked                                   (0 without a person)
     A  steps * kinds * (again + 1 + robots) - failures since a person last saw to the skill
 
 An outage, a change and a missed part reduce E. A longer plan reduces N and leaves E. A question reduces Q; it may
 reset the failures of one skill and so raise A, which comes later in the order. A failure reduces A: a skill of a
-step fails at most ``again + 1`` times before its step is given up, and then each robot that is still at work at
+step fails at most ``again + 1`` times before its step is abandoned, and then each robot that is still
+at work at
 that step fails at most once more. E, N, Q and A are natural numbers, so each chain mu(1) > mu(2) > ... is finite.
 
 The planner compares the measure of each revision with that of the plan that is executed. A revision that does

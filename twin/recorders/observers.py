@@ -35,7 +35,7 @@ class Observers:
         self._recorders = list(recorders)
 
     def __bool__(self) -> bool:
-        """Tell whether any recorder is left."""
+        """Return whether any recorder is left."""
         return bool(self._recorders)
 
     def record(self, event: Event) -> None:

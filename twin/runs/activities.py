@@ -1,6 +1,6 @@
 """Progress and activities of robots, derived from the events of a run; activities are lanes of charts.
 
-The states that a lane can have come with their colours, the causes of edges in words.
+Lane states have colours, causes of edges have texts.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class Activity:
         state: kind of the task, ``"close"`` or ``"open"`` while a tool does that in it, or one of STANDING.
         start_ns, end_ns: when [ns].
         task: the task under way, waited for, or at the end of which it holds something; -1 for a
-            robot that will never go on.
+            robot that will never continue.
         first, last: nodes of the robot that it belongs to, or that are waited for; -1 as above.
     """
 

@@ -26,7 +26,7 @@ class RunHeader:
         fits: how parts fit where they are put, step by step.
         idle: by robot that gets no task: why, and how many steps it can serve.
         load_bound_s: lower bound of the makespan over all assignments, where known [s].
-        makespan_asynchronous_s: makespan of the plan in turns, each robot going on as soon as it is safe, where the
+        makespan_asynchronous_s: makespan of the sequential plan, released asynchronously, where the
             plan has an improved task order and shortcuts [s].
         operated: whether the run replans after failures.
         answered: whether a person answered questions, so that it cannot be repeated.

@@ -283,7 +283,7 @@ def resume_study(
         scenario: that it must be of, None for any.
         workers: see study.
         cluster: whose workers do it instead.
-        progress: told how far each stage has come.
+        progress: receives the progress of each stage.
 
     Raises:
         OutputError: the folder is not one of a study that got as far as its plans.

@@ -59,8 +59,8 @@ class OperatedSummary(Figures):
         given_up: number of replications in which each step was abandoned, by step, if any.
         versions: mean number of new plans that took over.
         recoveries: mean number of failures for good, by kind of recovery.
-        regret_s: mean excess over the plan with hindsight, None where nobody
-            knows [s].
+        regret_s: mean excess over the plan with hindsight, None if
+            unknown [s].
         regret_replanned_s: the same of replications in which new plans took over [s].
         prevented: gains of prevention, the best first.
     """

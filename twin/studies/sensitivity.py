@@ -72,7 +72,7 @@ class SobolIndex(Figures):
     """The share of an input in the variance of the mean makespan.
 
     Attributes:
-        name: of the input, in words.
+        name: name of the input.
         first: first-order index: share explained by the input alone.
         total: total index: share explained alone and with others.
     """

@@ -275,7 +275,7 @@ def _coordinated(
 
 
 def chooses_robot_subset(scenario: Scenario) -> bool:
-    """Tell whether robots may be left without work where that shortens the plan.
+    """Return whether robots may be left without work where that shortens the plan.
 
     True if plans are compared by their temporal plan graph and there are more than two robots.
     """

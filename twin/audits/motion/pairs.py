@@ -232,8 +232,8 @@ def watched_pairs(
     """Yield the pairs that come near each other.
 
     A pair is close at a sample where it may be nearer than it moves until the sample before or
-    the one after: what is not close at two samples is apart all the time between them. In a
-    stretch in which nothing moves pairs are looked at once.
+    the one after: what is not close at two samples is apart all the time between them. In a stretch
+        without motion pairs are measured once.
 
     Args:
         stretch: the piece of the run.

@@ -103,7 +103,7 @@ def _check_step(
 ) -> Found:
     if step.press is not None:
         along = brick.studs[1] if step.press.side in (1, 4) else brick.studs[0]
-        # A one-stud edge is gripped with half of the tool beside it.
+        # A one-stud edge is gripped with half of the tool off it.
         most = max(along - 2, 0)
         if step.press.offset > most:
             text = f"the edge has {along} studs: an offset of at most {most} fits"

@@ -71,7 +71,7 @@ def with_named_parts(section: PartsSection) -> PartsSection:
         for part in section.parts
         for named in (_named(part, kinds[part.name]) if part.several else (part,))
     )
-    # What others call a step of a kind stands for all of its goals.
+    # A reference to a step of a kind means all of its goals.
     goals = {
         step.known_as: tuple(
             f"{step.known_as}-goal-{k}" for k in range(1, kinds[step.place].goals + 1)

@@ -52,7 +52,7 @@ def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
         shape, rules = subject.cell.object(name).shape, assembly.handling(name).grips
         robots = _placing(subject, step, frame)
         ends = [("start", start, start), ("goal", end, end)]
-        # Who turns at all may lay a part down in between, and grip it anew.
+        # A robot that can reorient a part may put it down and regrip it.
         if not any(turning_axes(robot) for robot in robots):
             ends.append(("goal", start, end))
         for key, *poses in ends:

@@ -172,7 +172,7 @@ def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
         if isinstance(step, PlacePart):
             moved.add(step.part)
         if not isinstance(step, MachineWork) or step.machine not in machined:
-            continue  # nobody does what needs no machine, such as glue that cures
+            continue  # unattended processes need no machine, such as glue that cures
         name, pose = step.machine, where[step.part]
         own = machines.get(name, MachineSection())
         at, lying = parts.step_at(number), (cell.object(step.part), pose)

@@ -264,7 +264,7 @@ def _reaching(
 
 
 def _reaches(robot: PlacedRobot, frame: str, grip: Transform, targets: Targets) -> bool:
-    """Tell whether a robot can pick or place with its tool at a pose."""
+    """Return whether a robot can pick or place with its tool at a pose."""
     if is_beyond_reach(robot, frame, grip):
         return False
     return is_possible_in_some_posture(robot, targets(grip))
