@@ -95,7 +95,7 @@ def explore(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Search among designs of a cell for the best, and estimate its gain.
+    """Search among designs of a cell for the best, and say what it is worth.
 
     What may be different, and what is looked for, is in the section explore of the scenario. Each design
     is checked, then reached for, planned, planned in full and replicated; what is refused says why.
