@@ -28,10 +28,10 @@ if TYPE_CHECKING:  # PyBullet is loaded on demand
     from twin.audits.worlds.bullet_world import BulletWorld
 
 CONTACT_DEPTH = 0.003
-"""Allowed contacts may be this deep, unless the plan says of them that they are less deep [m]."""
+"""Largest depth of allowed contacts, unless the plan has a smaller one [m]."""
 
 NODE_SLACK = 0.001
-"""What is joined may be deeper in each other than its scenario says by this: rounding [m]."""
+"""Rounding tolerance of the depth of joined parts [m]."""
 
 
 Allowed = Mapping[frozenset[str], Sequence[AllowedContact]]

@@ -21,16 +21,16 @@ from twin.audits.motion.executed import Stay
 from twin.audits.worlds.world import FAR, AuditWorld, WatchedShape
 
 GRIP = 0.005
-"""What is held by a tool whose shapes do not tell more may be so far away from it, closed [m]."""
+"""Largest gap between a held object and a closed tool without identifiable fingers [m]."""
 
 CLOSING = 0.0021
 """What fingers hold may be so far off the middle between them, along the axis in which they close [m]."""
 
 BESIDE = 0.0006
-"""Pads may pass what they hold by so much, along the tool or across it [m]."""
+"""Largest offset of pads from the object, along or across the tool [m]."""
 
 CUP = 0.0011
-"""A cup may be so far away from what it holds, and the tool frame beside that cup [m]."""
+"""Largest gap between cup and object, and offset of the tool frame from the cup [m]."""
 
 _PLAY = 1e-4
 """A box may be wider than its fingers open by this: rounding of files [m]."""
@@ -39,7 +39,7 @@ _SIDE = 5e-4
 """What reaches over the plane in which fingers meet by less belongs to one side [m]."""
 
 _PAST = 0.01
-"""Fingers are followed so far beyond that plane, to tell how far off something is [m]."""
+"""Travel beyond that plane up to which fingers are followed, to measure a miss [m]."""
 
 _TOUCHES = 5e-5
 """What is nearer than this touches: the engines' own errors [m]."""
@@ -48,7 +48,7 @@ _MOST_STEPS = 200
 """Steps in which a finger advances at most, each as long as it is away."""
 
 _HALVINGS = 30
-"""Steps in which the least distance of a way is found: each leaves two thirds."""
+"""Steps of the search for the least distance along a travel: each leaves two thirds."""
 
 _NEAR = 0.5
 """No finger reaches farther from its tool frame [m]."""

@@ -12,7 +12,7 @@ from twin.audits.limit_readings import BEYOND, TICKS, LimitReadings
 from twin.audits.motion.executed import RobotRows
 
 _HEARD_S, _WINDOWS_S = 0.01, (0.1, 0.2, 0.4, 0.8)
-"""By how much the time of a measurement may be wrong, and times over which speeds of such are looked at [s]."""
+"""Time error of measurements, and time windows over which their speeds are checked [s]."""
 
 
 def joint_violations(

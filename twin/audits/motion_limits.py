@@ -20,7 +20,7 @@ from twin.audits.motion.efforts import RobotEfforts, ToolSpeeds
 from twin.audits.motion.executed import ReplayedRun, RobotRows
 
 _TICK = 1e-9
-"""A row, and what was commanded, are told at whole nanoseconds: together so much too early or late [s]."""
+"""Rounding of the times of rows and commands to nanoseconds, together [s]."""
 
 _STEP = 3e-7
 """Share of an acceleration that rounding may make up: it is a difference over a short lag."""
@@ -34,7 +34,7 @@ _EFFORT = 1e-4
 _MISFIT = "speeds and accelerations are not those of the positions"
 
 _SPEED, _WAY = 1e-7, 1e-8
-"""Rounding of speeds and of ways: what nearly stands is written as standing [rad/s, rad]."""
+"""Rounding of speeds and displacements: near standstill is written as standstill [rad/s, rad]."""
 
 
 def limit_violations(replay: ReplayedRun) -> Iterator[Violation]:

@@ -24,7 +24,7 @@ JUMP = 0.001
 """An object may move this far when it changes hands [m]."""
 
 _NOWHERE = 1e6
-"""Where what is in a hand is put: far from all spots [m]."""
+"""Position of held objects: far from all places [m]."""
 
 
 def start_violations(replay: ReplayedRun) -> Iterator[Violation]:

@@ -16,7 +16,7 @@ from twin.audits.part_holding import states_and_holds
 from twin.audits.worlds.world import FAR
 
 _SINKS = 0.3
-"""What comes nearer by this share of the way that an object sinks carries it."""
+"""Share of an object's sinking by which a support must come nearer."""
 
 
 def hanging_violations(case: AuditCase) -> Iterator[Violation]:

@@ -61,7 +61,7 @@ _GENERAL: tuple[Callable[[CheckContext], Findings], ...] = (
 
 
 _TOLD_AT_ONE_KEY = 5
-"""Findings of one check that are told at one key."""
+"""Largest number of findings of one check per key."""
 
 _OF_A_PRODUCT = re.compile(r"([A-Za-z_])\.\d+\b")
 """The number of a product in the name of one of its parts."""

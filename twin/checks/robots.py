@@ -39,10 +39,10 @@ from twin.durations.model import DurationModel, PackagedSkill
 from twin.uncertainty.skill_durations import SkillDurations
 
 _SUNK = 0.005
-"""A base may be in what it stands on by this [m]."""
+"""Largest depth of a base in its support [m]."""
 
 _ASIDE = 0.25
-"""A tool that waits so far beside a place is not in the way there [m]."""
+"""Distance from a place at which a waiting tool does not obstruct it [m]."""
 
 _NOWHERE = np.zeros(0)
 

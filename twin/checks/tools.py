@@ -22,13 +22,13 @@ _FAR = 0.02
 """A tool frame is at the tool if it is no farther from it than this [m]."""
 
 _IN_FRONT, _SHARE = 0.01, 1.0 / 3.0
-"""So much of a tool may be in front of its frame [m], and so much of what is behind it."""
+"""Largest extent of a tool in front of its frame [m], and as a share of that behind it."""
 
 _PLAY = 0.001
 """Openings that differ by less are the same [m]."""
 
 _DRAWN = 0.05
-"""Share of an opening by which fingers may be drawn beside it, each by no more than ``_PLAY``."""
+"""Tolerance of finger positions as a share of the opening, each by no more than ``_PLAY``."""
 
 _ALONG = 0.7
 """A tool whose z axis is so much along the axis of the last joint points out of its flange."""

@@ -15,13 +15,13 @@ from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.shapes import PoseSection
 
 _AWAY = 20.0
-"""Nothing that has to do with an arm is farther away from it than so many of its lengths."""
+"""Largest plausible distance from an arm, in arm lengths."""
 
 _LARGE = 10.0
-"""No part is larger than so many lengths of the longest arm."""
+"""Largest plausible size of a part, in lengths of the longest arm."""
 
 Place = tuple[str, KeyPath, Transform]
-"""What is somewhere, where the file says so, and its pose."""
+"""Name of a thing, its path in the file, and its pose."""
 
 
 def check_units(subject: CheckContext) -> Findings:

@@ -91,13 +91,13 @@ _ROUNDED = 1.7e-3
 """Angles in radians are written with two decimals or more."""
 
 _CUT = 1.5
-"""The mean of a normal distribution may be so many times that of the one that is not cut off."""
+"""Largest ratio of the mean of a truncated normal distribution to the untruncated one."""
 
 USUAL = {key: own for keys, own in _RANGES.items() for key in keys.split()}
 """Usual values by key, and by class of the section and key where keys of several sections have one name."""
 
 _FASTER = 2.0
-"""A limit of velocity may be so many times that of the robot's description."""
+"""Largest ratio of a velocity limit to that of the robot's description."""
 
 _LIGHTEST, _HEAVIEST = 0.5, 30_000.0
 """Densities of bodies: air has 1.2, osmium 22,600 [kg/m^3]."""

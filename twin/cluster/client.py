@@ -16,7 +16,7 @@ from twin.host.extras import extra_module
 from twin.host.versions import versions
 
 ANSWER_WITHIN_S = 10.0
-"""A scheduler that has not answered by then is taken to be absent [s]."""
+"""Timeout for the scheduler's answer [s]."""
 
 
 T = TypeVar("T")

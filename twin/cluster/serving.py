@@ -31,11 +31,11 @@ JOINED_WITHIN_S = 60.0
 """Workers that have found no scheduler by then give up [s]."""
 
 NO_WORKER_FOR = "5 minutes"
-"""A scheduler without workers for so long fails what it was asked to do."""
+"""Time without workers after which a scheduler fails its calls."""
 
 
 WORKERS_A_CALL = 10
-"""Workers that may die with a call before they are taken to have died of it."""
+"""Number of workers that may die with a call before the call is blamed."""
 
 
 class _Scheduler(distributed.Scheduler):

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from twin.host.pictures import save_png
 
 _LONG = 17
-"""Letters of a word that may be broken: on a phone it would push what is beside it off the page."""
+"""Letters from which a word may be broken, to fit narrow pages."""
 
 
 def escape_text(words: object) -> str:

@@ -17,7 +17,7 @@ from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 Mode = Literal["standing", "moving", "held", "fault"]
-"""What a robot does: it stands as it is cleared for no more, it moves, it is held, or it can do no more."""
+"""Activity of a robot: at rest without further clearance, moving, held, or faulty."""
 
 
 @dataclass(frozen=True)

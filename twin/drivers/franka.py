@@ -28,7 +28,7 @@ from twin.drivers.legs import ClearedPath
 from twin.host.extras import extra_module
 
 _LEAST_SHARE = 0.01
-"""Limits of joints that hardly move, over those of the one with the longest way."""
+"""Limits of joints that hardly move, over those of the joint with the largest displacement."""
 
 _LOOK_S = 0.01
 """How often the robot is looked at [s]."""
@@ -40,13 +40,13 @@ _PATIENCE_S = 5.0
 """How long a robot may take to come to rest where it was sent [s]."""
 
 _MOST_SAMPLES = 5000
-"""Samples that are kept for who does not ask."""
+"""Largest number of buffered samples."""
 
 _TRUST, _LATE_S = 0.1, 0.2
-"""Share of what the robot's clock is behind ours that is made up for at each look, and most of that [s]."""
+"""Share of the clock offset corrected at each reading, and its maximum [s]."""
 
 _STILL = 2e-3
-"""Joints that are told to be slower stand; a motion begins with the speed that they are told [rad/s]."""
+"""Speed below which joints count as at rest [rad/s]."""
 
 _LOOKS = 5
 """How many times in a row a robot has to be seen where it is to stand."""

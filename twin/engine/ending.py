@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 EndingCode = Literal["driver-lost", "off-path", "nothing-to-come", "no-progress"]
-"""A driver is lost within a node; a robot is off its path; nobody will bring about anything more; or nobody has for long."""
+"""Lost driver within a node; robot off its path; no further event possible; no progress for long."""
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ _NO_DESIGN = {
 _NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER})\.\.({_NUMBER})$")
 _BETWEEN = re.compile(r"[^\[{,]*\.\.[^/,]*$")
-"""What is meant as a range, and what has the dots of one."""
+"""Patterns of a range, and of text with the dots of one."""
 
 _ORDER = "order"
 
@@ -63,7 +63,7 @@ _PREFIX = re.compile(
     r"^(?:cell\.(?:robots|fixtures|tools)|assembly\.(?:parts|sources)|execution)\."
 )
 _POSE = re.compile(r"(?:\.pose)?\.(xyz_m|rpy_deg)\.([012])$")
-"""What is left out of keys where people read them, and how they say where something is."""
+"""Parts of keys omitted in texts, and their names for positions."""
 
 
 @dataclass(frozen=True)

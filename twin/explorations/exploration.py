@@ -30,10 +30,10 @@ SEARCHING = "designs"
 """Name of the stage for progress displays."""
 
 _TIMES = frozenset({"makespan_s", "mean_s", "p50_s", "p90_s"})
-"""Goals that a long plan without shortcuts tells something about."""
+"""Goals that are bounded by a plan without shortcuts."""
 
 _MOST_AT_ONCE = 1000
-"""Designs that can be under way while others are told; more are taken for a damaged journal."""
+"""Largest number of designs in evaluation; more indicate a damaged journal."""
 
 _ENOUGH = 8
 """Designs that are planned in full before any is left behind."""

@@ -60,7 +60,7 @@ _PERCENTILES = {"p50_s": 0.5, "p90_s": 0.9}
 """Results that are quantiles of the makespan."""
 
 _RESAMPLES = 2000
-"""Bootstrap resamples for the interval of what is no mean."""
+"""Bootstrap resamples for intervals of goals other than means."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ _BINS = 4
 """Ranges into which numbers are divided, with as many designs in each."""
 
 _FEWEST = 16
-"""Designs from which anything is said of what matters."""
+"""Least number of designs for importances."""
 
 _RESAMPLES = 300
 

@@ -20,8 +20,7 @@ from twin.explorations.rungs import Evaluation, Outcome
 JOURNAL = "journal.jsonl"
 
 SEARCH, UNDONE, SINGLE = "search", "undone", "single"
-"""What designs are tried for: to find better ones, to see what one change of the best is worth, and each
-change of the scenario alone."""
+"""Purposes of evaluations: search, gain of one change of the best design, single changes of the scenario."""
 
 REPLANNED = "replanned"
 """Why a design is planned once more: with the seed of the planner that its row is about."""

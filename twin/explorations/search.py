@@ -21,7 +21,7 @@ from twin.explorations.section import SamplerName
 from twin.host.extras import extra_module
 
 _PENALTY = 1e9
-"""What samplers without constraints are told of a design that is refused, the more the less far it got."""
+"""Objective of refused designs for samplers without constraints, larger for earlier rungs."""
 
 _CONSTRAINED, _REFUSED = ("tpe", "nsga-ii"), "refused"
 """Samplers that know of constraints, and the name of the one there is."""

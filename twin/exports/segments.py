@@ -35,13 +35,13 @@ CONTROLLER_RATES_HZ = (125.0, 1000.0)
 """Points a second that controllers take [Hz]."""
 
 CONTROLLER_RATE_HZ = 250.0
-"""How many they get unless somebody asks for others [Hz]."""
+"""Default rate of points [Hz]."""
 
 STILL = 1e-9
 """What moves by less between two rows at which it stands is moved by rounding [rad or m]."""
 
 Span = tuple[int, int]
-"""From when to when [ns]; -1 for what did not happen."""
+"""Start and end [ns]; -1 if it did not happen."""
 
 
 @dataclass(frozen=True)

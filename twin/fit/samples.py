@@ -32,10 +32,10 @@ from twin.runs.folder import EVENTS, require_recorded_hashes
 from twin.trial.plan_result import plan_of_run
 
 LABELS = ("skill", "robot", "object")
-"""Columns that can tell groups apart."""
+"""Columns that define groups."""
 
 FEWEST = 10
-"""Fewer durations say too little to tell distributions apart."""
+"""Least number of durations to discriminate distributions."""
 
 DURATION = "duration_s"
 """Column of durations where none is named."""

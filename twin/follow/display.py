@@ -27,7 +27,7 @@ _MOST_VIOLATIONS = 5
 """Forbidden events, and unreadable lines, that are shown."""
 
 _SILENT_S = 5.0
-"""Silence that is told of [s]."""
+"""Silence that is reported [s]."""
 
 _PAUSE_S = 0.1
 """Least time between two drawings [s]."""

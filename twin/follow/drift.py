@@ -35,10 +35,10 @@ _STRANGE = 4.5
 """Spreads by which their sum is off its mean; sums are tried of many lengths, again and again."""
 
 _SAME, _SAME_NS = 0.005, 30_000_000
-"""Times that differ by less, as a share and by itself [ns], are the same: messages of real cells take time."""
+"""Relative and absolute [ns] tolerance of times, for message latencies of real cells."""
 
 _LEAST = 0.01
-"""A change below this share of what was planned is not told."""
+"""Least relative change that is reported."""
 
 _MOST_FUTURES, _MOST_NODES = 200, 400_000
 """Futures, and their nodes together where robots keep to limits: these take a run each."""

@@ -42,7 +42,7 @@ _INPUTS = (
 )
 
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
-"""What the system says where there is no more room."""
+"""System error numbers of a full disk."""
 
 P = ParamSpec("P")
 

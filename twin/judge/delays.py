@@ -21,9 +21,7 @@ _STILL = 1e-9
 """A motion whose joints are slower than this at its end comes to rest there [rad/s or m/s]."""
 
 Stretch = Callable[[str, OpenMotion, float], float | None]
-"""Returns how many times as long as planned work takes at a quantile; None for a plain move.
-
-Its arguments are whose it is, a motion of it, and the quantile.
+"""Returns the stretch factor of work at a quantile; None for a plain move. Arguments: robot or machine, a motion, and the quantile.
 """
 
 

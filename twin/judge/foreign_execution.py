@@ -25,7 +25,7 @@ _TICK = 1e-9
 """Times that differ by less are the same: digits of files [s]."""
 
 _JUMP_S = 1e-6
-"""A robot that is elsewhere all at once gets there in this time, so that all in between is looked at [s]."""
+"""Time given to a jump of a robot, so that the path in between is checked [s]."""
 
 
 @dataclass(frozen=True)

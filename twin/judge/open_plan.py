@@ -43,13 +43,13 @@ VERBS = ("take", "put", "give", "appear", "leave")
 """What can happen to an object."""
 
 _MOST_ERRORS, _MOST_PROBLEMS = 1000, 100
-"""Most errors of the schema that are told one by one, and most other problems."""
+"""Largest numbers of schema errors and of other problems that are listed."""
 
 _MOST_COMPARED = 1000
 """Most ids that an unknown one is compared with."""
 
 _QUOTED = 400_000
-"""Characters up to which a file is read a second time, slowly, for the lines of what is wrong in it."""
+"""File size in characters up to which problems get line numbers, by a second, slow reading."""
 
 
 class OpenEvent(Section):

@@ -18,10 +18,10 @@ from twin.live.messages import Command, Report
 from twin.live.wire_format import MOST_SAMPLES
 
 _AGAIN_S = 0.5
-"""After so long, samples that have not been heard of are told again [s]."""
+"""Time after which unacknowledged samples are resent [s]."""
 
 _MOST = 50_000
-"""Samples that are kept for a dispatcher that does not answer."""
+"""Largest number of buffered unacknowledged samples."""
 
 Deliver = Callable[[Report], None]
 """Is given every report; it may be called from any thread."""

@@ -28,13 +28,13 @@ _SAME_CLOCK_S = 1.0
 """A clock on this machine that is so near to that of the dispatcher is the same one [s]."""
 
 _CLOCK_JUMP_S = 10.0
-"""A clock that gains or loses more than this on that of the dispatcher was set anew, or stands still [s]."""
+"""Clock change relative to the dispatcher that counts as a jump or standstill [s]."""
 
 _EARLY_S = 0.1
 """A node may be reported as done so long before its end is passed as planned [s]."""
 
 _MOST_TOLD = 5
-"""So many jumps of the clock of a driver are told of."""
+"""Largest number of reported clock jumps of a driver."""
 
 _BLOCK = 1000
 """So many samples are compared with their path at a time."""

@@ -33,13 +33,13 @@ from twin.runs.execution_record import Measured
 from twin.runs.folder import LARGEST_RESULT
 
 _BEGIN = "#begin"
-"""First column of the line that says when the run began."""
+"""First column of the line with the start of the run."""
 
 _LONGEST_LINE = 1 << 16
 """Most bytes of a line."""
 
 _UNSEEN_NS = 100_000_000
-"""Samples that are farther apart than this are taken to have others between them that were lost [ns]."""
+"""Interval between samples above which others count as lost [ns]."""
 
 _LATER_S = 1e-6
 """How much later than the one before each of them was measured, by the clock of the driver [s]."""

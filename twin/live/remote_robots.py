@@ -39,7 +39,7 @@ _TICK_S = 0.02
 """How long messages are waited for at most, before links are looked at again [s]."""
 
 _MOST_SLOWER = 10.0
-"""A node may take so many times as long as planned, and as a driver may be silent, until it counts as stuck."""
+"""Factor on the planned duration and on the allowed silence after which a node counts as stuck."""
 
 
 class _Trouble(NamedTuple):

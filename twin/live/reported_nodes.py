@@ -22,10 +22,10 @@ from twin.runs.execution_record import Measured
 from twin.uncertainty.node_times import NodeTimes
 
 _SAME_CLOCK_S = 60.0
-"""The age of a log tells so well when its run began; further off, the machine's clock began anew [s]."""
+"""Accuracy of a run's start from the age of its log; beyond, the machine's clock was reset [s]."""
 
 _MISSING_S = 2.0
-"""Samples that a report says are still to come are waited for at most so long [s]."""
+"""Longest wait for announced samples of a report [s]."""
 
 
 class ReportedNodes:

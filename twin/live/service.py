@@ -48,7 +48,7 @@ _MOST_STREAMS = 64
 """So many streams may be open; further ones are refused."""
 
 _MOST_REFUSED = 5
-"""So many messages of a stream that are none are told of."""
+"""Largest number of reported invalid messages of a stream."""
 
 _log = logging.getLogger(__name__)
 

@@ -24,7 +24,7 @@ PERSON = "person"
 """Name of the machine of a graph whose tasks a person does."""
 
 AGAIN = 2**32
-"""Added to the number of a step or task, by which draws are named, for each time that it is tried or asked for once more."""
+"""Offset added to the step or task number in draw keys for each retry or further question."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Question:
 
 
 Says = Callable[[Question], bool]
-"""Returns whether a person helps, given what is asked; raises ``UnansweredError`` while nobody has answered."""
+"""Returns whether a person helps, given a question; raises ``UnansweredError`` until it is answered."""
 
 
 class UnansweredError(Exception):

@@ -25,7 +25,7 @@ from twin.trial.run_moment import RunMoment
 from twin.trial.run_result import RunResult
 
 _AWAY = 0.02
-"""A robot that is further from where its plan has it at rest was moved by somebody else [rad or m]."""
+"""Largest deviation of a robot from its planned rest; beyond, it was moved externally [rad or m]."""
 
 
 def plan_from_run(

@@ -34,7 +34,7 @@ _Skill = tuple[int, str]
 """Step and kind of a task."""
 
 Extension = tuple[TemporalPlanGraph, TemporalPlanGraph, CommittedPrefix]
-"""All of a longer graph, what is new only, and what is committed."""
+"""An extended graph, its new part, and the committed prefix."""
 
 
 @dataclass(frozen=True)

@@ -30,16 +30,16 @@ from twin.operations.planner import Planner
 from twin.runs.events import EventCode
 
 _AFTER_ALL = EventPriority(10)
-"""Priority of what considers all that has happened at a time."""
+"""Priority of events that consider all others at the same time."""
 
 _AHEAD_NS = NANOSECONDS // 2
-"""Time before the end of what was released at which a robot is released its next task: more than it brakes for."""
+"""Time before the end of a robot's released nodes at which its next task is released: more than its braking time."""
 
 Keep = Callable[[int, TemporalPlanGraph], None]
 """Keeps a revision of the plan, given its number, from 1, before any event of it is recorded."""
 
 Hold = Callable[[TemporalPlanGraph], TemporalPlanGraph]
-"""Returns a graph with edges that hold back what opens windows of time."""
+"""Returns a graph with edges that hold back tasks that open time windows."""
 
 
 class RollingReplanner(Replanner):

@@ -38,7 +38,7 @@ from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
 NO_PROGRESS = "a new plan would bring the operation no closer to its end"
-"""Why steps are given up where a revision does not reduce the measure."""
+"""Reason for abandoned steps where a revision does not reduce the measure."""
 
 
 class RevisionMeasure(NamedTuple):

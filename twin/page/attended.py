@@ -31,12 +31,12 @@ from twin.runs.events import Event
 from twin.runs.execution_record import Outcome
 
 _SHOW_S, _PROGRESS_S = 0.25, 2.0
-"""Time between what is shown, and between what forecasts are made of [s]."""
+"""Periods of display updates, and of forecast inputs [s]."""
 
 _MOST_NOTICES = 60
 
 _QUIET = ("released", "started", "completed", "waiting", "attached", "detached")
-"""Events that people are not told of."""
+"""Events not shown to people."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from twin.follow.state import FollowedRun
 from twin.operations.person import Question, UnansweredError
 
 Action = Literal["hold", "go on", "out", "yes", "no"]
-"""What somebody may order: of a robot or all, or as the answer to a question."""
+"""Orders of people: to a robot or all, or as the answer to a question."""
 
 ShownMode = Mode | Literal["silent", "out", "finished"]
 

@@ -33,7 +33,7 @@ from twin.scenario.sections.scenario import Scenario
 from twin.scenario.sections.shapes import ShapeSection
 
 _STATES = ("waiting", "stalled", "stopped", "retrying", "failed", "idle")
-"""States of a robot in charts, beside the skills."""
+"""States of a robot in charts, in addition to skills."""
 
 _MOTIONS = (HOLD, STRAIGHT, TRANSIT, LEAVE_TOOL, TAKE_TOOL)
 _TAKEN = frozenset((*SKILLS, *_MOTIONS, *SUPPLY_KINDS, *_STATES))

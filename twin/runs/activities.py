@@ -83,11 +83,10 @@ _OTHER_COLOURS = (
 )
 
 STANDING = frozenset({WAITING, HOLDING, STALLED, STOPPED, RETRYING, FAILED})
-"""States in which a robot stands. Holding is what it is there for: it supports something, or keeps hold
-of what it placed, until others are done."""
+"""States in which a robot stands. Holding is work: the robot supports an object, or holds its placed part, until others are done."""
 
 TOLD = STANDING | {CLOSE, OPEN}
-"""States that are told beside the task that they are a part of."""
+"""States reported in addition to their task."""
 
 _SUPPORTS = ("support-bottom", "support-top", HOLD)
 _PLACES = ("place-down", "place-up")

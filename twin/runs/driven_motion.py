@@ -36,7 +36,7 @@ _STEP_NS = 1.0
 """Way, as time at full speed, by which rounded times may seem to move a robot that stands [ns]."""
 
 _AT_BORDER = 1e-9
-"""Share of a stretch that is no way beyond a border."""
+"""Share of a stretch within which a position counts as at a border."""
 
 Rows = tuple[Nanoseconds, Array, Array, Array, Indices]
 """Times [ns], configurations, joint speeds and accelerations, and the node of each row."""

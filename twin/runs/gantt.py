@@ -33,7 +33,7 @@ _TASKS_A_ROW = 36
 """Tasks of a lane in a row: their parts can be read."""
 
 _MOST_LANES = 96
-"""Lanes of all rows together: what does not go into so many is left out of the picture."""
+"""Largest number of lanes in all rows; further rows are omitted."""
 _MARGIN = 1.012
 """Length of all rows over that of the run: the line at its end is to be seen."""
 _WIDTH_IN = 15.0

@@ -30,7 +30,7 @@ ASYNCHRONOUS_SHORTCUTS = "asynchronous + shortcuts"
 OPEN_LOOP = "open-loop"
 
 PLAIN_POLICIES = (SEQUENTIAL, SYNCHRONOUS, SYNCHRONOUS_TPG, ASYNCHRONOUS)
-"""Those that are safe and take no shortcuts: what shortcuts are worth is told against these."""
+"""Safe policies without shortcuts, the baselines of the gain of shortcuts."""
 
 
 class NamedPolicy(NamedTuple):

@@ -15,7 +15,7 @@ from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.runs.execution_record import ExecutionRecord
 
 _START_UP = 0.1
-"""Share of the products that do not count for throughput and takt where nothing else is said."""
+"""Default share of products in the start-up, not counted for throughput and takt."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from twin.studies.replications.statistics import (
 )
 
 Due = tuple[tuple[float, ...], int | None]
-"""When each product is due [s], and how many at the beginning do not count."""
+"""Due time of each product [s], and number of start-up products."""
 
 _QUANTILES = (0.5, 0.9, 0.99)
 Flags = npt.NDArray[np.bool_]

@@ -55,7 +55,7 @@ from twin.trial.header import stall_warnings
 from twin.uncertainty.speed_override import unreached_speeds
 
 QUANTILES = (50, 90, 95, 99)
-"""Percentiles of the makespan that are told."""
+"""Reported percentiles of the makespan."""
 
 
 class CellSummary(Figures):

@@ -61,7 +61,7 @@ _NEAR = 0.05
 _NO_SKILLS = {TRANSIT, STRAIGHT, LEAVE_TOOL, TAKE_TOOL, *SUPPLY_KINDS}
 
 LOSES = 0.2
-"""Share of failed attempts that lose what is handled, where only a chance to fail is given; synthetic."""
+"""Share of failed attempts that lose the object, where only a failure rate is given; synthetic."""
 
 
 def plan_scenario(

@@ -20,7 +20,7 @@ from planning.kernels import kernel
 from planning.transforms import Array
 
 TaskName = tuple[str, int]
-"""Robot and number of a task that name its draws: its own, unless something else is said."""
+"""Robot and task number that key the draws of a task; by default its own."""
 
 Words = npt.NDArray[np.uint64]
 """Unsigned 64-bit words."""

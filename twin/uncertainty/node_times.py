@@ -29,7 +29,7 @@ from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
 from twin.uncertainty.stop_times import Stops, draw_stops
 
 _MOST_VALUES = 4_000_000
-"""Times of nodes that are drawn at once: it bounds the memory."""
+"""Node times drawn together, to bound memory."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ NEVER = 2**62
 """A time that no run comes to [ns]."""
 
 _CHUNK = 16
-"""Breakdowns that are drawn at once."""
+"""Breakdowns drawn together."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from scheduling.witness.robot import WitnessRobot
 from twin.audits.motion.executed import ReplayedRun, Stay
 
 _SPARE = 0.01
-"""Share of its effort that gravity has to leave a joint which can be held to it."""
+"""Share of a joint's effort limit that gravity must leave for the limit to be checked."""
 
 
 @dataclass(frozen=True, eq=False)

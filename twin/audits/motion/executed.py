@@ -26,7 +26,7 @@ STANDING = 1e-9
 """Joints that move by less than this stand: rounding [rad or m]."""
 
 SETTLING = 5e-3
-"""Joints of a measured robot that stands are pushed by what meets it, or settle, by up to this [rad or m]."""
+"""Largest joint displacement of a measured robot at rest, by contact or settling [rad or m]."""
 
 _SAMPLE_S = 0.01
 """So often a robot is looked at, at least, while it moves [s]."""

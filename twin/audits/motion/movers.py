@@ -19,7 +19,7 @@ from twin.audits.motion.reach import RobotSamples, motion_bounds
 from twin.audits.worlds.world import AuditWorld, WatchedShape
 
 _AT_ONCE = 400_000
-"""So many pairs times samples are looked at at once, to bound memory."""
+"""Pairs times samples processed together, to bound memory."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # never called without PyBullet
     from twin.audits.worlds.bullet_world import BulletWorld
 
 EVERY_M = 0.4
-"""Some point of a robot or of what it carries moves by about this between two looks [m]."""
+"""Travel of some point of a robot or its load between two samples, about [m]."""
 
 
 def sampled_overlaps(

@@ -15,7 +15,7 @@ from twin.audits.motion.reach import RobotSamples
 from twin.audits.worlds.world import AuditWorld, shapes_by_entity
 
 STEP = 0.01
-"""No point of a robot or of what it carries moves further than this between samples [m].
+"""Largest travel of any point of a robot or its load between samples [m].
 
 That bounds the whole motion in between, see ``twin.audits.motion.reach``, not only where it begins and ends.
 """

@@ -38,7 +38,7 @@ with silence_output():  # it greets on standard error
     from pybullet_utils.bullet_client import BulletClient
 
 MARGIN = 0.001
-"""That Bullet gives every shape of a URDF, and that cannot be taken away [m]."""
+"""Margin that Bullet gives every shape of a URDF, which cannot be removed [m]."""
 
 _INERTIAL = (
     '<inertial><mass value="1"/>'

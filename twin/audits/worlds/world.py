@@ -19,7 +19,7 @@ from scheduling.witness.robot import WitnessRobot
 from scheduling.witness.shapes import hull_of, primitive_of
 
 BASE = -1
-"""In place of a joint's index: what the base of a robot carries."""
+"""Joint index of shapes on a robot's base."""
 
 
 FAR = 10.0
@@ -27,7 +27,7 @@ FAR = 10.0
 
 
 _WALL = 1.0
-"""Edge of the wall to which the reach of tools is measured, and how far away it stands [m]."""
+"""Edge length and distance of the wall to which the extent of tools is measured [m]."""
 
 Convex = Box | Cylinder | Capsule | Array
 """A form, or the corners of a hull, shape (c, 3)."""

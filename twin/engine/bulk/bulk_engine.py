@@ -38,7 +38,7 @@ from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
 from twin.uncertainty.skill_durations import SkillDraws, cumulative_shares
 
 _SEED = 7_919
-"""Of the draws of forecasts, beside those of the runs."""
+"""Seed of the draws of forecasts, separate from those of runs."""
 
 _DRAWS, _MOST_VALUES = 2000, 10_000_000
 

@@ -44,7 +44,7 @@ from twin.runs.execution_record import Policy
 from twin.uncertainty.skill_durations import nominal_ns
 
 OTHER = 2
-"""Cause of a wait that the plan did not ask for: a message under way, the clock, a turn."""
+"""Cause of a wait without an edge of the plan: a message in transit, the clock, the sequence."""
 
 _BLOCK = 64
 """Replications computed together: their ends of all nodes of a cell stay in the cache."""

@@ -58,7 +58,7 @@ _FIXTURES = Topic("/fixtures", MARKER_ARRAY, latched=True)
 _OBJECTS = Topic("/objects", MARKER_ARRAY, latched=True)
 
 _REPEATED_NS = 60 * NANOSECONDS
-"""For so long after something has moved, everything is said again once a second [ns]."""
+"""Time after the last motion for which all messages are repeated once a second [ns]."""
 
 
 def mcap_files(run: RunResult, *, rate_hz: float = RATE_HZ) -> Mapping[str, bytes]:

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from scheduling.planned_motions import PlannedMotions
 
 _BESIDE_STOCK = 3
-"""So many studs beside the stock no temporary brick stands beyond what it carries."""
+"""Margin around the stock in studs without temporary bricks."""
 
 SEQUENCE = "which brick when"
 """Name of a stage for progress displays."""

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 _GREY_BLUE = (196, 214, 226)
 
 _ROUNDING = 0.001
-"""What is joined may be deeper in each other than its file says by this [m]."""
+"""Rounding tolerance of the depth of joined parts [m]."""
 
 ORDERS = "orders tried"
 """Name of the stage for progress displays."""

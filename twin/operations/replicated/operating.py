@@ -21,11 +21,11 @@ from twin.operations.replicated.hindsight import Hindsight
 from twin.scenario.sections.scenario import Scenario
 
 RUNGS = ("done_again", "begun_anew", "not_done_any_more", "robots_out", "asked")
-"""What was done about failures for good: the same with the same object, its step with another object, nothing;
-then how many robots were out, and how often a person was asked."""
+"""Kinds of recovery from failures for good: retry with the same object, the step with another object, none;
+then outages of robots, and questions to a person."""
 
 SAME = "same"
-"""Outcome of a replication that need not be computed, as it is that of what it is compared with."""
+"""Outcome of a replication that equals its reference and need not be computed."""
 
 
 @dataclass(frozen=True)

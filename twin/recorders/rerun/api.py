@@ -16,7 +16,7 @@ from twin.trial.loaded_scenario import PathOrName
 from twin.trial.run_result import RunResult
 
 STILLS = "stills"
-"""Folder of pictures beside a recording."""
+"""Folder of pictures next to a recording."""
 
 
 @checks_arguments

@@ -15,7 +15,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 _TAN_UP = 0.5206  # of half the viewer's vertical angle of view, 55 degrees
 _ASPECT = 1.75  # of the 3-D view in a window of common shape
 _MARGIN = 1.04
-"""Width of the view over that of what is to be seen."""
+"""Width of the view over that of the scene."""
 
 _MOST_CONFIGURATIONS = 60
 """Configurations of each robot that are to be in the view, about."""

@@ -27,7 +27,7 @@ SHORTER, GONE = 0.2, 1.0
 """By which share a lever is made shorter."""
 
 QUANTILE = 0.9
-"""Quantile of the makespan whose gain is told besides that of the mean."""
+"""Quantile of the makespan whose gain is reported besides that of the mean."""
 
 LEADING = 7
 """Most gains of either kind on the first page of the report and in the summary."""

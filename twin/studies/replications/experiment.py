@@ -13,7 +13,7 @@ from twin.scenario.variations import Variant
 from twin.studies.replications.statistics import Precision
 
 GROWTH = 1.5
-"""By how much the number of replications grows until the mean is known well enough."""
+"""Growth factor of the number of replications until the precision is reached."""
 
 
 @dataclass(frozen=True)

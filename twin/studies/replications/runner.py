@@ -34,7 +34,7 @@ _MOST_TASKS = 3_000_000
 _log = logging.getLogger(__name__)
 
 _RESTARTS = 3
-"""Times that a pool is opened anew after one of its workers died."""
+"""Number of restarts of a pool after a worker died."""
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]
 

@@ -73,7 +73,7 @@ _AT_ONCE = 8
 """Cells whose makespans are on the first page; of more it has those of the first variant."""
 
 _LATER = 5
-"""Rows of each table of what is worth fixing for further cells than the first."""
+"""Rows of each table of gains for cells after the first."""
 
 _CRITICAL = 10
 """Rows of the table of critical tasks."""

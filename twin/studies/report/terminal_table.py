@@ -31,7 +31,7 @@ _SHOWN = (50, 90, 99)
 """Percentiles of the makespan in the table."""
 
 _TOP = ((True, 2), (False, 3))
-"""Rows of what is worth fixing: many things at once, and one thing each."""
+"""Rows of gains: joint interventions, and single ones."""
 
 
 def print_study(result: StudyResult) -> None:

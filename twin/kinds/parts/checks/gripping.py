@@ -35,7 +35,7 @@ from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.sources import TraySection
 
 _FARTHEST, _STEP = 0.5, 0.005
-"""Parts are lifted so far, in such steps, to see what is enough [m]."""
+"""Largest lift and step of the search for a sufficient lift [m]."""
 
 _TOLD = 4
 """How many orientations are named."""

@@ -39,7 +39,7 @@ from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.section import MachineSection
 
 _BRIDGED = 0.02
-"""A tool that stays no farther than this from what it works at works at it [m]."""
+"""Largest distance of a tool from its work [m]."""
 
 _BESIDE = 0.5
 """A machine works at parts no farther than this from its door, and from each other [m]."""

@@ -37,7 +37,7 @@ _MOST_GRIPS = 40
 """Grips of a part that are tried by each robot."""
 
 Targets = Callable[[Transform], SkillTargets]
-"""Returns the way of a tool to a pose at which it grips, and from there."""
+"""Returns the tool poses of approach to a grip and departure from it."""
 
 
 def _beyond(robots: list[PlacedRobot], frame: str, target: Transform) -> str:
