@@ -264,7 +264,7 @@ def check_standing_times(subject: CheckContext) -> Findings:
 
 
 def check_skill_times(subject: CheckContext) -> Findings:
-    """Yield skills that use LEGO's packaged times although these are of other skills."""
+    """Yield skills that use LEGO's packaged times in a scenario without LEGO."""
     execution = subject.scenario.execution
     models = {k: v for k, v in execution.skills.items() if isinstance(v, DurationModel)}
     durations = SkillDurations(models, execution.skill_overrides)

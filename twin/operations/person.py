@@ -279,7 +279,7 @@ class OperationLedger:
                 self.dropped[one] = words
 
     def leave_off(self, steps: Collection[int], whole: Sequence[int]) -> None:
-        """Abandon unstarted steps of products that cannot be completed.
+        """Abandon the unstarted steps of an object if one of its steps will not be done.
 
         Args:
             steps: those that are not begun.
