@@ -208,7 +208,7 @@ RECOVERIES = Group(
     "recoveries",
     {"construction": "twin.kinds.construction.recovery:ConstructionRecovery"},
 )
-"""How what is left is planned when something fails, by kind of assembly; others share one for steps."""
+"""Recovery planners by kind of assembly; other kinds share one for steps."""
 
 FIGURES = Group("figures", {"cell": "twin.checks.picture:scenario_figure"})
 """Pictures for notebooks; ``cell`` is called with a scenario and the folder of its relative paths."""
@@ -221,10 +221,10 @@ EXECUTORS = Group(
         "live": "twin.live.executor:LiveExecutor",
     },
 )
-"""Who executes the plan of a run, by what the header of the run says; see ``twin.trial.executor``."""
+"""Executors of the plan of a run, by its header; see ``twin.trial.executor``."""
 
 AUDITORS = Group("auditors", {AUDIT: "twin.audits.run_auditor:RunAuditor"})
-"""Who judges what was executed; see ``twin.trial.auditor``."""
+"""Auditors of runs; see ``twin.trial.auditor``."""
 
 RECORDERS = Group("recorders", {"rerun": "twin.recorders.rerun.recorder:record_run"})
 """Recordings of runs that have ended, called with folder, graph, record, events and the scenario's name."""

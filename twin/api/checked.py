@@ -12,7 +12,7 @@ from twin.trial.loaded_scenario import LoadedScenario
 
 
 class Checked(Protocol):
-    """What the check of a scenario found; ``twin.Check`` where it is installed."""
+    """Findings of the check of a scenario; ``twin.Check`` where it is installed."""
 
     @property
     def scenario(self) -> LoadedScenario:
@@ -26,7 +26,7 @@ class Checked(Protocol):
 
     @property
     def fits(self) -> tuple[Mapping[str, Any], ...]:
-        """Play of parts where they are put, and the chances of robots, by step."""
+        """Clearance of parts at their places and success probability of robots, by step."""
         ...
 
     @property

@@ -1,4 +1,4 @@
-"""What is done with one scenario: check, plan, simulate or run, audit, and look at it again."""
+"""Functions on one scenario: check, plan, simulate or run, audit, replay."""
 
 from __future__ import annotations
 
@@ -42,19 +42,20 @@ def plan(
     out_of_service: Sequence[str] = (),
     progress: Report = report_nothing,
 ) -> PlanResult:
-    """Check and plan a scenario, or what is left of it from the middle of a run.
+    """Check and plan a scenario, or the remainder of one from a time of a run.
 
     Args:
         scenario: a scenario, or the path of its file; by default that of the run.
         world: where the plan begins, as ``runs/cliff@42``: the folder of a run, and seconds since its
-            start; by default with all robots at HOME and all objects at their starts. Each robot goes on
+            start; by default with all robots at HOME and all objects at their starts. Each robot
+            continues
             to the first border at which it is at rest and within no skill; the plan begins there.
         out_of_service: robots that do nothing from then on, and stand where they are.
-        progress: told how far each stage has come.
+        progress: receives the progress of each stage.
 
     Raises:
         InvalidScenarioError: the file is not valid, or the check of the cell finds an error.
-        RequestError: something cannot go on from there, or nothing is left to do.
+        RequestError: a robot cannot continue from there, or nothing is left to do.
         TwinError: the assembly cannot be built as it is, or no plan was found.
     """
     moment = RunMoment.named(world) if isinstance(world, str) else world
@@ -89,7 +90,7 @@ def scenario_of(source: AnyPlan) -> LoadedScenario:
 
 
 def _planned(source: AnyPlan, progress: Report) -> PlanResult:
-    """Return a plan as it is, and make one of anything else."""
+    """Return a given plan unchanged; plan anything else."""
     return source if isinstance(source, PlanResult) else plan(source, progress=progress)
 
 
@@ -111,12 +112,12 @@ def simulate(
         seed: of the draws, in place of the scenario's.
         policy: how nodes are released, in place of the scenario's: asynchronous, sequential,
             synchronous or open-loop.
-        progress: told how far each stage of planning has come.
+        progress: receives the progress of each planning stage.
 
     Raises:
         ScenarioError: a value does not fit.
         RequestError: a value would need another plan.
-        DeadlockError: no robot could go on.
+        DeadlockError: no robot could continue.
         TwinError: there is no plan; see ``twin.plan``.
     """
     ready = _with_values(_planned(plan, progress), values or {}, seed, policy)
@@ -142,14 +143,14 @@ def run(
         plan: a scenario, or the path of its file; a plan is not made again.
         out: folder for the results; by default ``logs/<scenario>-<UTC time>``.
         recording: write ``run.rrd`` for the viewer.
-        audit: check what was executed with code of its own.
-        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
+        audit: check the executed motions with independent code.
+        audit_engine: collision engine of the audit, pybullet or coal; by default PyBullet where it
             is installed, else coal.
-        begun: told of the check and of the folder, before anything that takes long.
-        progress: told how far each stage has come.
+        begun: receives the check and the folder before planning starts.
+        progress: receives the progress of each stage.
 
     Returns:
-        The run; what the audit found is in its summary.
+        The run; findings of the audit are in its summary.
 
     Raises:
         InvalidScenarioError: the file is not valid, or the check of the cell finds an error.
@@ -179,7 +180,7 @@ def run(
 def _with_values(
     plan: PlanResult, values: Mapping[str, Any], seed: int | None, policy: str | None
 ) -> PlanResult:
-    """Return a plan whose scenario is executed with other values."""
+    """Return a plan with some values of its scenario replaced for execution."""
     given = {"seed": seed, "policy": policy}
     values = {short_key(key): value for key, value in values.items()}
     values |= {key: value for key, value in given.items() if value is not None}
@@ -189,10 +190,10 @@ def _with_values(
 
 
 def released(values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return values as they are, and refuse a policy that is no way to release nodes.
+    """Return the values unchanged; refuse an unknown release policy.
 
     Raises:
-        ScenarioError: says how to have what is meant.
+        ScenarioError: names the right key or value.
     """
     policy = values.get("policy")
     if policy is None or policy in POLICIES:

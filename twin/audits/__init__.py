@@ -1,5 +1,5 @@
-"""Audit of a run: a collision engine replays what was executed and measures every distance.
+"""Audit of a run: a collision engine replays the execution and measures every distance.
 
-Shares no collision geometry with planning; of twin it imports host only. trial and study import
-it, and twin.planning, which says what a scenario wants.
+Shares no collision geometry with planning; of twin it imports host only. trial and studies import it,
+and twin.planning, which gives the expectations of a scenario.
 """

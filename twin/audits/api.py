@@ -1,4 +1,4 @@
-"""``twin.audit``: what was executed, checked with code that the planner does not use."""
+"""``twin.audit``: check of an executed run with code that the planner does not use."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Audit:
-    """What an audit found.
+    """Result of an audit.
 
     Attributes:
-        report: distances, and what was executed though nothing allows it.
+        report: distances and violations.
     """
 
     report: AuditReport
 
     def __repr__(self) -> str:
-        """Return what it is in a line."""
+        """Return a one-line description."""
         found = len(self.report.violations)
         return f"<audit: {f'{found} violations' if found else 'clean'}>"
 
@@ -48,7 +48,7 @@ class Audit:
 
     @property
     def violations(self) -> pa.Table:
-        """A row each: kind, first, second, t_start_s, t_end_s, depth_m, detail."""
+        """Table of violations: kind, first, second, t_start_s, t_end_s, depth_m, detail."""
         import pyarrow as pa
 
         rows = self.report.violations
@@ -83,7 +83,7 @@ class Audit:
 
 
 def _is_whole(run: RunResult) -> bool:
-    """Tell whether a run came to its end with all that its scenario says in place."""
+    """Return whether a run completed with all objects at their goals."""
     operation = run.summary.get("operation") or {}
     return run.outcome == "completed" and bool(operation.get("whole", True))
 
@@ -95,12 +95,12 @@ def audit(
     engine: str | None = None,
     progress: Report = report_nothing,
 ) -> Audit:
-    """Check what a run executed with code that the planner does not use.
+    """Check an executed run with code that the planner does not use.
 
     Args:
         run: a run, or its folder.
         engine: pybullet or coal; by default PyBullet where it is installed, else coal.
-        progress: told how far the audit has come.
+        progress: receives the progress of the audit.
 
     Raises:
         RequestError: the engine is not installed.

@@ -1,4 +1,4 @@
-"""Audit of a run: what was executed is replayed, and every distance measured.
+"""Audit of a run: replay of the execution with all distances measured.
 
 It shares nothing with the planner but the plan's list of allowed contacts: robots come from
 their URDF files, boxes from their sizes, motion from the tables that the run wrote. Of the cell
@@ -84,7 +84,7 @@ class AuditReport:
         min_distance_bound_m: nearer than this they were at no moment; at most 0.05 mm
             less than ``min_distance_m`` [m].
         violations: by time; empty when all is well.
-        engine: what distances were measured with, and its version.
+        engine: collision engine and its version.
         contact_tolerance_m: how deep a tool may graze a brick in a skill [m].
         deepest_graze_m: how deep one did where it was measured; 0 where none did [m].
         helpers: objects that stay where they only help, such as temporary bricks.
@@ -131,12 +131,12 @@ def audit_run(
     Args:
         folder: with ``plan.npz``, ``plan.json``, ``trajectory.parquet``, ``objects.parquet``;
             ``events.jsonl`` is looked at where it is there.
-        progress: told how far the audit has come.
+        progress: receives the progress of the audit.
         ordered: whether the run had to keep the plan's type-2 edges, as all policies but
             open-loop do.
         engine: whether PyBullet looks at samples besides coal; by default where it is installed.
-        wanted: what the scenario says of places and of what holds them; None where there is no
-            scenario: what hangs, grips, supports and places are not looked at then.
+        wanted: places and holds by the scenario; None without a scenario: supports, grips and
+            places are not checked then.
         finished: whether the run came to its end, so that all must be in place.
 
     Raises:
@@ -178,11 +178,11 @@ def audit_recording(
     """Audit a whole execution by all rules.
 
     Args:
-        tpg: what was to be executed.
-        recording: what was executed.
-        progress: told how far the audit has come.
+        tpg: the plan.
+        recording: the execution.
+        progress: receives the progress of the audit.
         ordered, engine, wanted, finished: see ``audit_run``.
-        spans: when nodes were started and completed, by robot or machine, where a log says so.
+        spans: logged start and end of nodes, by robot or machine, where available.
 
     Raises:
         RequestError: the engine is not installed.
@@ -213,10 +213,10 @@ class Auditor(AbstractContextManager["Auditor"]):
     """Audits any number of executions in one cell; a context manager.
 
     Args:
-        tpg: says what stands in the cell, and who may touch whom.
+        tpg: the plan, with cell and allowed contacts.
         engine: whether PyBullet looks at samples besides coal; by default where it is installed.
-        wanted: what the scenario says of places and of what holds them; None where there is no
-            scenario: what hangs, grips and supports are not looked at then.
+        wanted: places and holds by the scenario; None without a scenario: supports and grips are
+            not checked then.
 
     Raises:
         RequestError: the engine is not installed.
@@ -236,7 +236,7 @@ class Auditor(AbstractContextManager["Auditor"]):
         self._exempt = overlapping_at_home(self._world)
 
     def __exit__(self, *error: object) -> None:
-        """Let go of what PyBullet holds."""
+        """Release the resources of PyBullet."""
         if self._second is not None:
             self._second.close()
 
@@ -252,18 +252,18 @@ class Auditor(AbstractContextManager["Auditor"]):
     ) -> AuditReport:
         """Audit an execution.
 
-        The robots are moved along their straight joint-space lines. What lies between two
-        configurations that were measured is bounded by how far joints can move anything there,
-        and halved where that excludes nothing. A stretch in which nothing moves is looked at once.
+        The robots are moved along their straight joint-space lines. Between two measured configurations
+        distances are bounded by the travel of all points, and the interval is halved where the bound is
+        insufficient. A stretch without motion is measured once.
 
         Args:
-            recording: what was executed.
-            progress: told how far the audit has come.
+            recording: the execution.
+            progress: receives the progress of the audit.
             within: robots further apart than this are not measured; the least distance in the
                 report is at most this [m].
             ordered: whether type-2 edges had to be kept.
             finished: whether it came to its end, so that all processes must be done.
-            spans: when nodes were started and completed, by robot or machine, where a log says so.
+            spans: logged start and end of nodes, by robot or machine, where available.
         """
         case = AuditCase(self._world, self._tpg, recording, self._wanted, spans)
         case.wanted = with_object_names(case, case.wanted)
@@ -288,12 +288,12 @@ class Auditor(AbstractContextManager["Auditor"]):
         return self._report(contacts, found)
 
     def audit_contacts(self, recording: Recording) -> AuditReport:
-        """Measure every distance of an execution, and look at nothing else.
+        """Measure every distance of an execution, without other checks.
 
         Contacts that the plan means to make are no violation, however deep.
 
         Args:
-            recording: what was executed.
+            recording: the execution.
         """
         case = AuditCase(self._world, self._tpg, recording)
         contacts = Contacts(
@@ -338,15 +338,15 @@ def audit_off_bases(
     bases: Mapping[str, Transform],
     engine: Engine,
 ) -> AuditReport:
-    """Measure every distance of an execution with bases that are off.
+    """Measure every distance of an execution with base errors.
 
-    Robots and what they carry are where their joints have them from there; what rests lies where the
-    plan has it. Contacts that the plan means to make take the difference up: they are no violation,
-    however deep. Nothing but contacts is looked at.
+    Robots and carried objects move with the displaced bases; objects at rest stay at their planned
+    poses. Intended contacts absorb the difference: they are no violation, however deep. Only contacts
+    are checked.
 
     Args:
-        tpg: says what stands in the cell, and who may touch whom.
-        recording: what was executed.
+        tpg: the plan, with cell and allowed contacts.
+        recording: the execution.
         bases: by robot, shape (4, 4) each.
         engine: to measure with.
     """

@@ -1,4 +1,4 @@
-"""Audit of static equilibrium: what is in place stands at all times, by friction, joints or a hand."""
+"""Audit of static equilibrium: placed parts stand at all times, by friction, joints or a robot's hold."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from twin.audits.places import rests_at
 
 
 def balance_violations(case: AuditCase) -> Iterator[Violation]:
-    """Yield what falls, from when to when, by the static equilibrium of what is in place.
+    """Yield parts without static equilibrium, with time intervals.
 
-    What is elsewhere, such as in the supply, is taken to lie well. Parts are the bodies that the
-    plan's cell has; where they are is what was executed. Another part of its kind may have a part's place.
+    Parts elsewhere, such as in the supply, are assumed stable. Bodies come from the plan's cell, poses
+    from the execution. Another part of the same kind may be at a part's place.
     """
     rules, cell = case.wanted.statics, case.cell
     if rules is None:

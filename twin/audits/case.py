@@ -1,6 +1,6 @@
-"""What rules of the audit look at: an execution, its plan, what was wanted, a world to measure in; and violations.
+"""Input of the audit's rules (execution, plan, expectations, world), and violations.
 
-The order of what was executed is one of them: nobody moves before what type-2 edges ask for is over.
+Includes the rule of order: no node starts before its type-2 predecessors end.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ _WITHOUT = ToolGrip((0.0, 0.0), "no tool")
 
 @dataclass(frozen=True)
 class Violation:
-    """An event of a run that nothing allows.
+    """A violation in a run.
 
     Attributes:
         t_start, t_end: first and last moment at which it was seen [s].
@@ -81,7 +81,7 @@ class Violation:
             hangs, a grip or a support the distance; of a place or a tool how far off; 0 for kinds that are
             no lengths [m].
         detail: the links that overlapped most, or what is wrong, and how much.
-        kind: what is not allowed.
+        kind: kind of violation.
     """
 
     t_start: float
@@ -108,12 +108,12 @@ class NodeSpans:
 def edge_violations(
     tpg: TemporalPlanGraph, spans: Mapping[str, NodeSpans], seen_in: str
 ) -> Iterator[Violation]:
-    """Yield the type-2 edges whose later node began before the earlier one was over.
+    """Yield type-2 edges whose target node began before the source node ended.
 
     Args:
-        tpg: what was to be executed.
+        tpg: the plan.
         spans: of the nodes of each robot of the plan; of others nothing is known.
-        seen_in: which record says so, for people.
+        seen_in: name of the record, for people.
     """
     for a, u, b, v in tpg.edges.tolist():
         first, second = tpg.chains[a].robot, tpg.chains[b].robot
@@ -132,7 +132,7 @@ def edge_violations(
 def tasks_at(
     tpg: TemporalPlanGraph, robots: Mapping[str, RobotRows], robot: str, t: float
 ) -> frozenset[int]:
-    """Return the tasks a robot is at at a time [s]: two when one ends, and while it stands."""
+    """Return the tasks of a robot at a time [s]: two at a border, and while it stands."""
     index = tpg.chain_index.get(robot)
     if index is None:
         return frozenset()
@@ -144,7 +144,7 @@ def tasks_at(
 def moved_spans(
     tpg: TemporalPlanGraph, robots: Mapping[str, RobotRows]
 ) -> dict[str, NodeSpans]:
-    """Return from when to when robots moved in their nodes, from their trajectories.
+    """Return the intervals of motion in nodes, from trajectories.
 
     A node in which its robot only stands is over when the next one moves; it begins never.
     Machines do not move.
@@ -171,13 +171,13 @@ def moved_spans(
 
 
 def _standing(rows: RobotRows, way: Array) -> npt.NDArray[np.bool_]:
-    """Tell which steps from row to row are those of a robot that stands and is pushed, shape (k - 1,).
+    """Return which steps between rows belong to a pushed robot at rest, shape (k - 1,).
 
-    Such a step leads to a row that comes again at once, as that of the node that then begins.
+    Such a step leads to a row that is repeated as the first one of the next node.
 
     Args:
         rows: of the robot.
-        way: greatest way of a joint in each step, shape (k - 1,).
+        way: largest joint displacement in each step, shape (k - 1,).
     """
     again = (np.diff(rows.t) == 0.0) & (np.diff(rows.node) != 0)
     found = np.append(again[1:], False)[: len(way)]
@@ -185,7 +185,7 @@ def _standing(rows: RobotRows, way: Array) -> npt.NDArray[np.bool_]:
 
 
 def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
-    """Return when nodes were started and completed, from the event log; what has failed is over once it is recovered from.
+    """Return start and end of nodes from the event log; a failed node ends with its recovery.
 
     Raises:
         OutputError: a line is no event of this plan.
@@ -218,11 +218,11 @@ def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
 
 @dataclass(frozen=True)
 class Hand:
-    """Tool that a robot holds with at a moment.
+    """Tool with which a robot holds objects at a time.
 
     Attributes:
         shapes: of its tool, in their places.
-        grip: how that holds; None where nobody says.
+        grip: its grip; None if not given.
         frames: tool frames, each a pose in the flange frame.
         opening: how far the fingers stand open [m].
     """
@@ -233,18 +233,18 @@ class Hand:
     opening: float
 
     def closes_by(self, shape: WatchedShape) -> float:
-        """Return how far each finger closes on the thinnest edge of a shape at most [m]."""
+        """Return the largest travel of each finger to close on the thinnest edge of a shape [m]."""
         return max(0.0, 0.5 * (self.opening - 2.0 * float(np.min(shape.half))))
 
 
 class AuditCase(ReplayedRun):
-    """An execution with all that it is judged by.
+    """An execution with all data of its audit.
 
     Args:
         world: to measure in.
-        tpg: what was to be executed.
-        recording: what was executed.
-        wanted: what the scenario says of places and of what holds them.
+        tpg: the plan.
+        recording: the execution.
+        wanted: places and holds by the scenario.
         logged: when nodes were started and completed, by robot or machine; empty where no log says
             so.
 
@@ -272,7 +272,7 @@ class AuditCase(ReplayedRun):
 
     @cached_property
     def reaches(self) -> Mapping[str, float]:
-        """How far each fixture and object reaches from its frame at most, by name [m]."""
+        """Bounding radius of each fixture and object about its frame, by name [m]."""
         return {
             name: max(
                 float(np.linalg.norm(shape.at(np.eye(4))[:3, 3]))
@@ -284,19 +284,19 @@ class AuditCase(ReplayedRun):
         }
 
     def flange(self, robot: str, t: float) -> Transform:
-        """Return where the flange of a robot is at a time [s]."""
+        """Return the flange pose of a robot at a time [s]."""
         q = self.robots[robot].at(np.array([t]))
         (pose,) = self.world.flange_poses(self.numbers[robot], q)
         return np.asarray(pose)
 
     def put(self, name: str, pose: Transform) -> list[WatchedShape]:
-        """Put a fixture or an object somewhere in the world; return its shapes."""
+        """Place a fixture or an object in the world; return its shapes."""
         for shape in self.shapes[name]:
             self.world.place(shape, shape.at(pose))
         return self.shapes[name]
 
     def tool_on(self, robot: str, t: float) -> ChangedTool | None:
-        """Return which of the tools that a robot changes it has on it at a time, None for none."""
+        """Return the exchangeable tool mounted on a robot at a time, None for none."""
         for tool in self.wanted.tools:
             stay = self.place(tool.name, t)
             if tool.robot == robot and stay is not None and stay.holder == robot:
@@ -304,7 +304,7 @@ class AuditCase(ReplayedRun):
         return None
 
     def hand(self, robot: str, t: float) -> Hand:
-        """Return what a robot holds with where it is at a time [s], and put it there."""
+        """Return the holding tool of a robot at its pose at a time [s], placed in the world."""
         placed, number = self.cell.robot(robot), self.numbers[robot]
         self.world.configure(number, self.robots[robot].at(np.array([t]))[0])
         tool = self.tool_on(robot, t)

@@ -1,4 +1,4 @@
-"""What may touch while which tasks are done, how deep, and what did."""
+"""Contacts of an execution, against the allowed contacts of its tasks."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from twin.audits.motion.second_look import sampled_overlaps
 from twin.audits.motion.stretches import RunStretch
 from twin.audits.worlds.world import WatchedShape
 
-if TYPE_CHECKING:  # PyBullet is loaded where it is asked for
+if TYPE_CHECKING:  # PyBullet is loaded on demand
     from twin.audits.worlds.bullet_world import BulletWorld
 
 CONTACT_DEPTH = 0.003
-"""Allowed contacts may be this deep, unless the plan says of them that they are less deep [m]."""
+"""Largest depth of allowed contacts, unless the plan has a smaller one [m]."""
 
 NODE_SLACK = 0.001
-"""What is joined may be deeper in each other than its scenario says by this: rounding [m]."""
+"""Rounding tolerance of the depth of joined parts [m]."""
 
 
 Allowed = Mapping[frozenset[str], Sequence[AllowedContact]]
@@ -39,7 +39,7 @@ Allowed = Mapping[frozenset[str], Sequence[AllowedContact]]
 
 
 def allowed_contacts(tpg: TemporalPlanGraph) -> Allowed:
-    """Return the allowed contacts of a plan, but for those that no handling needs.
+    """Return the allowed contacts of a plan that its handlings need.
 
     It needs contacts of a tool and an object, two objects, or an object and a fixture. Robots
     never touch each other, and an arm never touches anything.
@@ -57,13 +57,13 @@ def allowed_contacts(tpg: TemporalPlanGraph) -> Allowed:
 
 
 class Contacts:
-    """Contacts of an execution, collected stretch by stretch.
+    """Contacts of an execution, collected interval by interval.
 
-    A contact is allowed while the plan lists it for the tasks at hand. A tool that grazes goes no
-    deeper than the contact tolerance of the cell.
+    A contact is allowed while the plan lists it for the current tasks. A grazing tool may go as deep as
+    the contact tolerance of the cell.
 
     Args:
-        case: what was executed.
+        case: the execution.
         allowed: contacts of its plan.
         exempt: pairs of one robot's shapes that are not checked.
         within: robots further apart than this are not measured [m].
@@ -71,7 +71,7 @@ class Contacts:
         second: the same cell in PyBullet, which looks for overlaps at samples.
 
     Attributes:
-        least: distance of two robots, with what they carry, where they are not meant to touch [m].
+        least: least distance of two robots with carried objects, where they should not touch [m].
         bound: nearer than this they were at no moment [m].
         configurations: number of different configurations of the whole cell.
         tolerance: the contact tolerance [m].
@@ -100,7 +100,7 @@ class Contacts:
         self._overlaps: dict[tuple[str, str], dict[int, tuple[float, float, str]]] = {}
 
     def look(self, stretch: RunStretch) -> None:
-        """Check one stretch."""
+        """Check one interval."""
         moved = {
             tuple(int(r.distinct[k]) for r in stretch.robots)
             for k in range(len(stretch.t))
@@ -135,7 +135,7 @@ class Contacts:
         depth: Callable[[WatchedShape, WatchedShape, int], float],
         least_m: float,
     ) -> None:
-        """Note an overlap where nothing allows it.
+        """Record an overlap that is not allowed.
 
         Args:
             stretch: in which it is.
@@ -157,7 +157,7 @@ class Contacts:
                     seen[number] = (t, -gap.distance, links)
 
     def violations(self) -> Iterator[Violation]:
-        """Yield overlaps that nothing allows, from when to when."""
+        """Yield disallowed overlaps with time intervals."""
         for pair, seen in self._overlaps.items():
             numbers = np.array(sorted(seen))
             for run in np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1):
@@ -168,7 +168,7 @@ class Contacts:
     def _depth(
         self, pair: tuple[str, str], holders: Mapping[str, str | None], t: float
     ) -> float:
-        """Return the greatest overlap of two entities that is no violation [m].
+        """Return the largest allowed overlap of two entities [m].
 
         Args:
             pair: their names.
@@ -197,6 +197,6 @@ class Contacts:
 
 
 def _deepest(planned: Sequence[float | None]) -> float | None:
-    """Return the greatest of depths, None where a contact has none of its own [m]."""
+    """Return the greatest depth, None without one [m]."""
     own = [depth for depth in planned if depth is not None]
     return max(own) if len(own) == len(planned) else None

@@ -1,9 +1,9 @@
-"""What robots hold is between the pads of their fingers, or under their cup, as tools are shaped.
+"""Audit of grips: held objects are between finger pads, or under the suction cup.
 
 A tool frame's z axis points out of the hand (*depth*), fingers close along y (*closing*), x is
-*across*. What of a tool lies wholly on one side of the plane through the frame in which fingers
-meet closes in a straight line on what it holds: that must be touched from both sides, after
-equally long ways. A cup must be on it, with the frame in the cup.
+*across*. Shapes of a tool wholly on one side of the plane where fingers meet close in a straight line
+on the object: they must touch it from both sides, after equal travel. A cup must be on it, with the
+frame in the cup.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from twin.audits.motion.executed import Stay
 from twin.audits.worlds.world import FAR, AuditWorld, WatchedShape
 
 GRIP = 0.005
-"""What is held by a tool whose shapes do not tell more may be so far away from it, closed [m]."""
+"""Largest gap between a held object and a closed tool without identifiable fingers [m]."""
 
 CLOSING = 0.0021
 """What fingers hold may be so far off the middle between them, along the axis in which they close [m]."""
 
 BESIDE = 0.0006
-"""Pads may pass what they hold by so much, along the tool or across it [m]."""
+"""Largest offset of pads from the object, along or across the tool [m]."""
 
 CUP = 0.0011
-"""A cup may be so far away from what it holds, and the tool frame beside that cup [m]."""
+"""Largest gap between cup and object, and offset of the tool frame from the cup [m]."""
 
 _PLAY = 1e-4
 """A box may be wider than its fingers open by this: rounding of files [m]."""
@@ -39,7 +39,7 @@ _SIDE = 5e-4
 """What reaches over the plane in which fingers meet by less belongs to one side [m]."""
 
 _PAST = 0.01
-"""Fingers are followed so far beyond that plane, to tell how far off something is [m]."""
+"""Travel beyond that plane up to which fingers are followed, to measure a miss [m]."""
 
 _TOUCHES = 5e-5
 """What is nearer than this touches: the engines' own errors [m]."""
@@ -48,7 +48,7 @@ _MOST_STEPS = 200
 """Steps in which a finger advances at most, each as long as it is away."""
 
 _HALVINGS = 30
-"""Steps in which the least distance of a way is found: each leaves two thirds."""
+"""Steps of the search for the least distance along a travel: each leaves two thirds."""
 
 _NEAR = 0.5
 """No finger reaches farther from its tool frame [m]."""
@@ -63,7 +63,7 @@ _Sides = tuple[list[WatchedShape], list[WatchedShape]]
 
 
 def grip_violations(case: AuditCase) -> Iterator[Violation]:
-    """Yield what is held by who does not touch it as it must, or wider than fingers open.
+    """Yield objects that are held without proper contact, or are wider than the fingers open.
 
     Every hold is measured once, when it begins: from then on tool and object move as one.
     """
@@ -88,7 +88,7 @@ def grip_violations(case: AuditCase) -> Iterator[Violation]:
 def _wrong(
     case: AuditCase, stay: Stay, robot: str, t: float
 ) -> tuple[float, str] | None:
-    """Return by how much a hold is wrong, and in what; None where it is right [m]."""
+    """Return size and description of a grip error; None for a valid grip [m]."""
     hand, flange = case.hand(robot, t), case.flange(robot, t)
     pose, grip, name = flange @ stay.pose, hand.grip, stay.object
     held = case.put(name, pose)
@@ -121,18 +121,18 @@ def grip_mismatch(
     name: str,
     pose: Transform,
 ) -> tuple[float, str] | None:
-    """Return by how much pads or a cup do not hold an object, and in what words [m].
+    """Return size and description of the mismatch of pads or cup with an object [m].
 
     Args:
-        case: what was executed.
-        hand: of a robot, where it is.
+        case: the execution.
+        hand: tool of a robot, placed.
         robot: its name.
         flange: pose of its flange in the world.
         name: of the object.
         pose: of that in the world.
 
     Returns:
-        ``RIGHT`` where they hold it; None where the shapes of the tool do not tell.
+        ``RIGHT`` where they hold it; None where the tool's shapes are inconclusive.
     """
     wanted, grip = case.wanted, hand.grip
     if wanted.gripped_at is None or (grip and grip.opening == (0.0, 0.0)):
@@ -150,10 +150,9 @@ def grip_mismatch(
 
 
 def _width(item: CellObject, hand: Hand, held: Transform) -> float:
-    """Return how wide a box is along the axis in which fingers close [m].
+    """Return the width of a box along the closing axis of fingers [m].
 
-    Nothing where that cannot be told: without fingers, or of what is no box, which fingers may
-    grip at any part.
+    None without fingers, or for other shapes, which may be gripped at any part.
     """
     tool, grip = hand.frames.get("tool"), hand.grip
     if grip is None or grip.opening is None or tool is None or not item.shape.is_box:
@@ -164,7 +163,7 @@ def _width(item: CellObject, hand: Hand, held: Transform) -> float:
 def _met(
     case: AuditCase, stay: Stay, robot: str, t: float
 ) -> tuple[str, float, str] | None:
-    """Return what fingers meet before what they hold, by how much earlier, and in what words [m].
+    """Return the obstacle that fingers meet before the object, with distance and description [m].
 
     Fixtures and all objects are looked at that the robot does not hold at that time.
     """
@@ -191,7 +190,7 @@ def _met(
 
 
 def _around(case: AuditCase, robot: str, t: float) -> Iterator[tuple[str, Transform]]:
-    """Yield fixtures and objects that a robot does not hold at a time, and where they are."""
+    """Yield fixtures and objects that a robot does not hold at a time, with poses."""
     for fixture in case.cell.fixtures:
         yield fixture.name, fixture.pose
     for item in case.cell.objects:
@@ -206,13 +205,13 @@ def _around(case: AuditCase, robot: str, t: float) -> Iterator[tuple[str, Transf
 
 @dataclass(frozen=True)
 class _Grasp:
-    """A tool and what it holds, as they are in the world at a moment.
+    """A tool and its held object in the world at one time.
 
     Attributes:
         world: to measure in.
         tool: its shapes, in their places.
         frame: pose of the tool frame in the world.
-        held: shapes of what it holds.
+        held: shapes of the held object.
         pose: of that in the world.
     """
 
@@ -243,7 +242,7 @@ class _Grasp:
         return sides if min(tips) > middle else None
 
     def off_pads(self, sides: _Sides, tool: str) -> tuple[float, str] | None:
-        """Return by how much fingers do not hold it, and in what; None where they do [m]."""
+        """Return size and description of a finger mismatch; None if they hold it [m]."""
         directions, missed = [], []
         for shapes, sign in zip(sides, (-1.0, 1.0), strict=True):
             way, nearest = self._closed(shapes, sign)
@@ -264,7 +263,7 @@ class _Grasp:
         return off, f"is {words} (closing)"
 
     def off_cup(self, tool: str) -> tuple[float, str] | None:
-        """Return by how much a cup does not hold it, and in what; None where it does [m]."""
+        """Return size and description of a cup mismatch; None if it holds it [m]."""
         gaps = [min(self._gap(part, own) for own in self.held) for part in self.tool]
         least = min(gaps)
         if least > CUP:
@@ -278,19 +277,19 @@ class _Grasp:
         return None
 
     def _reach(self, shape: WatchedShape, axis: tuple[float, ...] | Array) -> float:
-        """Return how far a shape reaches from the frame along an axis of it [m]."""
+        """Return the extent of a shape along an axis of the frame [m]."""
         return self.world.reach(
             shape, self.frame[:3, 3], self.frame[:3, :3] @ np.asarray(axis)
         )
 
     def _room(self, shape: WatchedShape, sign: float) -> float:
-        """Return how far a finger is followed where nothing else says how far [m]."""
+        """Return the default travel up to which a finger is followed [m]."""
         return max(0.0, -self._reach(shape, (0.0, sign, 0.0))) + _PAST
 
     def _closed(
         self, shapes: list[WatchedShape], sign: float
     ) -> tuple[float | None, tuple[WatchedShape, WatchedShape, float]]:
-        """Return how far fingers close until one touches; what comes nearest, and its whole way."""
+        """Return the finger travel until first contact, the nearest shape, and its travel."""
         rooms = [self._room(shape, sign) for shape in shapes]
         self._back()
         pairs = [
@@ -317,7 +316,7 @@ class _Grasp:
     def _advance(
         self, one: WatchedShape, own: WatchedShape, sign: float, gap: float, most: float
     ) -> tuple[float, float, float]:
-        """Return how a finger closes on a shape.
+        """Return the closing of a finger on a shape.
 
         A step as long as it is away never goes through. What is drawn in the shape is followed from
         outside.
@@ -345,11 +344,11 @@ class _Grasp:
     def ways(
         self, sides: _Sides, most: Sequence[float | None] = (None, None)
     ) -> list[float | None]:
-        """Return how far the fingers of each side close until they touch it; None if they do not [m].
+        """Return the travel of the fingers of each side until contact; None without contact [m].
 
         Args:
             sides: the fingers.
-            most: how far those of each side are followed; None until they meet [m].
+            most: maximum travel of each side; None until they meet [m].
         """
         found = []
         for shapes, sign, end in zip(sides, (-1.0, 1.0), most, strict=True):
@@ -367,10 +366,10 @@ class _Grasp:
     def _miss(
         self, one: WatchedShape, own: WatchedShape, most: float, sign: float
     ) -> Array:
-        """Return from where a finger passes a shape nearest to that, along the axes of the frame [m].
+        """Return the offset of a finger from a shape at its closest passage, along the frame's axes [m].
 
-        Their distance is a convex function of the way. How it changes where the shape is moved a
-        little tells the direction.
+        Their distance is a convex function of travel. Its change under small displacements of the shape
+        gives the direction.
         """
         low, high = 0.0, most
         for _ in range(_HALVINGS):
@@ -397,7 +396,7 @@ class _Grasp:
         way: float,
         nudge: Array | float = 0.0,
     ) -> float:
-        """Return the distance of a finger after a way, as if what it holds moved towards it [m]."""
+        """Return the distance of a finger after some travel, by moving the object towards it [m]."""
         shift = self.frame[:3, :3] @ (np.array([0.0, -sign * way, 0.0]) + nudge)
         self.world.place(own, own.at(translation(*shift.tolist()) @ self.pose))
         return self._gap(one, own)
@@ -406,13 +405,13 @@ class _Grasp:
         return self.world.distance(one, own, FAR)
 
     def _back(self) -> None:
-        """Put what is held back where it is held."""
+        """Move the held object back to its pose."""
         for own in self.held:
             self.world.place(own, own.at(self.pose))
 
 
 def _words(miss: Array) -> str:
-    """Return in words how fingers pass what they miss, by direction; the plainest one at least."""
+    """Describe how fingers pass a missed object, by direction."""
     across, closing, depth = miss.tolist()
     named = (
         (across, f"{abs(across) * 1e3:.2f} mm beside it (across)"),

@@ -1,4 +1,4 @@
-"""Joint limits and joint speeds of what was executed, against those of the URDF."""
+"""Audit of joint positions and speeds against the limits of the URDF."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.audits.limit_readings import BEYOND, TICKS, LimitReadings
 from twin.audits.motion.executed import RobotRows
 
 _HEARD_S, _WINDOWS_S = 0.01, (0.1, 0.2, 0.4, 0.8)
-"""By how much the time of a measurement may be wrong, and times over which speeds of such are looked at [s]."""
+"""Time error of measurements, and time windows over which their speeds are checked [s]."""
 
 
 def joint_violations(
@@ -20,14 +20,14 @@ def joint_violations(
     limits: Mapping[str, JointLimits],
     measured: Collection[str] = (),
 ) -> Iterator[Violation]:
-    """Yield where a joint leaves its range or moves faster than it may.
+    """Yield violations of joint position and speed limits.
 
     Between two rows a robot moves along a straight line in joint space, so rows settle both. When a robot
     was where it was measured is known to some milliseconds only, which makes its speed over a few of them
     anything: there it counts how far it came in a step, and in longer and longer times.
 
     Args:
-        robots: what was executed.
+        robots: executed rows.
         limits: of each robot.
         measured: robots whose rows were measured.
     """

@@ -1,4 +1,4 @@
-"""Values of joints held against limits: a violation from where each begins to exceed to where it ends."""
+"""Joint values compared with limits: one violation per interval of excess."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TICKS = 2e-9
 
 @dataclass(frozen=True, eq=False)
 class LimitReadings:
-    """Rows of a robot, or steps between rows, with values of its joints to be held against limits.
+    """Rows of a robot, or steps between rows, with joint values to compare with limits.
 
     Attributes:
         robot: its name.
@@ -44,12 +44,12 @@ class LimitReadings:
         limits: Array | float,
         words: str = "",
     ) -> Iterator[Violation]:
-        """Yield a violation from where each joint begins to be beyond its limit to where it ends.
+        """Yield one violation for each interval in which a joint exceeds its limit.
 
         Args:
             kind: of limit.
             units: of values and limits, joint by joint.
-            share: of what is allowed, more than 1 where it is too much, shape (m, n).
+            share: values over limits, above 1 for a violation, shape (m, n).
             values: shape (m, n).
             limits: shape (n,) or (m, n), or one for all.
             words: added to values and limits.
@@ -67,13 +67,13 @@ class LimitReadings:
 
 
 def _against(value: float, limit: float, unit: str) -> str:
-    """Return what there was and the limit of it in words, in as many digits as tell them apart."""
+    """Return value and limit as text, with enough digits to differ."""
     digits = next((d for d in range(6, 17) if f"{value:.{d}g}" != f"{limit:.{d}g}"), 17)
     return f"{value:.{digits}g} {unit}, its limit is {limit:.{digits}g} {unit}"
 
 
 def runs(bad: npt.NDArray[np.bool_]) -> Iterator[tuple[int, npt.NDArray[np.intp]]]:
-    """Yield each column with each run of consecutive rows that are True in it."""
+    """Yield each run of consecutive True rows, by column."""
     for column in np.flatnonzero(bad.any(axis=0)).tolist():
         rows = np.flatnonzero(bad[:, column])
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):

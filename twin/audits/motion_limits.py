@@ -1,4 +1,4 @@
-"""Limits of motion: speeds, accelerations, jerks and efforts of what was executed, by its tables.
+"""Audit of motion limits: speeds, accelerations, jerks and efforts of an execution.
 
 Limits of the tool's speed, and of the sum of joint speeds, are looked at where a robot is sampled.
 
@@ -20,7 +20,7 @@ from twin.audits.motion.efforts import RobotEfforts, ToolSpeeds
 from twin.audits.motion.executed import ReplayedRun, RobotRows
 
 _TICK = 1e-9
-"""A row, and what was commanded, are told at whole nanoseconds: together so much too early or late [s]."""
+"""Rounding of the times of rows and commands to nanoseconds, together [s]."""
 
 _STEP = 3e-7
 """Share of an acceleration that rounding may make up: it is a difference over a short lag."""
@@ -34,11 +34,11 @@ _EFFORT = 1e-4
 _MISFIT = "speeds and accelerations are not those of the positions"
 
 _SPEED, _WAY = 1e-7, 1e-8
-"""Rounding of speeds and of ways: what nearly stands is written as standing [rad/s, rad]."""
+"""Rounding of speeds and displacements: near standstill is written as standstill [rad/s, rad]."""
 
 
 def limit_violations(replay: ReplayedRun) -> Iterator[Violation]:
-    """Yield where a robot that is to keep to limits does not."""
+    """Yield violations of robots with motion limits."""
     for robot in replay.cell.robots:
         rows = replay.robots[robot.name]
         if robot.limits is None or len(rows.t) < 2:
@@ -68,7 +68,7 @@ def limit_violations(replay: ReplayedRun) -> Iterator[Violation]:
 
 
 def tool_speed_violations(speeds: Iterable[ToolSpeeds]) -> Iterator[Violation]:
-    """Yield where a tool was faster than it may be.
+    """Yield violations of tool speed limits.
 
     Args:
         speeds: of the tools for which that is limited.
@@ -86,7 +86,7 @@ def _seen(
     at: tuple[Array, float],
     words: str,
 ) -> Iterator[Violation]:
-    """Yield where samples of one value are beyond a limit."""
+    """Yield intervals in which samples of a value exceed a limit."""
     values, limit = at[0][:, None], at[1]
     share = values / (limit * (1.0 + BEYOND))
     yield from readings.excesses(kind, (unit,), share, values, limit, words)
@@ -95,7 +95,7 @@ def _seen(
 def _shares(
     rows: RobotRows, v: Array, a: Array, limits: MotionLimits
 ) -> Iterator[tuple[ViolationKind, str, Array, Array, Array | float]]:
-    """Yield of what is limited its unit, shares of it step by step, and its values and limits."""
+    """Yield for each limited quantity: unit, ratios to the limit per step, values and limits."""
     span = np.diff(rows.t)[:, None]
     begin, end = a[:-1], a[1:]
     steepest = np.maximum(np.abs(begin), np.abs(end))
@@ -104,7 +104,7 @@ def _shares(
     either = 0.5 * (off[:-1] + off[1:])
     fastest = _fastest(v, begin, end, span, either)
     rise = np.diff(v, axis=0) - 0.5 * span * (begin + end)
-    # A way that is told a nanosecond late is made up for within its step.
+    # A position recorded a nanosecond late is compensated within its step.
     slip = fastest * TICKS
     room = steepest * (TICKS + _STEP * span) + either * span + _SPEED
     misfit = np.abs(rise) / (room + slip / span)
@@ -118,14 +118,14 @@ def _shares(
     room = limits.acceleration * (1.0 + BEYOND) + np.maximum(off[:-1], off[1:])
     share = steepest / room
     yield "joint-acceleration", "/s^2", share, steepest, limits.acceleration
-    # Steps of nanoseconds say little of jerk but for the rounding of accelerations.
+    # Jerk in steps of nanoseconds is mostly rounding of accelerations.
     room = limits.jerk * (span * (1.0 + BEYOND) + TICKS)
     room = room + limits.acceleration * BEYOND + 2.0 * either
     yield "joint-jerk", "/s^3", jerk * span / room, jerk, limits.jerk
 
 
 def _off(rows: RobotRows, v: Array, jerk: Array, limits: MotionLimits) -> Array:
-    """Return by how much rounding may put off the acceleration of each row, shape (rows, n).
+    """Return the possible rounding error of each row's acceleration, shape (rows, n).
 
     What is told of a row may be of ``_TICK`` before or after, which the jerks of the steps near it make
     something of. Besides, an acceleration is a difference of speeds or the second one of positions,
@@ -155,10 +155,10 @@ def _fastest(v: Array, begin: Array, end: Array, span: Array, off: Array) -> Arr
 def effort_violations(
     replay: ReplayedRun, efforts: Mapping[str, RobotEfforts]
 ) -> Iterator[Violation]:
-    """Yield where a joint needed more than it can exert though gravity alone leaves it something.
+    """Yield violations of effort limits, where gravity alone does not exceed them.
 
     Args:
-        replay: what was executed.
+        replay: the execution.
         efforts: of the robots of which they are known.
     """
     for robot, own in efforts.items():

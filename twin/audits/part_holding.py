@@ -16,9 +16,9 @@ from twin.audits.motion.executed import Stay
 def keeping_violations(
     case: AuditCase, ends: Mapping[str, float]
 ) -> Iterator[Violation]:
-    """Yield parts that were let go of before what they are to be held for was complete.
+    """Yield parts released before the task for which they are held was complete.
 
-    A part is to be kept hold of where the scenario says until when, or where the plan has its
+    A part must be held where the scenario gives an end of the hold, or where the plan has its
     robot let go of it after another task. While it was carried its robot's tool was at it, which
     the grips say, and it does not move any more: so the tool stays at it as long as that robot
     stands.
@@ -47,7 +47,7 @@ def keeping_violations(
 def states_and_holds(
     case: AuditCase,
 ) -> Iterator[tuple[float, Mapping[str, Stay], set[str]]]:
-    """Yield when something changes, where everything is then, and which parts are kept hold of in their places."""
+    """Yield times of change with all object places, and parts held in place."""
     held = _held_in_place(case)
     ends = [until for _, until in held.values() if 0.0 < until <= case.end]
     for t, there in case.states(*ends):
@@ -55,9 +55,10 @@ def states_and_holds(
 
 
 def _held_in_place(case: AuditCase) -> dict[str, tuple[float, float]]:
-    """Return from when to when parts that are kept hold of are held where they were put down [s].
+    """Return the intervals in which parts are held at their places [s].
 
-    That is as long as who placed them stands still, whatever they are kept hold of for; where balance is looked
+    That is as long as the placing robot stands still, whatever the reason of the hold; where balance is
+    looked
     at, and the rest of a plan was not executed, that may be any part.
     """
     wanted, begins = case.wanted, dict[str, Task]()
@@ -78,7 +79,7 @@ def _held_in_place(case: AuditCase) -> dict[str, tuple[float, float]]:
 
 
 def _kept_in_plan(tpg: TemporalPlanGraph) -> Iterator[tuple[str, int]]:
-    """Yield parts that the plan has let go of after a task of another robot, and that task.
+    """Yield parts that the plan releases after a task of another robot, and that task.
 
     The way back of who keeps hold is a task of its own, about the part, in which nothing changes
     hands; of all others it belongs to the skill that places.
@@ -98,7 +99,7 @@ def _kept_in_plan(tpg: TemporalPlanGraph) -> Iterator[tuple[str, int]]:
 
 
 def _kept_until(case: AuditCase) -> Iterator[tuple[str, str, float]]:
-    """Yield parts that the plan keeps hold of, the words of the task until which, and its end."""
+    """Yield parts that the plan keeps held, with the releasing task's name and end."""
     tpg, spans = case.tpg, case.logged
     for part, first in _kept_in_plan(tpg):
         chain = tpg.chains[tpg.chain_index[tpg.tasks[first].robot]]
@@ -115,7 +116,7 @@ def _kept_until(case: AuditCase) -> Iterator[tuple[str, str, float]]:
 
 
 def _put_down(case: AuditCase, part: str) -> tuple[Stay, ...]:
-    """Return where a part lies since a robot put it down last; nothing if none did."""
+    """Return the place where a part was put down last; None if it never was."""
     stays = case.stays.get(part, ())
     return tuple(
         stay for stay in stays if stay.holder is None and stay.giver in case.robots

@@ -1,4 +1,4 @@
-"""Objects are where they belong: at the start, at each change of hands, at the end; tools in racks or hands."""
+"""Audit of object places: at the start, at each transfer, at the end; tools in racks or mounted."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ JUMP = 0.001
 """An object may move this far when it changes hands [m]."""
 
 _NOWHERE = 1e6
-"""Where what is in a hand is put: far from all spots [m]."""
+"""Position of held objects: far from all places [m]."""
 
 
 def start_violations(replay: ReplayedRun) -> Iterator[Violation]:
-    """Yield the objects that are not where they belong at the start."""
+    """Yield objects that are misplaced at the start."""
     for box in replay.cell.objects:
         for start in replay.stays[box.name][:1]:
             away = distance_of(box, start.pose, box.start)
@@ -39,10 +39,10 @@ def start_violations(replay: ReplayedRun) -> Iterator[Violation]:
 
 
 def jump_violations(case: AuditCase) -> Iterator[Violation]:
-    """Yield objects that do not stay where they are when they change hands.
+    """Yield objects whose pose jumps at a transfer.
 
-    What comes up must do so where the plan says. What was found elsewhere, as it could not be picked where it was
-    said to be, has been there all along.
+    Arriving objects must appear at their planned poses. A displaced object found by measurement has
+    been there all along.
     """
     measured = [
         (h.object, h.pose)
@@ -87,7 +87,7 @@ def jump_violations(case: AuditCase) -> Iterator[Violation]:
 
 
 def place_violations(case: AuditCase) -> Iterator[Violation]:
-    """Yield what stands elsewhere than the scenario says when all is done."""
+    """Yield objects that are misplaced at the end."""
     wanted = case.wanted
     if not wanted.places:
         return
@@ -125,7 +125,7 @@ def place_violations(case: AuditCase) -> Iterator[Violation]:
 
 
 def leftover_helpers(replay: ReplayedRun, wanted: Expectations) -> tuple[str, ...]:
-    """Return the objects that were put down where they only help, such as temporary bricks."""
+    """Return objects put down only as helpers, such as temporary bricks."""
     there = replay.at()
     filled = assign_objects_to_places(replay.cell, there, wanted.places)
     helping = {
@@ -147,7 +147,7 @@ def leftover_helpers(replay: ReplayedRun, wanted: Expectations) -> tuple[str, ..
 
 
 def with_object_names(replay: ReplayedRun, wanted: Expectations) -> Expectations:
-    """Return what is wanted with the names of whatever came to the places for which others will do, too."""
+    """Return the expectations with the names of interchangeable objects actually placed."""
     filled = assign_objects_to_places(replay.cell, replay.at(), wanted.places)
     pairs = list(zip(wanted.places, filled, strict=True))
     names = {p.object: name for p, name in pairs if p.object and name}
@@ -162,7 +162,7 @@ def with_object_names(replay: ReplayedRun, wanted: Expectations) -> Expectations
 def assign_objects_to_places(
     cell: Workcell, there: Mapping[str, Stay], places: Sequence[Place]
 ) -> list[str | None]:
-    """Return the object of each place: the one of its name, or the nearest of those that will do.
+    """Return the object of each place: the one of its name, or the nearest interchangeable one.
 
     Objects are shared out so that the sum of distances is least. Where one of a name has left the cell, another
     of its kind may have come to its place, and that one's place may be another's in turn.
@@ -203,18 +203,18 @@ def assign_objects_to_places(
 
 
 def rests_at(box: CellObject, stay: Stay, place: Transform) -> bool:
-    """Tell whether an object rests at a place."""
+    """Return whether an object rests at a place."""
     return stay.holder is None and distance_of(box, stay.pose, place) <= PLACED
 
 
 def distance_of(box: CellObject, pose: Transform, place: Transform) -> float:
-    """Return how far the furthest point of an object is from where it belongs [m]."""
+    """Return the largest point deviation of an object from its goal pose [m]."""
     farthest = np.maximum(np.abs(box.shape.low), np.abs(box.shape.high))
     return _way(pose, place, float(np.linalg.norm(farthest)))
 
 
 def _way(pose: Transform, place: Transform, radius: float) -> float:
-    """Return how far any point of a body gets from one pose to another [m]."""
+    """Return the largest point displacement of a body between two poses [m]."""
     ends = np.stack([pose, place])
     return float(travel_of_points(ends[:, :3, :3], ends[:, :3, 3], radius)[0])
 
@@ -229,7 +229,7 @@ def _spot(stay: Stay) -> Array:
 
 
 def tool_violations(case: AuditCase) -> Iterator[Violation]:
-    """Yield tools that are neither in their rack nor, as they are mounted, on their robot.
+    """Yield tools that are neither in their rack nor mounted on their robot.
 
     A robot has one of them on it at a time.
     """
@@ -255,7 +255,7 @@ def tool_violations(case: AuditCase) -> Iterator[Violation]:
 
 
 def _wrong(case: AuditCase, tool: ChangedTool, stay: Stay) -> tuple[str, float]:
-    """Return what is wrong with where a tool is, empty if nothing is, and by how much [m]."""
+    """Return description and size of a tool's misplacement; empty if none [m]."""
     item = case.cell.object(tool.name)
     if stay.holder is not None:
         if stay.holder != tool.robot:

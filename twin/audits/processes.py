@@ -1,4 +1,4 @@
-"""Processes are done where the scenario says, by who may, while what is to be held is held."""
+"""Audit of processes: place, robot, and held parts as the scenario requires."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class _DoneProcess:
     """A process that was executed.
 
     Attributes:
-        robot: who did it.
+        robot: its robot.
         begin, end: when [s].
         missed: how far its tool stayed away from the place, 0 if it came there [m].
-        words: what is wrong with where the tool was; empty if nothing is.
+        words: description of a wrong tool position; empty if none.
     """
 
     robot: str
@@ -46,14 +46,13 @@ class _DoneProcess:
 
 
 def process_violations(case: AuditCase) -> Iterator[Violation]:
-    """Yield processes that were not done, or not as the scenario says.
+    """Yield missing or wrong processes.
 
     Each wanted process is one task of its name, in which the tool's frame comes to every pose of
     its path in turn, z opposite to that of the place, relative to where the part or fixture is
     then. A part that is to be held has another robot's tool at it that stands still meanwhile.
-    Steps begin after the end of those that they are to come after, and what is to be kept hold of
-    until a step is complete stays in its hand for that long. Without a log machines' work is
-    waited for by nobody. What was done before the plan began is not looked for.
+    Steps begin after the end of their predecessors, and parts to be held until a step is complete stay
+    held. Without a log the work of machines is not checked, nor is work before the plan began.
     """
     begun = case.cell.begun
     before = () if begun is None else begun.steps
@@ -100,7 +99,7 @@ def process_violations(case: AuditCase) -> Iterator[Violation]:
 
 
 def _placed_at(case: AuditCase) -> Iterator[tuple[str, float]]:
-    """Yield the names of steps that place objects, with when those came to rest last [s]."""
+    """Yield the steps that place objects, with the last time these came to rest [s]."""
     for place in case.wanted.places:
         stays = case.stays.get(place.object or "", ())
         if place.name is not None and len(stays) > 1 and stays[-1].holder is None:
@@ -138,7 +137,7 @@ def _done(case: AuditCase, process: ExpectedProcess, index: int) -> _DoneProcess
 
 
 def _span(rows: RobotRows, nodes: Indices) -> tuple[float, float] | None:
-    """Return from when to when a robot is at some nodes [s], None if it never is.
+    """Return the interval of a robot's nodes [s], None if never executed.
 
     What takes no time has no rows of its own within limits: it is passed where the next node begins.
     """
@@ -153,7 +152,7 @@ def _span(rows: RobotRows, nodes: Indices) -> tuple[float, float] | None:
 
 
 def _place(case: AuditCase, process: ExpectedProcess, t: float) -> Transform | None:
-    """Return where a process is done, None while its part is in a hand."""
+    """Return the place of a process, None while its part is held."""
     if process.owner is None:
         return process.pose
     stay = case.place(process.owner, t)
@@ -165,7 +164,7 @@ def _place(case: AuditCase, process: ExpectedProcess, t: float) -> Transform | N
 def _tip(
     case: AuditCase, process: ExpectedProcess, robot: str, span: tuple[float, float]
 ) -> Transform | str:
-    """Return where the frame of a process is in the flange frame, or what is wrong with the tool."""
+    """Return the process frame in the flange frame, or the fault of the tool."""
     placed = case.cell.robot(robot)
     frames = placed.model.frames
     if any(tool.robot == robot for tool in case.wanted.tools):
@@ -180,7 +179,7 @@ def _tip(
 
 
 def _missed(tools: Array, path: list[Transform]) -> tuple[float, str]:
-    """Return how far a tool stays away from a path at most, and what is wrong in words."""
+    """Return the largest deviation of a tool from a path, and its description."""
     first = 0
     for at in path:
         away = np.linalg.norm(tools[first:, :3, 3] - at[:3, 3], axis=1)

@@ -1,4 +1,4 @@
-"""Objects that nobody holds must rest on something that does not fall."""
+"""Audit of supports: objects not held must rest on something stable."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from twin.audits.part_holding import states_and_holds
 from twin.audits.worlds.world import FAR
 
 _SINKS = 0.3
-"""What comes nearer by this share of the way that an object sinks carries it."""
+"""Share of an object's sinking by which a support must come nearer."""
 
 
 def hanging_violations(case: AuditCase) -> Iterator[Violation]:
-    """Yield what hangs in the air, from when to when.
+    """Yield unsupported objects with time intervals.
 
     Fixtures stand, and so do tools that are changed, which racks hold, and parts that their robot
     keeps hold of. What rests on something that stands, stands too; see ``Hold`` for what counts as
@@ -48,7 +48,7 @@ def _hung(name: str, since: tuple[float, float, str], until: float) -> Violation
 
 
 class _Pile:
-    """Fixtures and what is at rest, and who carries whom.
+    """Fixtures and objects at rest, with support relations.
 
     Args:
         case: says what keeps objects at rest, and how near is touching.
@@ -73,11 +73,11 @@ class _Pile:
             self._put(item.name, item.pose)
 
     def update(self, there: Mapping[str, Stay], propped: frozenset[str]) -> bool:
-        """Take over what has changed; tell whether anything has.
+        """Apply changes; return whether there were any.
 
         Args:
             there: where everything is that is there.
-            propped: what stands though nothing carries it.
+            propped: objects that stand without a support.
         """
         resting = {name: stay for name, stay in there.items() if stay.holder is None}
         gone = [k for k, stay in self._rests.items() if resting.get(k) is not stay]
@@ -106,17 +106,17 @@ class _Pile:
         return bool(gone or come or changed)
 
     def floating(self) -> list[str]:
-        """Return what does not stand."""
+        """Return the unsupported objects."""
         return [name for name in self._rests if name not in self._stands]
 
     def nearest(self, name: str, hanging: Sequence[str]) -> tuple[float, str]:
-        """Return how near something is to what stands, and what that is [m]."""
+        """Return the nearest supported object and its distance [m]."""
         gaps = {o: self._gap(name, o) for o in self._poses if o not in hanging}
         nearest = min(gaps, key=gaps.__getitem__, default="anything")
         return gaps.get(nearest, FAR), nearest
 
     def _stand_on(self, names: Iterable[str]) -> None:
-        """Note that what is carried by things that stand, stands too."""
+        """Mark objects on supported ones as supported."""
         front = list(names)
         while front:
             new = set(self._carries.successors(front.pop())) - self._stands
@@ -124,7 +124,7 @@ class _Pile:
             front += new
 
     def _put(self, name: str, pose: Transform) -> None:
-        """Note a pose, and the corners of the upright box around what is there."""
+        """Record a pose, and the corners of the axis-aligned box around the object."""
         self._poses[name] = pose
         places = [(shape.at(pose), shape) for shape in self._case.shapes[name]]
         middle = np.array([at[:3, 3] for at, _ in places])
@@ -144,7 +144,7 @@ class _Pile:
         return sorted((found & self._poses.keys()) - {name})
 
     def _join(self, first: str, second: str) -> None:
-        """Note who of two carries whom, if they touch.
+        """Record the support relation of two touching objects.
 
         Joints may have room where the scenario puts them.
         """
@@ -169,7 +169,7 @@ class _Pile:
                 self._carries.add_edge(lower, upper)
 
     def _in_place(self, name: str) -> bool:
-        """Tell whether something is a fixture, or where the scenario puts it."""
+        """Return whether an object is a fixture, or at its goal."""
         if name in self._fixtures:
             return True
         goal = self._goals.get(name)

@@ -1,4 +1,4 @@
-"""The auditor of runs, which judges what was executed by all that a scenario says of it."""
+"""The auditor of runs, which checks an execution against its scenario."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from twin.scenario.sections.scenario import Scenario
 
 
 class RunAuditor:
-    """Judges runs with the code of this room; see ``twin.trial.auditor``."""
+    """Audits runs with the code of this room; see ``twin.trial.auditor``."""
 
     def __init__(self, engine: str | None = None) -> None:
-        """Choose what to measure with.
+        """Choose the collision engine.
 
         Args:
             engine: pybullet or coal; by default PyBullet where it is installed, else coal.
@@ -36,7 +36,7 @@ class RunAuditor:
         finished: bool,
         progress: Report,
     ) -> Mapping[str, Any]:
-        """Return what was found in a run; see RunJudge."""
+        """Return the findings of a run; see RunJudge."""
         return audit_execution(
             scenario,
             folder,
@@ -56,16 +56,16 @@ def audit_execution(
     engine: Engine | None = None,
     progress: Report = report_nothing,
 ) -> AuditReport:
-    """Let the audit judge what was executed, by all that a scenario says of it.
+    """Audit an execution against its scenario.
 
     Args:
-        scenario: says what is to stand where, and what holds it.
+        scenario: places and holds of objects.
         folder: with the plan and the tables of the motion.
         ordered: whether the run had to keep the plan's type-2 edges, as all policies but
             open-loop do.
         finished: whether the run came to its end, so that all must be in place.
         engine: to measure with; by default PyBullet where it is installed, else coal.
-        progress: told how far the audit has come.
+        progress: receives the progress of the audit.
     """
     return audit_run(
         folder,

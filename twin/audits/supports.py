@@ -1,4 +1,4 @@
-"""Robots that hold something for another one are there in time, and stay until it is done."""
+"""Audit of supports by robots: in place in time, and until the supported task ends."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PLACES = ("place-down", "place-up")
 
 
 def support_violations(case: AuditCase) -> Iterator[Violation]:
-    """Yield what was put down without the support that it needs, and handovers to who moves.
+    """Yield placements without their support, and handovers to moving robots.
 
     A step needs a support where the scenario says so, or where the plan has a support for it.
     While the node in which the object is put down lasts, one other robot must stand still with
@@ -72,7 +72,7 @@ def _held_objects(case: AuditCase) -> set[str]:
 
 
 def _node_span(case: AuditCase, robot: str, t: float) -> tuple[float, float]:
-    """Return from when to when a robot moves in the node of a time, which is all that it may do [s]."""
+    """Return the interval of motion of a robot's node at a time [s]."""
     rows, own = case.robots[robot], case.moved.get(robot)
     k = min(int(np.searchsorted(rows.t, t - 1e-9)), len(rows.t) - 1)
     node = int(rows.node[k])
@@ -83,13 +83,13 @@ def _node_span(case: AuditCase, robot: str, t: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class NearestHand:
-    """Tool that is nearest to some objects, of robots that stand still.
+    """Nearest tool to some objects, among robots at rest.
 
     Attributes:
-        robot: whose; ``"nobody"`` where nobody stands still.
+        robot: its robot; ``"nobody"`` if no robot is at rest.
         gap: how far it is from the nearest of them; ``FAR`` where there is none [m].
         closing: by how much its fingers close on that [m].
-        loose: what is wrong with how it holds that; empty where it does, or nothing tells.
+        loose: fault of its hold; empty for a valid or unknown one.
     """
 
     robot: str = "nobody"
@@ -99,7 +99,7 @@ class NearestHand:
 
     @property
     def before(self) -> tuple[bool, float]:
-        """Less for who holds it, then for who is nearer."""
+        """Sort key: a valid hold first, then the nearest."""
         return not self.is_near, self.gap - self.closing
 
     @property
@@ -114,13 +114,13 @@ def nearest_hand(
     besides: str,
     there: Mapping[str, Stay],
 ) -> NearestHand:
-    """Return whose tool is nearest to what rests, of those who stand still for some time.
+    """Return the nearest tool to objects at rest, among robots at rest for some time.
 
     Fingers that stand open close on the thinnest edge. Pads and cups must hold an object as they do
     one that they carry: who does comes before who is nearer.
 
     Args:
-        case: what was executed.
+        case: the execution.
         span: from when to when the robot stands still [s].
         besides: a robot that does not count.
         there: where the objects are that count where they are at rest.

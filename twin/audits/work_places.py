@@ -1,6 +1,6 @@
-"""Audit of the places of parts on their way: as the scenario says, and as long as machines work at them.
+"""Audit of intermediate places of parts, and of parts at machines while these work.
 
-What is in its place must stand at all times: by friction, by joints, or in somebody's hand.
+Placed parts must stand at all times: by friction, by joints, or held by a robot.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _TICK = 1e-6
 
 
 def rest_violations(case: AuditCase) -> Iterator[Violation]:
-    """Yield parts that were not put down on their way, or did not lie there while machines worked.
+    """Yield parts missing at intermediate places, or at machines while these worked.
 
     What was done before the plan began is not looked at. Each part comes to rest at its stops in their order. Each process that no robot does is one task
     of its name at its part; from its begin to its end the part lies where the scenario has it by
@@ -37,7 +37,7 @@ def rest_violations(case: AuditCase) -> Iterator[Violation]:
         if rest.step in before:
             continue
         own, item = case.stays[rest.part], case.cell.object(rest.part)
-        # To be put down somewhere it comes to rest anew.
+        # A placement requires a new stay.
         first = looked.get(rest.part, 0) + (rest.process is None)
         at = next(
             (n for n in range(first, len(own)) if rests_at(item, own[n], rest.pose)),
@@ -74,7 +74,7 @@ def rest_violations(case: AuditCase) -> Iterator[Violation]:
 
 
 def machine_work_spans(case: AuditCase) -> dict[int, tuple[Task, float, float]]:
-    """Return who works at parts without a robot, by number of the wanted rest: task, begin, end [s].
+    """Return machine tasks at parts, by number of the expected rest: task, begin, end [s].
 
     Tasks that are alike are taken in the plan's order. What is not in the plan is left out.
     """
@@ -92,7 +92,7 @@ def machine_work_spans(case: AuditCase) -> dict[int, tuple[Task, float, float]]:
 
 
 def _is(rest: ExpectedRest, task: Task) -> bool:
-    """Tell whether a task of a machine is one that is wanted."""
+    """Return whether a machine task is an expected one."""
     return (
         task.kind == rest.process
         and task.object == rest.part
@@ -101,7 +101,7 @@ def _is(rest: ExpectedRest, task: Task) -> bool:
 
 
 def _shut(stays: Sequence[Stay], begin: float, end: float) -> bool:
-    """Tell whether a door was shut within some time, and until the end of it [s]."""
+    """Return whether a door was shut within an interval, up to its end [s]."""
     return any(
         shut.holder is None
         and opened.holder == GONE

@@ -21,10 +21,10 @@ CHECKING = "check of the cell"
 
 @dataclass(frozen=True)
 class Check:
-    """What the check of a scenario found.
+    """Result of the check of a scenario.
 
     Attributes:
-        scenario: what was checked.
+        scenario: the checked scenario.
         report: the findings with their places in the file.
     """
 
@@ -32,7 +32,7 @@ class Check:
     report: CheckReport
 
     def __repr__(self) -> str:
-        """Return what it is in a line."""
+        """Return a one-line description."""
         errors, warnings = len(self.report.errors), len(self.report.warnings)
         counts = f"{errors} errors, {warnings} warnings"
         return f"<check of {self.scenario.name!r}: {counts}>"
@@ -44,12 +44,12 @@ class Check:
 
     @property
     def errors(self) -> tuple[str, ...]:
-        """What makes every plan impossible or false, each with its line."""
+        """Errors, which make every plan impossible or false, each with its line."""
         return self.report.messages(self.report.errors)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is doubtful, each with its line."""
+        """Warnings, each with its line."""
         return self.report.messages(self.report.warnings)
 
     @property
@@ -61,7 +61,7 @@ class Check:
 
     @property
     def fits(self) -> tuple[Mapping[str, Any], ...]:
-        """How parts fit where they are put: play, what is beside them, and the chances of robots."""
+        """Fits of parts at their places: clearance, neighbours, and success probability of robots."""
         return tuple(fit.content() for fit in self.report.fits)
 
     @property
@@ -107,7 +107,7 @@ def check(scenario: AnyScenario, *, progress: Report = report_nothing) -> Check:
 
     Args:
         scenario: a scenario, or the path of its file.
-        progress: told how far each stage has come.
+        progress: receives the progress of each stage.
 
     Raises:
         InvalidScenarioError: the file is not valid.

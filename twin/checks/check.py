@@ -1,4 +1,4 @@
-"""All checks of a scenario at once, and what they found, in the order of the file."""
+"""All checks of a scenario, with findings in the order of the file."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _GENERAL: tuple[Callable[[CheckContext], Findings], ...] = (
 
 
 _TOLD_AT_ONE_KEY = 5
-"""Findings of one check that are told at one key."""
+"""Largest number of findings of one check per key."""
 
 _OF_A_PRODUCT = re.compile(r"([A-Za-z_])\.\d+\b")
 """The number of a product in the name of one of its parts."""
@@ -72,7 +72,7 @@ _ABSENT: KeyPath = ("assembly", "kind")
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What the checks found.
+    """Findings of the checks.
 
     Attributes:
         subject: the scenario and its cell.
@@ -88,12 +88,12 @@ class CheckReport:
 
     @property
     def errors(self) -> tuple[Finding, ...]:
-        """What makes a plan impossible or false."""
+        """Errors, which make a plan impossible or false."""
         return tuple(item for item in self.findings if item.error)
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
-        """What is doubtful."""
+        """Warnings."""
         return tuple(item for item in self.findings if not item.error)
 
     def problem(self, finding: Finding) -> FileProblem:
@@ -103,7 +103,7 @@ class CheckReport:
         return self.document.problem(at, label + finding.message)
 
     def excerpts(self, findings: tuple[Finding, ...]) -> InvalidScenarioError:
-        """Return some findings as an error, which words them with their places and lines."""
+        """Return findings as an error with positions and source lines."""
         problems = [self.problem(item) for item in findings]
         return InvalidScenarioError(self.document.path, problems, self.document.lines)
 
@@ -134,7 +134,7 @@ class CheckReport:
 def check_scenario(
     scenario: Scenario, document: YamlDocument, folder: Path
 ) -> CheckReport:
-    """Look at everything in a scenario that can be judged without planning.
+    """Check everything in a scenario that needs no planning.
 
     Args:
         scenario: passed the checks of its file; options may have changed it since.
@@ -159,8 +159,8 @@ def check_scenario(
 
 
 def findings_without_reach(subject: CheckContext) -> list[Finding]:
-    """Return what is found without a look at what robots reach."""
-    # What a wrong unit makes of a cell would be found by all others in their own words.
+    """Return the findings of all checks but reach."""
+    # A wrong unit would trigger all other checks.
     found = _few(check_units(subject))
     checks = subject.checks.quick or _GENERAL
     for check in checks if not found else ():
@@ -169,10 +169,10 @@ def findings_without_reach(subject: CheckContext) -> list[Finding]:
 
 
 def reach_findings(subject: CheckContext, quick: list[Finding]) -> list[Finding]:
-    """Return what no robot reaches; nothing where what was found before stands in the way of a look."""
+    """Return the findings of reach; none where earlier findings prevent the check."""
     at_fault = any(item.error for item in quick)
     if subject.kind.space_time:
-        # Its planner names one thing; what stands or lies in something is said already.
+        # The planner names one object; overlaps are reported already.
         return [
             item for item in check_reach(subject) if not (at_fault and item.at_start)
         ]
@@ -180,7 +180,7 @@ def reach_findings(subject: CheckContext, quick: list[Finding]) -> list[Finding]
 
 
 def _few(findings: Findings) -> list[Finding]:
-    """Return the first findings of each key, and how many more there are; of products that of one."""
+    """Return the first findings of each key, and the number of others; for products those of one."""
     first: dict[tuple[KeyPath, bool, str], Finding] = {}
     for item in findings:
         words = _OF_A_PRODUCT.sub(r"\1", item.message)

@@ -1,4 +1,4 @@
-"""``twin check``: look at a cell before planning; ``twin robots``: what is in descriptions of robots and tools."""
+"""``twin check``: check a cell before planning; ``twin robots``: data sheets of robots and tools."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def check(
 
 
 def verdict(report: CheckReport) -> str:
-    """Return in words how many errors and warnings there are."""
+    """Return the numbers of errors and warnings as text."""
     if not report.findings:
         return "nothing found"
     counts = (len(report.errors), "error"), (len(report.warnings), "warning")
@@ -178,7 +178,7 @@ def _print_list(as_json: bool) -> None:
 
 
 def _table(columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Table:
-    """Return a table whose cells are folded where there is no room, and never cut."""
+    """Return a table that wraps cells and never truncates them."""
     from rich.table import Table
 
     table = Table()
@@ -194,7 +194,7 @@ def _print_table(table: Table) -> None:
 
     console = Console()
     if not console.is_terminal:
-        # A file has room, unless a width is asked for, and is read by programs.
+        # A file has no width limit, unless one is requested, and is read by programs.
         table.box, width = None, os.environ.get("COLUMNS", "")
         console = Console(width=int(width) if width.isdecimal() else 10_000)
     console.print(table, markup=False)

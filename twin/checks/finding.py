@@ -1,4 +1,4 @@
-"""What a check finds, the scenario that it looks at, and what depends on the kind of its assembly."""
+"""Findings of checks, their context, and the interface of kind-specific checks."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from twin.scenario.sections.scenario import Scenario
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is wrong with a scenario, or that is doubtful.
+    """An error or a warning about a scenario.
 
     Attributes:
         at: key in the file.
-        message: what, and what to do about it.
+        message: the problem and its remedy.
         error: whether it makes a plan impossible or false; a warning otherwise.
         at_start: whether something is wrong before anybody moves.
     """
@@ -44,7 +44,7 @@ Findings = Iterator[Finding]
 
 @dataclass(frozen=True)
 class CheckContext:
-    """A scenario that is checked, with its cell, and where in the file things are named.
+    """A checked scenario, with its cell and positions in the file.
 
     Attributes:
         scenario: passed the checks of its file.
@@ -56,12 +56,12 @@ class CheckContext:
 
     @cached_property
     def built(self) -> Workcell:
-        """The cell as it is before the first motion, as planning gets it."""
+        """The cell before the first motion, as in planning."""
         return build_workcell(self.scenario, self.folder)
 
     @cached_property
     def cell(self) -> Workcell:
-        """The same with a robot that changes its tools as several: one with each of them on it."""
+        """The cell with a tool-changing robot as several, one with each tool."""
         return with_all_tools_mounted(self.built)
 
     @cached_property
@@ -78,7 +78,7 @@ class CheckContext:
 
     @cached_property
     def unlike_robots(self) -> tuple[PlacedRobot, ...]:
-        """A robot of each model: what its description says holds for the others."""
+        """One robot of each model, for checks of descriptions."""
         first: dict[RobotModel, PlacedRobot] = {}
         for robot in self.cell.robots:
             first.setdefault(robot.model, robot)
@@ -90,7 +90,7 @@ class CheckContext:
         return frozenset(item.name for item in self.scenario.cell.fixtures)
 
     def robot_at(self, name: str, *keys: str) -> KeyPath:
-        """Return where a robot is in the file, or the first of some keys that it may have."""
+        """Return the path of a robot in the file, or of the first of some keys that it has."""
         listed = [robot.name for robot in self.scenario.cell.listed]
         if name not in listed:
             return ("cell", "team")
@@ -100,7 +100,7 @@ class CheckContext:
         return ("cell", "robots", number, key)
 
     def thing_at(self, name: str, key: str = "name") -> KeyPath:
-        """Return where an object or a fixture is in the file; where it begins may be its source."""
+        """Return the path of an object or a fixture in the file."""
         places, known = self._places, name_in_file(name, self._places)
         path = places.get(known, ("assembly",))
         if path[-1] != "name":
@@ -121,7 +121,7 @@ class CheckContext:
 
 
 class KindChecks:
-    """What checks and pictures of a scenario ask of its kind of assembly; for kinds with nothing of their own.
+    """Interface of kind-specific checks and pictures; the default for kinds without their own.
 
     Attributes:
         subject: the scenario and its cell.
@@ -137,7 +137,7 @@ class KindChecks:
 
     @property
     def by_suction(self) -> bool:
-        """Whether tools hold by suction where nothing else is said of them."""
+        """Whether tools hold by suction by default."""
         return False
 
     @property
@@ -147,32 +147,32 @@ class KindChecks:
 
     @property
     def overlaps(self) -> Overlaps:
-        """How deep objects may be in each other."""
+        """Allowed overlaps of objects."""
         return Overlaps()
 
     def reach(self) -> Findings:
-        """Yield what no robot reaches: an error where the planner would find none either."""
+        """Yield unreachable poses: an error where planning would fail, too."""
         yield from ()
 
     def goals(self) -> Mapping[str, Transform]:
-        """Return where objects are put, by their names."""
+        """Return the goal poses of objects, by name."""
         return {}
 
     def goal_pieces(self) -> Iterator[tuple[str, Array]]:
-        """Yield what is put somewhere, with the corners of each of its pieces there, shape (v, 3) [m]."""
+        """Yield placed objects, with the corners of each piece at the goal, shape (v, 3) [m]."""
         yield from ()
 
     def tool_frames(self) -> Iterator[tuple[str, str, bool]]:
-        """Yield the tool frames that are used, each with its robot, and whether it holds parts there."""
+        """Yield the used tool frames, each with its robot, and whether it holds parts."""
         for robot in self.subject.cell.robots:
             yield robot.name, "tool", True
 
     def sized(self) -> Sequence[CellObject]:
-        """Return the objects whose sizes the file gives."""
+        """Return the objects with sizes in the file."""
         return ()
 
     def placed(self) -> Sequence[CellObject]:
-        """Return the objects that are put in place and whose masses count."""
+        """Return the placed objects whose masses count."""
         return ()
 
     def key_at(self, path: KeyPath, key: str) -> KeyPath:
@@ -185,12 +185,12 @@ class KindChecks:
         return (*path[:-1], key)
 
     def fits(self) -> tuple[FittedPart, ...]:
-        """Return how parts fit where they are put, in the order of the steps."""
+        """Return the fits of parts at their places, in the order of the steps."""
         return ()
 
 
 class FittedPart(Protocol):
-    """How a part fits where it is put."""
+    """Fit of a part at its place."""
 
     @property
     def step(self) -> int:
@@ -199,7 +199,7 @@ class FittedPart(Protocol):
 
     @property
     def words(self) -> str:
-        """What it is, for people."""
+        """Description, for people."""
         ...
 
     def content(self) -> dict[str, Any]:
@@ -208,7 +208,7 @@ class FittedPart(Protocol):
 
 
 def name_in_file(name: str, known: Container[str]) -> str:
-    """Return what the file calls a part: of products, and of parts that are alike, without its number.
+    """Return the name of a part in the file, without the number of products or equal parts.
 
     Args:
         name: of the part.
@@ -220,10 +220,10 @@ def name_in_file(name: str, known: Container[str]) -> str:
 
 
 def format_millimetres(distance_m: float) -> str:
-    """Return a distance in words."""
+    """Return a distance as text."""
     return f"{distance_m * 1e3:.1f} mm"
 
 
 def format_position(pose_xyz: tuple[float, ...] | list[float]) -> str:
-    """Return a position in words."""
+    """Return a position as text."""
     return f"({', '.join(f'{value:.2f}' for value in pose_xyz)}) m"

@@ -1,4 +1,4 @@
-"""Checks of goals: poses that no robot of the cell comes to."""
+"""Checks of goals: unreachable poses."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class GoalsChecks(KindChecks):
 
     @property
     def section(self) -> GoalsSection:
-        """What the file says."""
+        """The assembly section."""
         section = self.subject.scenario.assembly
         assert isinstance(section, GoalsSection)
         return section
@@ -54,7 +54,7 @@ class GoalsChecks(KindChecks):
         return _check_moves(self.subject, self.section)
 
     def tool_frames(self) -> Iterator[tuple[str, str, bool]]:
-        """Yield the frames that go to poses."""
+        """Yield the tool frames that are moved to poses."""
         for move in self.section.moves:
             if move.to is not None:
                 yield move.robot, move.frame, True

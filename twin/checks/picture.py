@@ -1,7 +1,7 @@
 """A picture of the cell before the first motion, from above and from the side.
 
-Robots are drawn by their collision hulls at HOME, with the reach of their tool frames; fixtures
-and objects where they are at the start, and the places that objects go to as outlines.
+Robots are drawn by their collision hulls at HOME, with the reach of their tool frames; fixtures and
+objects at their start poses, goals of objects as outlines.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ _FROM_ABOVE = Viewpoint("from above", 0, 1, 2, 1.0)
 
 
 def draw_cell(subject: CheckContext, folder: Path) -> Path:
-    """Draw the cell as it is planned to start, in two views at one scale.
+    """Draw the start state of the cell, in two views at one scale.
 
     Args:
         subject: the scenario and its cell.
@@ -111,7 +111,7 @@ def cell_figure(
     Args:
         subject: the scenario and its cell.
         width_in: of the picture [in]; the narrower it is, the fewer names have room.
-        detail: whether what would be tiny is drawn again.
+        detail: whether tiny things are repeated in close-ups.
     """
     things = list(_things_drawn(subject))
     shapes = [*things, *_robots_drawn(subject)]
@@ -182,7 +182,7 @@ def cell_figure(
 
 
 def _things(subject: CheckContext) -> Iterator[tuple[str, Array, bool]]:
-    """Yield objects that are there and places that they go to: names, corners of boxes, whether it is a place."""
+    """Yield objects and their goals: names, corners of boxes, whether it is a goal."""
     for thing in subject.cell.objects:
         if not thing.later:
             yield thing.name, _box(thing.shape, thing.start), False
@@ -193,7 +193,7 @@ def _things(subject: CheckContext) -> Iterator[tuple[str, Array, bool]]:
 
 
 def _doors(subject: CheckContext) -> Iterator[tuple[str, Array]]:
-    """Yield the doors of machines, shut: names, corners of each of their pieces, shape (v, 3) [m]."""
+    """Yield the closed doors of machines: names, corners of each piece, shape (v, 3) [m]."""
     doors = [thing for thing in subject.cell.objects if thing.kind == DOOR]
     # A door that is shut several times is several objects.
     for thing in {own.start.tobytes(): own for own in reversed(doors)}.values():
@@ -212,7 +212,7 @@ def _bounds(corners: Array) -> Array:
 
 
 def reach_radius(robot: PlacedRobot, frame: str) -> float | None:
-    """Return how far from its base axis a robot's tool comes [m]; None for one that drives.
+    """Return the reach of a robot's tool from its base axis [m]; None for a mobile robot.
 
     It is measured at random configurations, so it falls short by a few per cent.
     """
@@ -229,7 +229,7 @@ def reach_radius(robot: PlacedRobot, frame: str) -> float | None:
 
 
 def cell_shapes(subject: CheckContext) -> Iterator[DrawnShape]:
-    """Yield what stands in a cell before the first motion: fixtures of the file, objects, robots at HOME."""
+    """Yield the shapes of a cell before the first motion: fixtures of the file, objects, robots at HOME."""
     yield from _things_drawn(subject, own=True)
     yield from _robots_drawn(subject)
 
@@ -262,13 +262,13 @@ def _robots_drawn(subject: CheckContext) -> Iterator[DrawnShape]:
 
 
 def _unit(colour: tuple[int, int, int]) -> tuple[float, float, float]:
-    """Return a colour as matplotlib takes it, channels from 0 to 1."""
+    """Return a colour for matplotlib, channels from 0 to 1."""
     red, green, blue = (value / 255.0 for value in colour)
     return red, green, blue
 
 
 def _extent(subject: CheckContext) -> tuple[Array, Array]:
-    """Return the corners of what is to be seen: all but a floor that no file lists."""
+    """Return the corners of the visible extent: all but an implicit floor."""
     corners = [shape.corners for shape in _robots_drawn(subject)]
     corners += [box for _, box, _ in _things(subject)]
     corners += [
@@ -283,7 +283,7 @@ def _extent(subject: CheckContext) -> tuple[Array, Array]:
 
 
 def _draw_frame(area: Axes, item: CloseUp, names: Names) -> None:
-    """Draw the frame of what is drawn larger, with its letter in a corner."""
+    """Draw the frame of a close-up, with its letter in a corner."""
     corners = [
         item.low,
         (item.high[0], item.low[1]),
@@ -335,7 +335,7 @@ def _draw_names(
     goals: bool = False,
     again: Sequence[CloseUp] = (),
 ) -> None:
-    """Write names of objects and fixtures where there is room for them, small things first.
+    """Write names of objects and fixtures where they fit, small things first.
 
     With ``goals`` those of places, too; not of what is drawn again, and named there.
     """

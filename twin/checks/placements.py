@@ -1,4 +1,4 @@
-"""Checks of what lies somewhere, and what is done to it: overlaps, what hangs or falls, places of work."""
+"""Checks of placements: overlaps, unsupported objects, meshes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _OPEN = 0.005
 
 
 def check_starts(subject: CheckContext) -> Findings:
-    """Yield what overlaps at the start, and what lies on nothing."""
+    """Yield objects that overlap or are unsupported at the start."""
     cell, touch = subject.cell, subject.checks.touch_m
     there = [item for item in cell.objects if not item.later]
     placed: list[tuple[str, PlacedObject]] = [
@@ -78,7 +78,7 @@ def check_starts(subject: CheckContext) -> Findings:
 
 
 def check_centres(subject: CheckContext) -> Findings:
-    """Yield parts whose centre of mass is outside the box around them, where none can be."""
+    """Yield parts whose centre of mass is outside their bounding box."""
     for item in subject.cell.objects:
         shape = item.shape
         if shape.own_centre is None:
@@ -97,7 +97,7 @@ def check_centres(subject: CheckContext) -> Findings:
 
 
 def check_fixtures(subject: CheckContext) -> Findings:
-    """Yield fixtures of the file that are in each other; boxes of one thing may be, a little."""
+    """Yield overlapping fixtures of the file; boxes of one fixture may overlap slightly."""
     placed = [
         (name, item)
         for name, item in standing_fixtures(subject.cell).items()
@@ -118,12 +118,12 @@ def close_pairs(
     *,
     first: int | None = None,
 ) -> Iterator[tuple[str, str, float]]:
-    """Yield what is near each other, with the distance, negative for overlap [m].
+    """Yield near pairs with their distance, negative for overlap [m].
 
     Args:
-        placed: names, and what lies where.
+        placed: names and placed shapes.
         within: greatest distance [m].
-        first: one of each pair is among so many first ones; by default any.
+        first: number of first entries that contain one of each pair; by default all.
     """
     if not placed:
         return
@@ -139,7 +139,7 @@ def close_pairs(
 
 
 def _below(placed: Sequence[tuple[str, PlacedObject]], name: str) -> str:
-    """Return what is below a thing, and how far, in words."""
+    """Return a text on the object below, and its distance."""
     things: Mapping[str, PlacedObject] = dict(placed)
     low, high = bounding_corners(things[name])
     best: tuple[float, str] | None = None
@@ -155,7 +155,7 @@ def _below(placed: Sequence[tuple[str, PlacedObject]], name: str) -> str:
 
 
 def check_meshes(subject: CheckContext) -> Findings:
-    """Yield meshes with holes, and those with surface outside of the pieces that stand for them."""
+    """Yield meshes with holes, and those not covered by their convex pieces."""
     things = [(f.name, f.shape) for f in subject.cell.fixtures]
     things += [(o.name, o.shape) for o in subject.cell.objects]
     meshes = [

@@ -1,4 +1,4 @@
-"""Checks of reach: what no robot of the cell comes to, by the planner's own inverse kinematics."""
+"""Checks of reach, by the planner's inverse kinematics."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from twin.checks.finding import CheckContext, Finding, Findings
 
 
 def check_reach(subject: CheckContext) -> Findings:
-    """Return what no robot reaches: an error where the planner would find none either."""
+    """Return unreachable poses: an error where planning would fail, too."""
     return subject.checks.reach()
 
 
 def reach_bound(robot: PlacedRobot, frame: str) -> float:
-    """Return a distance from its first joint that a robot's frame never exceeds [m]."""
+    """Return an upper bound of the distance of a robot's frame from its first joint [m]."""
     model = robot.model
     lengths = np.linalg.norm(model.chain.placement[1:, :3, 3], axis=1).sum()
     tip = np.linalg.norm(frame_in_last_joint(model, frame)[:3, 3])
@@ -25,18 +25,18 @@ def reach_bound(robot: PlacedRobot, frame: str) -> float:
 
 
 def is_beyond_reach(robot: PlacedRobot, frame: str, target: Transform) -> bool:
-    """Tell whether a pose is beyond the arm's length, however it is bent."""
+    """Return whether a pose is beyond the arm's length in any configuration."""
     return distance_from_first_joint(robot, target) > reach_bound(robot, frame) + 1e-3
 
 
 def distance_from_first_joint(robot: PlacedRobot, target: Transform) -> float:
-    """Return how far a pose is away from the first joint of a robot [m]."""
+    """Return the distance of a pose from a robot's first joint [m]."""
     first = robot.base @ robot.model.chain.placement[0]
     return float(np.linalg.norm(target[:3, 3] - first[:3, 3]))
 
 
 def idle_robot(subject: CheckContext, robot: PlacedRobot, steps: int) -> Finding:
-    """Return that a robot can do nothing in any step."""
+    """Return the finding that a robot can take part in no step."""
     at = subject.robot_at(robot.name)
     return Finding(
         at[:3],

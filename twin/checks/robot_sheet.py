@@ -1,4 +1,4 @@
-"""Data sheets of robots and tools: what their descriptions hold, in words, tables and a picture."""
+"""Data sheets of robots and tools: text, tables and a picture of their descriptions."""
 
 from __future__ import annotations
 
@@ -164,10 +164,10 @@ class RobotSheet:
     """The data sheet of a robot or a tool.
 
     Attributes:
-        title: what it is of.
-        words: what was chosen, and what is doubtful.
+        title: name of the robot or tool.
+        words: choices and warnings.
         tables: heading, columns and rows of each.
-        picture: what it looks like.
+        picture: shapes for its picture.
     """
 
     title: str
@@ -193,11 +193,11 @@ def robot_sheets(
 
     Args:
         which: a name, the path of a description, or that of a scenario.
-        held: joints that are held, and at what [rad or m]; not for scenarios.
+        held: fixed joints and their values [rad or m]; not for scenarios.
         flange: the link that is the flange; not for scenarios.
 
     Raises:
-        RobotModelError: it is neither a robot nor a tool; both reasons are told.
+        RobotModelError: it is neither a robot nor a tool; with both reasons.
         ScenarioError: the scenario cannot be read.
     """
     if which not in ROBOTS and Path(which).suffix.lower() in (".yaml", ".yml"):
@@ -241,7 +241,7 @@ def _of_scenario(path: Path) -> tuple[RobotSheet, ...]:
 
 
 def _of_robot(model: RobotModel, title: str, no_speeds: str = "") -> RobotSheet:
-    """Return the sheet of a robot; where its description tells no speeds, with the reason."""
+    """Return the sheet of a robot; without speeds in its description, with the reason."""
     found = robot_overview(model)
     words = [f"{model.dof} joints; HOME {_list(model.home)} rad or m", *found.words]
     joints, rows = _joints(found)

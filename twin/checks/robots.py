@@ -1,4 +1,4 @@
-"""Checks of robots: HOME clear of everything, bases in nothing, speeds, efforts, loads, times of skills."""
+"""Checks of robots: collisions at HOME and of bases, speeds, efforts, loads, skill durations."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ from twin.durations.model import DurationModel, PackagedSkill
 from twin.uncertainty.skill_durations import SkillDurations
 
 _SUNK = 0.005
-"""A base may be in what it stands on by this [m]."""
+"""Largest depth of a base in its support [m]."""
 
 _ASIDE = 0.25
-"""A tool that waits so far beside a place is not in the way there [m]."""
+"""Distance from a place at which a waiting tool does not obstruct it [m]."""
 
 _NOWHERE = np.zeros(0)
 
@@ -50,7 +50,7 @@ _HOME_KEYS = ("home_deg", "home_rad_or_m", "parked", "base")
 
 
 def check_homes(subject: CheckContext) -> Findings:
-    """Yield robots that touch themselves, others or anything else at HOME, or are past a limit."""
+    """Yield robots in collision or beyond a joint limit at HOME."""
     cell = subject.cell
     state = start_state(cell)
     seen: set[frozenset[str]] = set()
@@ -63,7 +63,7 @@ def check_homes(subject: CheckContext) -> Findings:
                     at,
                     f"HOME of {robot.name}: joint {name} is at {robot.home[k]:.3f}, its limits are"
                     f" {model.lower[k]:.3f} and {model.upper[k]:.3f} (rad or m)",
-                    # A joint that turns may be given a turn too many; what drives ends there.
+                    # A revolute joint may be off by a turn; a mobile base may not.
                     error=bool(model.chain.prismatic[k]),
                 )
         contact = SceneChecker(cell, robot.name, state).contact(robot.home)
@@ -80,7 +80,7 @@ def check_homes(subject: CheckContext) -> Findings:
 
 
 def _remedy(subject: CheckContext, robot: PlacedRobot, state: WorldState) -> str:
-    """Return what helps a robot whose HOME is in contact, with a HOME that is free where none is given."""
+    """Return a remedy for a HOME in collision, with a free HOME if none is given."""
     if not _at_zero(robot, robot.model.dof):
         return "move its base or change its HOME"
     words = "its joints are at zero, as nobody gives it a HOME"
@@ -97,7 +97,7 @@ def _remedy(subject: CheckContext, robot: PlacedRobot, state: WorldState) -> str
 
 
 def _at_zero(robot: PlacedRobot, dof: int) -> bool:
-    """Tell whether a robot of so many joints has the HOME of a description that names none."""
+    """Return whether a robot has the default HOME of a description without one."""
     model = robot.model
     zero = np.clip(0.0, model.lower, model.upper)
     return model.dof == dof and bool(np.all(robot.home == zero))
@@ -106,7 +106,7 @@ def _at_zero(robot: PlacedRobot, dof: int) -> bool:
 def _free_homes(
     cell: Workcell, robot: PlacedRobot, state: WorldState
 ) -> Iterator[tuple[list[int], Array]]:
-    """Yield HOMEs in whole degrees that touch nothing of a state, tool down, and where it is then.
+    """Yield collision-free HOMEs in whole degrees, tool down, with the tool's position.
 
     First in front of an arm, then on either side of it; elbow up first.
     """
@@ -130,7 +130,7 @@ def _free_homes(
             home = np.deg2rad(degrees)
             if np.any((home < model.lower) | (home > model.upper)):
                 continue
-            # Others of whom nobody says more will stand alike.
+            # Other robots without a HOME will stand alike.
             alike = {
                 other.name: home for other in cell.robots if _at_zero(other, model.dof)
             }
@@ -140,12 +140,12 @@ def _free_homes(
 
 
 def _height(robot: PlacedRobot, q: Array) -> float:
-    """Return how high the joints of an arm are in the mean [m]: an elbow that is up is out of the way."""
+    """Return the mean height of an arm's joints [m]: elbow-up is preferred."""
     return float(np.mean([pose[2, 3] for pose in joint_poses_of(robot, q)]))
 
 
 def check_bases(subject: CheckContext) -> Findings:
-    """Yield bases that are deep in a fixture of the file; two bases are in contact at HOME."""
+    """Yield bases deep inside a fixture of the file."""
     cell = subject.cell
     fixtures = [item for item in cell.fixtures if item.name in subject.own_fixtures]
     for robot in cell.robots:
@@ -172,7 +172,7 @@ def check_bases(subject: CheckContext) -> Findings:
 
 
 def check_speeds(subject: CheckContext) -> Findings:
-    """Yield a planning speed that is beyond the limits of joints, which then set the times."""
+    """Yield a planning speed beyond the joint limits, which then set the times."""
     planning = subject.scenario.planning
     if subject.scenario.speed_model != "l1" or subject.kind.space_time:
         return
@@ -204,7 +204,7 @@ def _owner(entity: str) -> str:
 
 
 def check_efforts(subject: CheckContext) -> Findings:
-    """Yield robots whose efforts are too low to be those of the arm, or for the parts they place.
+    """Yield robots whose effort limits are implausibly low, or too low for their parts.
 
     Only for plans within limits, in which efforts count.
     """
@@ -228,7 +228,7 @@ def check_efforts(subject: CheckContext) -> Findings:
 
 
 def _cannot_hold(robot: PlacedRobot, part: CellObject) -> str | None:
-    """Return in words which joint does not hold a part at HOME; None where all do."""
+    """Return a text on a joint that cannot hold a part at HOME; None if all can."""
     model, drives = robot.model, robot.model.drives
     assert drives is not None
     tool = model.frames.get("tool", np.eye(4))
@@ -246,7 +246,7 @@ def _cannot_hold(robot: PlacedRobot, part: CellObject) -> str | None:
 
 
 def check_standing_times(subject: CheckContext) -> Findings:
-    """Yield that nothing which is done takes any time."""
+    """Yield a warning if no task takes any time."""
     execution = subject.scenario.execution
     every: tuple[str, ...] = get_args(PackagedSkill)
     used = [*(subject.checks.skills or every)]
@@ -264,7 +264,7 @@ def check_standing_times(subject: CheckContext) -> Findings:
 
 
 def check_skill_times(subject: CheckContext) -> Findings:
-    """Yield skills without packaged times of their own in which someone takes LEGO's packaged times."""
+    """Yield skills that use LEGO's packaged times in a scenario without LEGO."""
     execution = subject.scenario.execution
     models = {k: v for k, v in execution.skills.items() if isinstance(v, DurationModel)}
     durations = SkillDurations(models, execution.skill_overrides)

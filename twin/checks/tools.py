@@ -1,4 +1,4 @@
-"""Checks of tools: fingers that open wide enough, and tool frames that are at the tool."""
+"""Checks of tools: finger openings, tool frames, flanges, descriptions."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _FAR = 0.02
 """A tool frame is at the tool if it is no farther from it than this [m]."""
 
 _IN_FRONT, _SHARE = 0.01, 1.0 / 3.0
-"""So much of a tool may be in front of its frame [m], and so much of what is behind it."""
+"""Largest extent of a tool in front of its frame [m], and as a share of that behind it."""
 
 _PLAY = 0.001
 """Openings that differ by less are the same [m]."""
 
 _DRAWN = 0.05
-"""Share of an opening by which fingers may be drawn beside it, each by no more than ``_PLAY``."""
+"""Tolerance of finger positions as a share of the opening, each by no more than ``_PLAY``."""
 
 _ALONG = 0.7
 """A tool whose z axis is so much along the axis of the last joint points out of its flange."""
@@ -40,7 +40,7 @@ _TOLD = 4
 
 
 def check_tool_frames(subject: CheckContext) -> Findings:
-    """Yield tool frames that are beside the tool, or do not point out of it."""
+    """Yield tool frames that are off the tool, or do not point out of it."""
     seen: set[tuple[str, bytes]] = set()
     for name, frame, holds in subject.checks.tool_frames():
         model = subject.cell.robot(name).model
@@ -61,13 +61,13 @@ def check_tool_frames(subject: CheckContext) -> Findings:
         if not holds and tool_bodies(model):
             heights = tool_heights(model, model.flange @ pose)
             if float(heights.max()) < -_FAR:
-                continue  # what a camera looks at, or a nozzle sprays on
+                continue  # target of a camera or a nozzle
         for words in frame_warnings(model, read_only_copy(pose)):
             yield Finding(at, f"frame {frame!r} of {name} ({model.name}) {words}")
 
 
 def check_flanges(subject: CheckContext) -> Findings:
-    """Yield flanges out of which another axis points than z, unless the tool makes up for it."""
+    """Yield flanges whose outward axis is not z, unless the tool's mount corrects it."""
     for robot in subject.unlike_robots:
         model = robot.model
         doubt = flange_warning(model)
@@ -79,7 +79,7 @@ def check_flanges(subject: CheckContext) -> Findings:
 
 
 def check_suction(subject: CheckContext) -> Findings:
-    """Yield tools that are said to hold by suction, and whose descriptions have fingers that move."""
+    """Yield suction tools whose descriptions have moving fingers."""
     everywhere = subject.checks.by_suction
     for robot in subject.unlike_robots:
         model = robot.model
@@ -97,7 +97,7 @@ def check_suction(subject: CheckContext) -> Findings:
 
 
 def _moving_fingers(model: RobotModel) -> list[str]:
-    """Return the joints of a tool that its description lets move, and that are held here."""
+    """Return the movable joints of a tool's description that are held here."""
     seen = robot_overview(model)
     links = {row.joint for row in seen.links if row.group == "tool"}
     kinds = {
@@ -108,7 +108,7 @@ def _moving_fingers(model: RobotModel) -> list[str]:
 
 
 def check_openings(subject: CheckContext) -> Findings:
-    """Yield fingers that are held farther apart than they open, or nearer than parts are wide."""
+    """Yield fingers held farther apart than they open, or closer than the width of parts."""
     for robot in subject.unlike_robots:
         model = robot.model
         if model.grip is None or model.grip.opening in (None, (0.0, 0.0)):
@@ -118,7 +118,7 @@ def check_openings(subject: CheckContext) -> Findings:
         tool, at = model.grip.tool, subject.robot_at(robot.name, "tool", "model")
         if gap is None:
             if has_fingers(model):
-                continue  # the tcp is beyond them, or beside them: parts tell whether by too much
+                continue  # the tcp is off them: checked with parts
             yield Finding(
                 at,
                 f"there is nothing of {tool} on both sides of its tcp along the axis in which its fingers"
@@ -135,18 +135,18 @@ def check_openings(subject: CheckContext) -> Findings:
 
 
 def has_fingers(model: RobotModel) -> bool:
-    """Tell whether a tool has fingers on both sides of its tcp, wherever along them that is."""
+    """Return whether a tool has fingers on both sides of its tcp."""
     tip = model.flange @ model.frames.get("tool", np.eye(4))
     return finger_sides(model, tip) is not None
 
 
 def _play(opening: float) -> float:
-    """Return by how much fingers may be held beside an opening: either may be drawn a little off [m]."""
+    """Return the tolerance of finger positions at an opening [m]."""
     return max(_PLAY, min(2.0 * _PLAY, _DRAWN * opening))
 
 
 def finger_gap(model: RobotModel, frame: Array) -> float | None:
-    """Return how far apart the fingers of a tool are held in its description [m].
+    """Return the gap of a tool's fingers in its description [m].
 
     Measured along y through the middle of a tool frame, a pose in the flange frame; None where
     there are no bodies on both sides.
@@ -169,7 +169,7 @@ def finger_gap(model: RobotModel, frame: Array) -> float | None:
 
 
 def _span_along(body: ConvexBody, at: Array, way: Array) -> tuple[float, float] | None:
-    """Return from where to where a line is in a body, measured from ``at``; None if nowhere."""
+    """Return the interval of a line inside a body, measured from ``at``; None if it misses."""
     planes = ConvexHull(body.vertices).equations
     slope, height = planes[:, :3] @ way, planes[:, :3] @ at + planes[:, 3]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -182,7 +182,7 @@ def _span_along(body: ConvexBody, at: Array, way: Array) -> tuple[float, float] 
 
 
 def frame_warnings(model: RobotModel, frame: Array) -> Iterator[str]:
-    """Yield in words what is doubtful about a frame, a pose in the flange frame."""
+    """Yield warnings about a frame, a pose in the flange frame."""
     bodies = tool_bodies(model)
     if not bodies:
         return
@@ -225,7 +225,7 @@ def frame_warnings(model: RobotModel, frame: Array) -> Iterator[str]:
 
 
 def check_descriptions(subject: CheckContext) -> Findings:
-    """Yield collision shapes without a volume, and what is likely in a wrong unit in descriptions."""
+    """Yield collision shapes without volume, and likely wrong units in descriptions."""
     for robot in subject.unlike_robots:
         found = robot_overview(robot.model)
         for words in (*found.left_out, *found.doubts):

@@ -15,17 +15,17 @@ from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.shapes import PoseSection
 
 _AWAY = 20.0
-"""Nothing that has to do with an arm is farther away from it than so many of its lengths."""
+"""Largest plausible distance from an arm, in arm lengths."""
 
 _LARGE = 10.0
-"""No part is larger than so many lengths of the longest arm."""
+"""Largest plausible size of a part, in lengths of the longest arm."""
 
 Place = tuple[str, KeyPath, Transform]
-"""What is somewhere, where the file says so, and its pose."""
+"""Name of a thing, its path in the file, and its pose."""
 
 
 def check_units(subject: CheckContext) -> Findings:
-    """Yield places, sizes and tool frames that no arm of the cell has to do with, by far."""
+    """Yield places, sizes and tool frames far beyond the reach of the cell's arms."""
     robots = subject.cell.robots
     if not robots:
         return
@@ -51,7 +51,7 @@ def _length(robot: PlacedRobot) -> float:
 
 
 def _places(subject: CheckContext) -> Iterator[Place]:
-    """Yield where parts lie and where they go."""
+    """Yield the start and goal places of parts."""
     goals = subject.checks.goals()
     for item in subject.cell.objects:
         at = subject.thing_at(item.name, "start")
@@ -62,7 +62,7 @@ def _places(subject: CheckContext) -> Iterator[Place]:
 
 
 def _far_apart(subject: CheckContext, places: Sequence[Place]) -> Findings:
-    """Yield places that are far away from every robot, and robots that are from every place."""
+    """Yield places far from every robot, and robots far from every place."""
     robots = subject.cell.robots
     for words, at, place in places:
         nearest = min(
@@ -89,7 +89,7 @@ def _far_apart(subject: CheckContext, places: Sequence[Place]) -> Findings:
 
 
 def _tool_frames(subject: CheckContext) -> Findings:
-    """Yield frames of tools that are farther from their flange than their robot's arm is long."""
+    """Yield tool frames farther from the flange than the arm's length."""
     for robot, words, at, pose in _framed_poses(subject.scenario.cell):
         length = _length(subject.cell.robot(robot))
         place = np.array(pose.xyz_m)
@@ -106,7 +106,7 @@ def _tool_frames(subject: CheckContext) -> Findings:
 def _framed_poses(
     cell: CellSection,
 ) -> Iterator[tuple[str, str, KeyPath, PoseSection]]:
-    """Yield mounts and frames of tools, each with its robot, in words, and where the file says so."""
+    """Yield mounts and frames of tools, each with robot, description and path in the file."""
     for number, robot in enumerate(cell.listed):
         for name, pose in robot.frames.items():
             at: KeyPath = ("cell", "robots", number, "frames", name)

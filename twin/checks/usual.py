@@ -1,7 +1,6 @@
-"""Checks of numbers against what is usual: outside by orders of magnitude, a number is likely a slip.
+"""Checks of numbers against usual ranges: orders of magnitude outside, a number is likely a mistake.
 
-A table says which values keys of a scenario have in practice, in which unit, and why. Only what the file says is
-compared: a default is usual.
+A table gives the usual values of keys, with unit and reason. Only values in the file are compared.
 """
 
 from __future__ import annotations
@@ -92,13 +91,13 @@ _ROUNDED = 1.7e-3
 """Angles in radians are written with two decimals or more."""
 
 _CUT = 1.5
-"""The mean of a normal distribution may be so many times that of the one that is not cut off."""
+"""Largest ratio of the mean of a truncated normal distribution to the untruncated one."""
 
 USUAL = {key: own for keys, own in _RANGES.items() for key in keys.split()}
 """Usual values by key, and by class of the section and key where keys of several sections have one name."""
 
 _FASTER = 2.0
-"""A limit of velocity may be so many times that of the robot's description."""
+"""Largest ratio of a velocity limit to that of the robot's description."""
 
 _LIGHTEST, _HEAVIEST = 0.5, 30_000.0
 """Densities of bodies: air has 1.2, osmium 22,600 [kg/m^3]."""
@@ -111,7 +110,7 @@ def usual_range(section: type[BaseModel], key: str) -> UsualRange | None:
 
 
 def check_usual(subject: CheckContext) -> Findings:
-    """Yield the numbers and durations of the file that are far from what is usual."""
+    """Yield the numbers and durations of the file that are far from usual."""
     seen = set[int]()  # the skills of processes are the durations that these give
     for path, section in iterate_nested(subject.scenario):
         if not isinstance(section, BaseModel) or id(section) in seen:
@@ -144,7 +143,7 @@ def check_usual(subject: CheckContext) -> Findings:
 
 
 def _check_cut(model: DurationModel, mean: float, at: KeyPath) -> Findings:
-    """Yield a normal distribution of which so much is cut off that its mean is another one."""
+    """Yield normal distributions whose truncation shifts the mean."""
     if isinstance(model, TruncatedNormal) and mean > _CUT * model.mean_s * model.scale:
         yield Finding(
             at,
@@ -154,7 +153,7 @@ def _check_cut(model: DurationModel, mean: float, at: KeyPath) -> Findings:
 
 
 def _in_radians(angles: list[float]) -> bool:
-    """Tell whether angles are likely in radians: right angles or their halves and thirds, and none above a turn."""
+    """Return whether angles are likely in radians: fractions of pi, and none above a turn."""
     sizes = np.abs([angle for angle in angles if angle])
     if len(sizes) == 0 or sizes.max() > 2.0 * np.pi + _ROUNDED:
         return False
@@ -165,12 +164,12 @@ def _in_radians(angles: list[float]) -> bool:
 
 
 def _name(at: KeyPath) -> str:
-    """Return a key in words: the last names of its path."""
+    """Return a short name of a key: the last names of its path."""
     return ".".join([key for key in at if isinstance(key, str)][-2:])
 
 
 def check_rates(subject: CheckContext) -> Findings:
-    """Yield what stands still for longer than it works."""
+    """Yield robots and machines that stand longer than they work."""
     execution = subject.scenario.execution
     for path, own in iterate_nested(execution, ("execution",)):
         mtbf, mttr = getattr(own, "mtbf_s", None), getattr(own, "mttr_s", None)
@@ -191,7 +190,7 @@ def check_rates(subject: CheckContext) -> Findings:
 
 
 def check_physics(subject: CheckContext) -> Findings:
-    """Yield robots and objects as there are none.
+    """Yield physically implausible robots and objects.
 
     Joints far faster than their description, masses that cannot be those of their volumes, and robots that hang
     upside down below all that they could handle.
@@ -205,7 +204,7 @@ def check_physics(subject: CheckContext) -> Findings:
         model = subject.built.robot(robot.name).model
         ratio = model.velocity / np.maximum(described, 1e-9)
         k = int(np.argmax(ratio))
-        if _FASTER < ratio[k] < 1e6:  # a description may say nothing
+        if _FASTER < ratio[k] < 1e6:  # a description may lack it
             yield Finding(
                 subject.robot_at(robot.name, "limits"),
                 f"limits.velocity of {robot.name} is {model.velocity[k]:g} at {model.joint_names[k]}, {ratio[k]:.3g}"

@@ -1,4 +1,4 @@
-"""Views of bodies in space along an axis of the world, as matplotlib draws them, and close-ups of what would be too small to see."""
+"""Orthographic views of bodies in matplotlib, and close-ups of small things."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ MOST = 4
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A projection: the axes of the world that go right and up, and the one towards the eye."""
+    """A projection: the world axes to the right, up, and towards the viewer."""
 
     title: str
     right: int
@@ -50,7 +50,7 @@ class Viewpoint:
 
     @property
     def flat(self) -> list[int]:
-        """The axes of the world that are seen."""
+        """The world axes of the view plane."""
         return [self.right, self.up]
 
 
@@ -70,7 +70,7 @@ class DrawnShape:
 
 
 def style_view(area: Axes, view: Viewpoint, title: str | None = None) -> None:
-    """Make axes those of a view, with its title or another one."""
+    """Style matplotlib axes for a view, with its title or another one."""
     style_axes(area)
     area.set_title(title or view.title, color=INK, fontsize=10, loc="left")
     area.set_aspect("equal")
@@ -136,16 +136,16 @@ class CloseUp:
     high: Array
 
     def holds(self, box: Array) -> bool:
-        """Tell whether a thing is in it, by the corners of the thing, shape (2, 2)."""
+        """Return whether a thing is in it, by its corners, shape (2, 2)."""
         return bool(np.all(self.low <= box[0]) and np.all(box[1] <= self.high))
 
 
 def find_close_ups(
     boxes: Array, extent: Array, metres_per_point: float, row: tuple[float, float]
 ) -> list[CloseUp]:
-    """Return what of a view is to be drawn larger.
+    """Return the close-ups of a view.
 
-    Things that are near each other are drawn together; one alone has room for its name beside it.
+    Things that are near each other are drawn together; a single one has room for its name next to it.
 
     Args:
         boxes: lower and upper corners of the things in the view, shape (n, 2, 2) [m].
@@ -175,12 +175,12 @@ def find_close_ups(
 
 
 def panel_width(width: float, count: int) -> float:
-    """Return how wide each of some panels beside each other is, without its numbers [in]."""
+    """Return the width of each of some panels in a row, without axis labels [in]."""
     return width / count - 0.8
 
 
 def _groups(boxes: Array, tiny: npt.NDArray[np.bool_], reach: float) -> list[list[int]]:
-    """Return which boxes are together, each within reach of another one of its group.
+    """Return groups of boxes, each near another one of its group.
 
     Only groups of several with something tiny among them.
     """
@@ -209,7 +209,7 @@ class Names:
         area: to write in.
         scale: of it, metres a point.
         low, high: its corners, shape (2,) [m].
-        beside: whether names may stand beside things, where these are not behind each other.
+        beside: whether names may be next to things, where these do not hide each other.
     """
 
     area: Axes
@@ -220,12 +220,12 @@ class Names:
     _taken: list[tuple[float, float, float, float]] = field(default_factory=list)
 
     def mark(self, at: Array, text: str, colour: str, size: int = 9) -> None:
-        """Write a name of a robot, or the letter of a close-up, whatever is there."""
+        """Write a robot's name, or the letter of a close-up, even over other things."""
         self._take(at, text, size)
         self._write(at, text, colour, size, bold=True)
 
     def name(self, box: Array, text: str, colour: str) -> None:
-        """Write the name of a thing on it, else beside it; not at all where there is no room.
+        """Write the name of a thing on it, else next to it; omit it where there is no room.
 
         Args:
             box: lower and upper corner of the thing, shape (2, 2) [m].

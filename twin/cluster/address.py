@@ -1,4 +1,4 @@
-"""Address of a cluster, and whether it may be used as it is."""
+"""Address of a cluster, and whether connections to it are private."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NO_NETWORK = ("inproc",)
 
 @dataclass(frozen=True)
 class Cluster:
-    """A Dask scheduler, and what it takes to be let in.
+    """Address of a Dask scheduler with the certificates to connect.
 
     Attributes:
         address: such as ``tls://10.0.0.1:8786``.
@@ -47,7 +47,7 @@ class Cluster:
         self.require_private(self.address)
 
     def require_private(self, address: str) -> None:
-        """Raise a RequestError if others could listen in on an address or speak to it."""
+        """Raise a RequestError if others could eavesdrop on an address or connect to it."""
         if self.insecure or encrypted(address) or on_this_machine(address):
             return
         raise RequestError(
@@ -58,12 +58,12 @@ class Cluster:
 
 
 def encrypted(address: str) -> bool:
-    """Tell whether an address is spoken to over TLS with certificates of both sides."""
+    """Return whether an address uses mutual TLS."""
     return address.startswith("tls://")
 
 
 def on_this_machine(address: str) -> bool:
-    """Tell whether only this machine reaches an address; names but localhost are not asked."""
+    """Return whether only this machine reaches an address; names but localhost are not resolved."""
     scheme, _, rest = address.rpartition("://")
     if scheme in _NO_NETWORK:
         return True
@@ -73,7 +73,7 @@ def on_this_machine(address: str) -> bool:
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether a numeric address is one of the loopback interface."""
+    """Return whether a numeric address is one of the loopback interface."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:

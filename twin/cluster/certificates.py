@@ -1,7 +1,7 @@
-"""Certificates of a cluster: made once, copied to its machines, asked for at every connection.
+"""Certificates of a cluster: made once, copied to its machines, required at every connection.
 
-A folder holds an authority, one certificate that it has signed and the key of that. The key of
-the authority is thrown away, so nobody can sign another; whoever has the folder is let in.
+A folder holds an authority, one certificate that it has signed and the key of that. The key of the
+authority is deleted, so no other certificate can be signed; every holder of the folder has access.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _NEW_KEY = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes
 
 @dataclass(frozen=True)
 class Certificates:
-    """Files with which a machine shows that it belongs to a cluster, and asks others to.
+    """Certificate files of a machine of a cluster, for mutual authentication.
 
     Attributes:
         authority: certificate that has signed those of all members.

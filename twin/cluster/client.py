@@ -1,4 +1,4 @@
-"""Executors on a cluster: what goes wrong there becomes a message that says how to go on."""
+"""Executors on a cluster; failures there become messages with a remedy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from twin.host.extras import extra_module
 from twin.host.versions import versions
 
 ANSWER_WITHIN_S = 10.0
-"""A scheduler that has not answered by then is taken to be absent [s]."""
+"""Timeout for the scheduler's answer [s]."""
 
 
 T = TypeVar("T")
@@ -27,7 +27,7 @@ class ClusterError(RequestError):
 
 
 class ClusterLostError(TwinError):
-    """A cluster went away in the middle of the work, or its workers keep dying of it."""
+    """A cluster disconnected during the work, or its workers keep crashing."""
 
 
 def distributed() -> Any:
@@ -46,7 +46,7 @@ def distributed() -> Any:
 
 
 def security(certificates: Certificates, role: str) -> Any:
-    """Return what Dask needs to know to refuse every connection without a certificate.
+    """Return Dask's security settings that refuse connections without a certificate.
 
     Args:
         certificates: of this machine.
@@ -63,7 +63,7 @@ def security(certificates: Certificates, role: str) -> Any:
 
 
 class ClusterExecutor(Executor):
-    """Executor whose calls run on a cluster; every call ends, also when the cluster does.
+    """Executor whose calls run on a cluster; every call ends, even if the cluster fails.
 
     Dask has one of its own, whose futures stay pending for ever when the scheduler goes away
     between the end of a call and the fetching of its result.
@@ -73,7 +73,7 @@ class ClusterExecutor(Executor):
         self._client = client
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Have a function called by a worker."""
+        """Submit a call to a worker."""
         # The same call with the same arguments is always wanted again: nothing is cached.
         called = self._client.submit(fn, *args, pure=False, **kwargs)
         future: Future[T] = Future()
@@ -81,12 +81,12 @@ class ClusterExecutor(Executor):
         return future
 
     def threads(self) -> int:
-        """Return how many calls the cluster works on at once."""
+        """Return the number of calls that the cluster executes in parallel."""
         return sum(self._client.nthreads().values())
 
 
 async def _carry(called: Any, future: Future[T]) -> None:
-    """Hand the outcome of a call to who waits for it."""
+    """Copy the outcome of a call to its future."""
     try:
         result = await called
     except BaseException as error:
@@ -101,10 +101,10 @@ async def _carry(called: Any, future: Future[T]) -> None:
 def cluster_executor(
     cluster: Cluster, answer_within_s: float = ANSWER_WITHIN_S
 ) -> Iterator[ClusterExecutor]:
-    """Give an executor whose calls run on a cluster; it ends with the context.
+    """Yield an executor whose calls run on a cluster, closed with the context.
 
     Args:
-        cluster: whose scheduler is asked.
+        cluster: the cluster.
         answer_within_s: how long the scheduler may take to answer [s].
 
     Raises:
@@ -127,7 +127,7 @@ def cluster_executor(
 
 def _client(cluster: Cluster, answer_within_s: float) -> Any:
     dask = distributed()
-    # What Dask has to say about a connection that is lost is said by the errors of this room.
+    # Dask's own messages on lost connections are replaced by the errors of this room.
     for name in ("distributed", "distributed.client", "tornado.application"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     held = cluster.certificates
@@ -161,8 +161,7 @@ def require_same_versions(found: Mapping[str, Any], here: Mapping[str, str]) -> 
     """Refuse workers whose results could differ from those of this machine.
 
     Args:
-        found: versions of Python and packages by the address of a worker, or the error with
-            which it could not tell.
+        found: versions of Python and packages by worker address, or its error.
         here: those of this machine.
 
     Raises:
@@ -187,7 +186,7 @@ def require_same_versions(found: Mapping[str, Any], here: Mapping[str, str]) -> 
 
 
 def _losses() -> tuple[type[BaseException], ...]:
-    """Return the errors with which Dask says that calls will not come back."""
+    """Return Dask's errors for lost calls."""
     from asyncio import CancelledError as AsyncCancelledError
 
     dask = distributed()

@@ -95,7 +95,7 @@ def _require_distributed() -> None:
 def given_cluster(
     scheduler: str | None, certificates: Path | None, insecure: bool
 ) -> Cluster | None:
-    """Return the cluster that options of a command name, None where no scheduler is named.
+    """Return the cluster given by command options, None without a scheduler.
 
     Raises:
         RequestError: they do not go together.

@@ -1,7 +1,7 @@
-"""A scheduler and workers of a cluster that listen on one address, speak TLS and nothing else.
+"""A scheduler and workers of a cluster that listen on one address, with TLS only.
 
-Dask's own programs also serve pages about themselves, without certificates and by default on all
-addresses of a machine; here these servers are never started.
+Dask's own programs also serve dashboards, without certificates and by default on all addresses of a
+machine; here these servers are never started.
 """
 
 from __future__ import annotations
@@ -31,42 +31,42 @@ JOINED_WITHIN_S = 60.0
 """Workers that have found no scheduler by then give up [s]."""
 
 NO_WORKER_FOR = "5 minutes"
-"""A scheduler without workers for so long fails what it was asked to do."""
+"""Time without workers after which a scheduler fails its calls."""
 
 
 WORKERS_A_CALL = 10
-"""Workers that may die with a call before they are taken to have died of it."""
+"""Number of workers that may die with a call before the call is blamed."""
 
 
 class _Scheduler(distributed.Scheduler):
-    """A scheduler without pages."""
+    """A scheduler without dashboard."""
 
     def start_http_server(self, *_: Any, **__: Any) -> None:
-        """Start none: it would ask nobody for a certificate."""
+        """Start none: it would require no certificate."""
 
 
 class _Worker(Worker):
-    """A worker without pages; what fails in it is told to who asked, not written here."""
+    """A worker without dashboard; errors go to the client, not to this terminal."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         super().__init__(*arguments, **options)
 
     def start_http_server(self, *_: Any, **__: Any) -> None:
-        """Start none: it would ask nobody for a certificate."""
+        """Start none: it would require no certificate."""
 
 
 def serve_cluster(
     certificates: Certificates, host: str, port: int, workers: int, say: Say
 ) -> None:
-    """Run a scheduler, and workers beside it, until SIGINT or SIGTERM.
+    """Run a scheduler and workers until SIGINT or SIGTERM.
 
     Args:
         certificates: that members and clients must show.
         host: address of this machine to listen on.
         port: of the scheduler; 0 for any that is free.
         workers: processes on this machine, each for one block at a time.
-        say: told the address once it can be used.
+        say: receives the address once it can be used.
 
     Raises:
         RequestError: the host is not one address of this machine, or the port is taken.
@@ -105,7 +105,7 @@ def serve_workers(
         address: of the scheduler.
         host: address of this machine to listen on.
         workers: processes, each for one block at a time.
-        say: told once they are at work.
+        say: called once they are connected.
 
     Raises:
         RequestError: the host is not one address of this machine.
@@ -161,7 +161,7 @@ async def _start_workers(
 async def _until_signalled(
     serve: Callable[[AsyncExitStack], Any],
 ) -> bool:
-    """Start servers and end them at a signal, or when all have ended: was it a signal?"""
+    """Start servers and end them at a signal, or when all have ended; return whether by signal."""
     logging.getLogger("distributed").setLevel(logging.WARNING)
     told = asyncio.Event()
     loop = asyncio.get_running_loop()

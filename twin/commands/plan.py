@@ -88,7 +88,7 @@ def plan(
 
 
 def _show(made: PlanResult, folder: Path, view: View) -> None:
-    """Print what a plan has left to do, and where it begins."""
+    """Print the remaining steps of a plan and its start."""
     tpg, begun = made.tpg, made.tpg.cell.begun
     steps = sorted({task.step for task in tpg.tasks})
     held = {h.object: h.holder for h in tpg.handlings if tpg.holds_before(h)}

@@ -150,7 +150,7 @@ def values_of(
     settings: Sequence[str] | None,
     given: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, Any]:
-    """Return the values by key of options that are given, then of ``--set``.
+    """Return the values by key of the given options, then of ``--set``.
 
     Raises:
         ScenarioError: a setting has no value, or several.
@@ -167,7 +167,7 @@ def values_of(
 
 
 def announcer(view: View) -> Callable[[Checked, Path], None]:
-    """Return a function that prints the warnings of a check, and what is run into which folder."""
+    """Return a function that prints the warnings of a check, and scenario and folder of a run."""
 
     def begun(checked: Checked, folder: Path) -> None:
         from rich.console import Console

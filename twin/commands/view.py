@@ -1,4 +1,4 @@
-"""What a command shows while it works and when it is done: a display of progress, JSON or tables."""
+"""Output of a command: progress, then JSON or tables."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class View:
-    """How much a command prints.
+    """Output settings of a command.
 
     Attributes:
         as_json: print JSON only.
@@ -38,7 +38,7 @@ class View:
     def progress(
         self, columns: Callable[[], Sequence[ProgressColumn]] = tuple
     ) -> Iterator[StageDisplay]:
-        """Display the progress of stages on standard error until the context is left.
+        """Display the progress of stages on standard error within the context.
 
         Args:
             columns: returns the columns behind the bar of a stage; by default its share and seconds.

@@ -1,4 +1,4 @@
-"""YAML documents with a place for every value, problems as people read them, the base of sections.
+"""YAML documents with positions of values, readable problems, and the base class of sections.
 
 Imports planning.errors only.
 """

@@ -1,7 +1,7 @@
 """Arithmetic that people write in files: ``12000 * robots + 300 * floor_area_m2``, ``late <= 0.05``.
 
-What is written is read into a tree of Python and evaluated piece by piece; whatever is not arithmetic is
-refused, so that a file can name numbers and do nothing else.
+Text is parsed into a Python syntax tree and evaluated node by node; anything but arithmetic is refused,
+so that a file cannot execute code.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class ExpressionError(ValueError):
 
 @dataclass(frozen=True)
 class _Written:
-    """What somebody has written over some names.
+    """Parsed arithmetic over some names.
 
     Attributes:
         text: as it is written.
@@ -62,21 +62,21 @@ class _Written:
 
     @cached_property
     def _trees(self) -> tuple[ast.expr, ...]:
-        """The arithmetic in it."""
+        """The syntax trees."""
         return (_parsed(self.text),)
 
     @cached_property
     def used(self) -> frozenset[str]:
-        """The names in it."""
+        """The names used."""
         return frozenset().union(*map(_names, self._trees))
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
-        """The keys of the scenario that it asks for."""
+        """The scenario keys that it uses."""
         return tuple(key for tree in self._trees for key in _keys(tree))
 
     def check(self) -> Self:
-        """Return it as it is; an ExpressionError where it cannot be read, or takes other names."""
+        """Return it unchanged; ExpressionError if it is invalid or uses other names."""
         for tree in self._trees:
             _check(tree, self.names)
         return self
@@ -86,7 +86,7 @@ class Expression(_Written):
     """Arithmetic over some names."""
 
     def value(self, given: Mapping[str, float], key: KeyValue) -> float:
-        """Return its value.
+        """Return the value.
 
         Args:
             given: numbers by name.
@@ -103,7 +103,7 @@ class Inequality(_Written):
 
     @cached_property
     def _comparison(self) -> tuple[ast.Compare, int]:
-        """The comparison, and 1 where the left side is to be the smaller one, else -1."""
+        """The comparison, and 1 if the left side shall be smaller, else -1."""
         tree = _parsed(self.text)
         if not isinstance(tree, ast.Compare) or len(tree.ops) != 1:
             raise ExpressionError(
@@ -122,7 +122,7 @@ class Inequality(_Written):
         return tree.left, tree.comparators[0]
 
     def excess(self, given: Mapping[str, float], key: KeyValue) -> float:
-        """Return by what share of its right side it is missed; 0 where it holds.
+        """Return the violation as a share of the right side; 0 where it holds.
 
         Raises:
             ExpressionError: a side has no value.

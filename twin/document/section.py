@@ -30,7 +30,7 @@ Several = Annotated[tuple[Item, ...], Field(min_length=1)]
 
 
 def described_schema(schema: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
-    """Return the schema of a section whose properties say what they mean.
+    """Return the schema of a section with descriptions of its properties.
 
     Args:
         schema: of the section itself, without references at its top.
@@ -49,7 +49,7 @@ def described_schema(schema: dict[str, Any], model: type[BaseModel]) -> dict[str
 
 
 def docstring_summary(model: type[BaseModel]) -> str:
-    """Return what the docstring of a class says before its attributes, in one paragraph."""
+    """Return the docstring of a class before its attributes, in one paragraph."""
     text = _ATTRIBUTES.split(cleandoc(model.__doc__ or ""))[0]
     return _plain(text.split("\n\nRaises:")[0])
 
@@ -75,7 +75,7 @@ def docstring_attributes(model: type[BaseModel]) -> dict[str, str]:
 
 
 def _plain(text: str) -> str:
-    """Return a docstring's text in one line, code in single quotes as Markdown has it."""
+    """Return a docstring's text in one line, with Markdown code quotes."""
     words = " ".join(_CODE.sub(r"`\1`", text).split())
     words = _OR.sub(".", words)
     return words[:1].upper() + words[1:]
@@ -134,18 +134,18 @@ class WingSection(Section):
 
 
 def with_tuples(value: Any) -> Any:
-    """Return what was read from JSON with tuples for lists, which strict sections ask for."""
+    """Return JSON content with tuples for lists, as strict sections need."""
     if isinstance(value, dict):
         return {key: with_tuples(entry) for key, entry in value.items()}
     return tuple(map(with_tuples, value)) if isinstance(value, list) else value
 
 
 def iterate_nested(value: object, at: KeyPath = ()) -> Iterator[tuple[KeyPath, object]]:
-    """Yield whatever is in a section, in a list or in a mapping, and that itself last; keys are those of the file.
+    """Yield all values nested in a section, list or mapping, innermost first, with their keys in the file.
 
     Args:
         value: where to look.
-        at: its place, that begins those of what is in it.
+        at: its path, the prefix of nested paths.
     """
     entries: Any = ()
     if isinstance(value, BaseModel):

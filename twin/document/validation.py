@@ -1,4 +1,4 @@
-"""Validation of documents, with pydantic's errors translated for who wrote the file."""
+"""Validation of documents, with pydantic's errors translated for authors of files."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class InvalidScenarioError(ScenarioError):
-    """A scenario file with everything that is wrong with it.
+    """A scenario file is invalid; holds all problems.
 
     Attributes:
         path: the file.
@@ -107,7 +107,7 @@ class InvalidScenarioError(ScenarioError):
 
 
 def closest_key(key: str, valid: Sequence[str]) -> str | None:
-    """Return the valid key that was probably meant, None when none is near."""
+    """Return the most similar valid key, None when none is near."""
     stem, unit = _split_unit(key)
     for name in valid:
         valid_stem, valid_unit = _split_unit(name)
@@ -117,7 +117,7 @@ def closest_key(key: str, valid: Sequence[str]) -> str | None:
 
 
 def unknown_key(key: str, valid: Sequence[str]) -> str:
-    """Say that a key is unknown, which one was probably meant, and in which unit."""
+    """Return a message on an unknown key, with the most similar key and its unit."""
     meant = closest_key(key, valid)
     if meant is not None:
         (stem, unit), (meant_stem, meant_unit) = _split_unit(key), _split_unit(meant)
@@ -130,13 +130,13 @@ def unknown_key(key: str, valid: Sequence[str]) -> str:
 
 
 class UnknownName(str):
-    """Text of a problem whose cause is a name that nothing has."""
+    """Message of a problem caused by an unknown name."""
 
     __slots__ = ()
 
 
 def unknown_name(what: str, name: str, valid: Sequence[str]) -> UnknownName:
-    """Say that a name is unknown, and which one was probably meant."""
+    """Return a message on an unknown name, with the most similar one."""
     close = difflib.get_close_matches(name, valid, n=1, cutoff=0.6)
     hint = f"; did you mean {close[0]!r}?" if close else ""
     known = f" (valid: {', '.join(valid)})" if valid else ": there is none"
@@ -146,14 +146,14 @@ def unknown_name(what: str, name: str, valid: Sequence[str]) -> UnknownName:
 def check_known_name(
     at: KeyPath, what: str, name: str | None, valid: Collection[str], none: str = ""
 ) -> Found:
-    """Yield that a name is unknown, where one is given and is.
+    """Yield a problem if a given name is unknown.
 
     Args:
         at: its key.
-        what: what it is the name of.
+        what: the kind of named thing.
         name: the name.
         valid: those there are.
-        none: what is said where there are none.
+        none: message where there are none.
     """
     if name is not None and name not in valid:
         said = none if not valid else ""
@@ -168,7 +168,7 @@ def _split_unit(key: str) -> tuple[str, str]:
 
 
 def parse_document(path: Path, text: str) -> YamlDocument:
-    """Return what a file says, as far as it is YAML.
+    """Return the content of a file, as far as it is YAML.
 
     Raises:
         InvalidScenarioError: it is no YAML at all, or empty.
@@ -183,11 +183,11 @@ def parse_document(path: Path, text: str) -> YamlDocument:
 def validate_document(
     document: YamlDocument, model: type[Model], schema: Callable[[], dict[str, Any]]
 ) -> Model:
-    """Return the section that a document holds.
+    """Return the section in a document.
 
     Args:
         document: a file.
-        model: what it should hold.
+        model: the type of the section.
         schema: returns the JSON schema of that: it is made where something is wrong.
 
     Raises:
@@ -205,7 +205,7 @@ def validate_document(
 def schema_problems(
     document: YamlDocument, schema: dict[str, Any], errors: Iterable[Any]
 ) -> list[FileProblem]:
-    """Translate pydantic's errors, leaving out those that only follow from another one.
+    """Translate pydantic's errors, omitting consequences of others.
 
     Args:
         document: the file.
@@ -214,7 +214,7 @@ def schema_problems(
     """
     errors, kinds = _of_kinds_given(document, errors)
     out = []
-    meant: set[KeyPath] = set()  # missing keys that an unknown key stands for
+    meant: set[KeyPath] = set()  # missing keys probably meant by an unknown key
     for error in errors:
         if error["type"] == "extra_forbidden":
             *parent, name = error["loc"]
@@ -251,7 +251,7 @@ def schema_problems(
 def _of_kinds_given(
     document: YamlDocument, errors: Iterable[Any]
 ) -> tuple[list[Any], dict[KeyPath, list[str]]]:
-    """Return the errors of values that may be of several kinds, such as a number or a list, once.
+    """Merge the errors of values of union types, such as a number or a list.
 
     Returns:
         The errors without those of kinds that the value is not, where it is of another one and
@@ -328,7 +328,7 @@ def _given(error: Mapping[str, Any]) -> str:
 
 
 def key_label(path: KeyPath) -> str:
-    """Return a place in a file as messages begin with it: ``cell.robots[0].name: ``."""
+    """Return a path in a file as prefix of messages: ``cell.robots[0].name: ``."""
     text = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path)
     return f"{text.lstrip('.')}: " if text else ""
 
@@ -351,18 +351,18 @@ def _mapping_at(document: YamlDocument, path: KeyPath) -> KeyPath:
 def _free_keys(
     document: YamlDocument, schema: dict[str, Any], path: KeyPath
 ) -> list[str]:
-    """Return the keys that the mapping at ``path`` may have and does not have yet."""
+    """Return the unused valid keys of the mapping at ``path``."""
     valid = list(_node_at(schema, path).get("properties", {}))
     given = _value_at(document, _mapping_at(document, path))
     return [key for key in valid if key not in given] or valid
 
 
 def _node_at(schema: dict[str, Any], path: KeyPath) -> dict[str, Any]:
-    """Return the part of the schema for ``path``, in which tags of unions may stand."""
+    """Return the part of the schema for ``path``, which may contain tags of unions."""
     node = _follow(schema, schema)
     for entry in path:
         if str(entry).startswith(("tagged-union[", "function-after[")):
-            continue  # what pydantic calls a section where there may be a number or a name instead
+            continue  # pydantic's tag of a section where a number or a name is allowed, too
         if entry in node.get("properties", {}):
             node = _follow(schema, node["properties"][entry])
         elif entry in _tags(node):

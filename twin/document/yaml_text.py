@@ -1,4 +1,4 @@
-"""Strict YAML: one document, no key twice, YAML 1.2 numbers, and a place for every value.
+"""Strict YAML: one document, no key twice, YAML 1.2 numbers, and a position of every value.
 
 PyYAML follows YAML 1.1, where ``on`` is true, ``1e3`` is text and ``1:30`` is ninety, and it lets
 the last of two equal keys win. A scenario must not change its meaning by such traps, so the
@@ -52,7 +52,7 @@ _WIDTH = 100
 
 @dataclass(frozen=True)
 class Mark:
-    """A place in a file, both numbers counted from 1."""
+    """A position in a file, both numbers counted from 1."""
 
     line: int
     column: int
@@ -60,11 +60,11 @@ class Mark:
 
 @dataclass(frozen=True)
 class FileProblem:
-    """One thing that is wrong with a file.
+    """A problem of a file.
 
     Attributes:
         mark: where.
-        message: what, and what to do about it.
+        message: the problem and its remedy.
     """
 
     mark: Mark
@@ -72,7 +72,7 @@ class FileProblem:
 
 
 class Elsewhere(str):
-    """A message about another place in the file, which is told after it as line:column.
+    """A message with another position in the file, appended as line:column.
 
     Attributes:
         at: key of that place.
@@ -81,7 +81,7 @@ class Elsewhere(str):
     at: KeyPath
 
     def __new__(cls, message: str, at: KeyPath) -> Elsewhere:
-        """Return the message with the place."""
+        """Return the message with the position."""
         made = super().__new__(cls, message)
         made.at = at
         return made
@@ -97,7 +97,7 @@ class YamlDocument:
         data: dicts with text keys, lists, and scalars.
         keys: where the key of each mapping entry is written.
         values: where each value is written.
-        problems: what is wrong with the document as YAML.
+        problems: problems of the document as YAML.
     """
 
     path: Path
@@ -119,7 +119,7 @@ class YamlDocument:
         return at
 
     def mark_of(self, path: KeyPath, *, key: bool = False) -> Mark:
-        """Return the place of the value at ``path``, or of its key, or of what holds it.
+        """Return the position of the value at ``path``, or of its key, or of its container.
 
         In a block (``|``) the text starts on the line after the mark; elsewhere the mark of the
         whole text has to do for a spot in it.
@@ -139,7 +139,7 @@ class YamlDocument:
         return Mark(row + line + 1, indent + column + 1)
 
     def problem(self, path: KeyPath, message: str) -> FileProblem:
-        """Return what is wrong at ``path``, of names at their key."""
+        """Return a problem at ``path``, of names at their key."""
         if isinstance(message, Elsewhere):
             other = self._mark_of_named(message.at)
             message = f"{message} at {other.line}:{other.column}"
@@ -195,7 +195,7 @@ def _syntax_problem(text: str, error: yaml.YAMLError) -> FileProblem:
 
 
 class _Builder:
-    """Turns composed nodes into values and notes where each one stands."""
+    """Converts composed nodes to values with their positions."""
 
     def __init__(self) -> None:
         self.keys: dict[KeyPath, Mark] = {}
@@ -211,7 +211,7 @@ class _Builder:
             self.problems.append(problem)
 
     def build(self, node: yaml.Node, path: KeyPath) -> Any:
-        """Return the value of ``node``, which stands at ``path``."""
+        """Return the value of ``node`` at ``path``."""
         self.values[path] = _mark(node)
         self._count += 1
         if self._count > _MOST_NODES:
@@ -270,7 +270,7 @@ class _Builder:
 
 
 def plain_scalar(text: str) -> Any:
-    """Return what an unquoted scalar means in the core schema of YAML 1.2."""
+    """Return the value of an unquoted scalar in the core schema of YAML 1.2."""
     if _NULL.match(text):
         return None
     if _BOOL.match(text):
@@ -308,7 +308,7 @@ def scenario_text(content: dict[str, Any], note: str) -> str:
     """Return a scenario file.
 
     Args:
-        content: what the file says, as plain dictionaries, lists and scalars.
+        content: its content, as plain dictionaries, lists and scalars.
         note: goes on top as a comment.
     """
     body = yaml.dump(
@@ -322,7 +322,7 @@ def scenario_text(content: dict[str, Any], note: str) -> str:
 
 
 def _is_short(data: Any) -> bool:
-    """Tell whether a list or mapping holds little, and nothing that wants its own lines."""
+    """Return whether a list or mapping is short and fits on one line."""
     if isinstance(data, list) and any(isinstance(v, dict) for v in data):
         return False
     return len(repr(data)) <= _WIDTH and _depth(data) <= 3

@@ -1,4 +1,4 @@
-"""What robots, parts and fixtures look like, for whoever shows them: triangles and colours.
+"""Appearance of robots, parts and fixtures: triangles and colours.
 
 Imports planning; recorders and exports import it.
 """

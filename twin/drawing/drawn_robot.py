@@ -1,6 +1,6 @@
-"""A robot for drawing: its links in the chain of joints, and their triangles.
+"""A robot for drawing: its kinematic chain of links and their triangles.
 
-Each of a team is painted in its own colour, so that they can be told apart, with nothing left out.
+Each robot of a team has its own colour.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class DrawnRobot:
     Attributes:
         carriers: links whose frames are those of the base and after each moved joint.
         links: all others.
-        bodies: what is seen.
+        bodies: the visible bodies.
     """
 
     carriers: tuple[str, ...]
@@ -107,7 +107,7 @@ def drawn_robot(robot: PlacedRobot, colour: tuple[int, int, int]) -> DrawnRobot:
 
 
 def _read(path: Path, robot: PlacedRobot) -> tuple[Any, Any]:
-    """Return model and shown geometry, with nothing but the moved joints left."""
+    """Return kinematic model and visual geometry, reduced to the moved joints."""
     model = pinocchio.buildModelFromUrdf(str(path))
     kind = pinocchio.GeometryType.VISUAL
     shown = pinocchio.buildGeomFromUrdf(model, str(path), kind)
@@ -125,7 +125,7 @@ def _read(path: Path, robot: PlacedRobot) -> tuple[Any, Any]:
 
 
 def _leave_out_lost(root: Element) -> None:
-    """Take out bodies whose mesh is in no file: the others can still be seen."""
+    """Remove bodies whose mesh file is missing."""
     for link in root.findall("link"):
         for visual in link.findall("visual"):
             mesh = visual.find("geometry/mesh")

@@ -25,14 +25,14 @@ _GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
 def paint_robot(
     urdf: ElementTree.Element, colour: tuple[int, int, int], *, linear: bool = False
 ) -> None:
-    """Give a robot its colour: what is coloured takes it, white meshes are tinted.
+    """Paint a robot: coloured parts are recoloured, white meshes tinted.
 
     Parts that are grey or black stay as they are.
 
     Args:
         urdf: root of the description, changed in place.
         colour: red, green and blue, 0 to 255.
-        linear: write the intensities that the colour stands for, as some viewers take it.
+        linear: write linear intensities, as some viewers expect.
     """
 
     def rgba(channels: Iterable[float]) -> str:
@@ -58,7 +58,7 @@ def paint_robot(
 
 
 def _linear(channel: float) -> float:
-    """Return the intensity that a channel, 0 to 1, stands for."""
+    """Return the linear intensity of an sRGB channel, 0 to 1."""
     return channel / 12.92 if channel <= 0.04045 else ((channel + 0.055) / 1.055) ** 2.4
 
 
@@ -70,7 +70,7 @@ def _coat(visual: ElementTree.Element, name: str, rgba: str) -> None:
 
 
 def _channels(material: ElementTree.Element) -> tuple[float, ...] | None:
-    """Return the colour that a material gives itself, red, green and blue from 0 to 1."""
+    """Return the colour of a material, red, green and blue from 0 to 1."""
     coat = material.find("color")
     try:
         return (
@@ -83,7 +83,7 @@ def _channels(material: ElementTree.Element) -> tuple[float, ...] | None:
 
 
 def _saturation(channels: tuple[float, ...]) -> float:
-    """Return how far from grey a colour is, 0 to 1; what is nearly black counts as grey."""
+    """Return the saturation of a colour, 0 to 1; nearly black counts as grey."""
     bright = max(channels, default=0.0)
     return (bright - min(channels)) / bright if bright > 0.2 else 0.0
 
@@ -94,7 +94,7 @@ def coloured_fixtures(
     """Yield the fixtures of a cell with their colours, 0 to 255: their own, or greys."""
     ground, *others = _GREYS
     for k, fixture in enumerate(cell.fixtures):
-        # The first one, mostly the table, is told apart from all that stand on it.
+        # The first one, mostly the table, differs from all that stand on it.
         grey = ground if k == 0 else others[(k - 1) % len(others)]
         yield fixture, fixture.colour or grey
 
@@ -120,7 +120,7 @@ def painted_description(
 
 
 def _show_hidden(robot: PlacedRobot, root: ElementTree.Element) -> None:
-    """Have an arm or a tool of which a URDF shows nothing shown by what it collides with."""
+    """Show the collision shapes of an arm or tool without visual shapes."""
     groups: dict[str, set[str]] = {}
     for part in robot.model.parts:
         groups.setdefault(part.group, set()).add(part.body.name.rpartition("_")[0])

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from twin.host.pictures import save_png
 
 _LONG = 17
-"""Letters of a word that may be broken: on a phone it would push what is beside it off the page."""
+"""Letters from which a word may be broken, to fit narrow pages."""
 
 
 def escape_text(words: object) -> str:
@@ -77,7 +77,7 @@ def text_table(
 
 
 def pairs(rows: Iterable[tuple[str, str]]) -> str:
-    """Return what is said about some things, a row each."""
+    """Return a table of names and values, one row each."""
     body = "".join(
         f"<tr><th>{escape_text(name)}</th><td>{escape_text(words)}</td></tr>"
         for name, words in rows
@@ -132,19 +132,19 @@ def page(title: str, css: str, pieces: Iterable[str]) -> str:
 
 
 def card(title: str, rows: Iterable[tuple[str, str]]) -> str:
-    """Return a titled table of what is said about some things."""
+    """Return a titled table of names and values."""
     return f"<p><strong>{escape_text(title)}</strong></p>{pairs(rows)}"
 
 
 def inline_picture(figure: Figure) -> str:
-    """Return a picture as an element of its own, which needs no file."""
+    """Return a picture as an inline element, without a file."""
     out = io.BytesIO()
     figure.savefig(out, format="png")
     return _image(out.getvalue())
 
 
 def run_picture(picture: Path) -> str:
-    """Return a picture that a run wrote as an element; nothing where it is not there."""
+    """Return a picture of a run as an element; empty if it is missing."""
     return _image(picture.read_bytes()) if picture.is_file() else ""
 
 

@@ -35,7 +35,7 @@ class Triangles:
 
 
 def triangles_of(shape: Shape) -> Triangles:
-    """Return all that a shape is made of, in its frame."""
+    """Return the triangles of a shape, in its frame."""
     parts = [(_triangles(element.form), element.pose) for element in shape.elements]
     first = np.cumsum([0, *(len(part.vertices) for part, _ in parts)])
     return Triangles(
@@ -71,7 +71,7 @@ def _triangles(form: Form) -> Triangles:
 
 
 def _flat(vertices: Array, faces: Indices) -> Triangles:
-    """Return triangles each of which has corners of its own: their edges are seen."""
+    """Return triangles without shared corners, so that edges are visible."""
     corners = vertices[faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(across, axis=1, keepdims=True)
@@ -85,7 +85,7 @@ def _flat(vertices: Array, faces: Indices) -> Triangles:
 
 
 def _profile(form: Cylinder | Capsule) -> list[list[tuple[float, float, float, float]]]:
-    """Return strips of what is turned about z: rings of radius and height, with their normals."""
+    """Return strips of a solid of revolution about z: rings of radius and height, with normals."""
     r, high = form.radius, 0.5 * form.length
     if isinstance(form, Cylinder):
         return [

@@ -1,1 +1,1 @@
-"""What a robot is to a session, the drivers that there are, and the file that names them."""
+"""Interface of a driver, the built-in drivers, and the drivers file."""

@@ -1,7 +1,7 @@
-"""What a robot is to the dispatcher: it takes nodes that it is cleared for, and says how far it is.
+"""Interface of a robot to the dispatcher: it accepts cleared nodes and reports its progress.
 
-A driver passes the nodes of its robot in their order and is at rest at the end of the last one that it has
-been cleared for, whatever happens to whoever clears it. What it is cleared for is never taken back.
+A driver passes the nodes of its robot in order and comes to rest at the end of the last cleared one,
+even if the dispatcher fails. Clearances are never withdrawn.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 Mode = Literal["standing", "moving", "held", "fault"]
-"""What a robot does: it stands as it is cleared for no more, it moves, it is held, or it can do no more."""
+"""Activity of a robot: at rest without further clearance, moving, held, or faulty."""
 
 
 @dataclass(frozen=True)
 class ToolOrder:
-    """What the tool of a robot that stands is to do, as another robot brings it something.
+    """Tool action of a standing robot that another robot hands something.
 
     Attributes:
         name: of the order; one of the same name is done once.
         act: ``close`` or ``open``.
         seconds: how long that takes as planned [s].
-        object: what it is about.
+        object: the handled object.
     """
 
     name: str
@@ -39,17 +39,18 @@ class ToolOrder:
 
 @dataclass(frozen=True, eq=False)
 class ClearedNode:
-    """A node of a plan as its driver knows it.
+    """A node of a plan, as sent to its driver.
 
     Attributes:
         node: its number among those of the robot.
         task: number of its task in the plan.
         kind: of the task: ``transit``, or the name of a skill.
         label: of the task, for people.
-        waypoints: what is passed after the end of the node before, shape (w, n); joints in radians or metres.
+        waypoints: configurations after the end of the previous node, shape (w, n); joints in
+            radians or metres.
         seconds: when each of them is passed as planned, since the node began, shape (w,) [s].
-        act: what the tool does meanwhile: ``close``, ``open``, or nothing, which is empty.
-        object: what the task is about, empty where there is nothing.
+        act: tool action during the node: ``close``, ``open``, or empty for none.
+        object: object of the task, empty without one.
     """
 
     node: int
@@ -62,7 +63,7 @@ class ClearedNode:
     object: str = ""
 
     def passed_s(self, leg: int, share: float) -> float:
-        """Return when a point of its path is passed as planned, since the node began [s].
+        """Return the planned time of a point of its path, from the node's start [s].
 
         Args:
             leg: the leg that ends at the waypoint of that number.
@@ -75,7 +76,7 @@ class ClearedNode:
 def tool_order_of_node(
     tpg: TemporalPlanGraph, chain: int, node: int, acts: Mapping[int, Actuation]
 ) -> tuple[str, ToolOrder] | None:
-    """Return which other robot's tool closes or opens in a node and how, None where none does."""
+    """Return the tool action of another robot in a node, None without one."""
     own, act = tpg.chains[chain], acts.get(node)
     if act is None or act.robot == own.robot:
         return None
@@ -87,14 +88,14 @@ def tool_order_of_node(
 def cleared_node(
     tpg: TemporalPlanGraph, chain: int, node: int, acts: Mapping[int, Actuation]
 ) -> ClearedNode:
-    """Return a node of a plan as its driver knows it.
+    """Return a node of a plan in the form sent to its driver.
 
     One in which another robot's tool acts takes no time, as it is passed once that has been done.
 
     Args:
         tpg: the plan.
         chain, node: which one.
-        acts: what tools do in which nodes of the chain, see ``actuation_nodes``.
+        acts: tool actions by node of the chain, see ``actuation_nodes``.
     """
     own = tpg.chains[chain]
     rows = slice(int(own.first[node]), int(own.first[node + 1]))
@@ -115,7 +116,7 @@ def cleared_node(
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Where a robot was at one time.
+    """Measured configuration of a robot at one time.
 
     Attributes:
         at_s: when, by the clock of its driver [s].
@@ -131,18 +132,18 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class DriverState:
-    """How far a robot is.
+    """State of a driver: progress of its robot.
 
     Attributes:
         begun: nodes that it has begun, from its first one on.
         done: nodes that it is through with.
-        mode: what it does.
+        mode: its current activity.
         q: measured joint positions, shape (n,) [rad or m].
         dq: measured joint speeds, shape (n,) [rad/s or m/s].
         off: greatest distance of a joint from the path since the last time [rad or m].
         failed: the node of a skill that has failed, -1 for none; the robot is back where that began.
-        words: why it has failed or can do no more, for people.
-        samples: where it was since the last time that it was asked, in order; none where only ``q`` is known.
+        words: reason of a failure or fault, for people.
+        samples: samples since the last call, in order; empty where only ``q`` is known.
         acted: name of the last order of its tool that is done, empty for none.
     """
 
@@ -159,10 +160,10 @@ class DriverState:
 
 
 class Driver(Protocol):
-    """A robot that executes nodes; its methods return at once."""
+    """A robot that executes nodes; its methods do not block."""
 
     def begin(self, start: Array, done: int) -> None:
-        """Be told where the plan has it stand, after so many of its nodes.
+        """Start at the planned configuration after a number of its nodes.
 
         Args:
             start: joint positions, shape (n,).
@@ -171,24 +172,24 @@ class Driver(Protocol):
         ...
 
     def take(self, nodes: list[ClearedNode]) -> None:
-        """Take nodes that come after those that it has: it is cleared up to the last one.
+        """Append cleared nodes.
 
         After a skill that failed they come after the first node of that, which counts as done.
         """
         ...
 
     def state(self) -> DriverState:
-        """Return how far it is."""
+        """Return the state of the robot."""
         ...
 
     def act(self, order: ToolOrder) -> None:
-        """Close or open the tool; the robot stands at the end of all that it has."""
+        """Close or open the tool; the robot stands at the end of its cleared nodes."""
         ...
 
     def hold(self, held: bool) -> None:
-        """Stand as soon as it can, or go on."""
+        """Stop as soon as possible, or continue."""
         ...
 
     def leave(self) -> None:
-        """Stand, and let go of the robot; nothing more is asked of it."""
+        """Stop and release the robot; no further call follows."""
         ...

@@ -1,4 +1,4 @@
-"""The drivers file: who moves each robot, and where it is to be found."""
+"""The drivers file: driver of each robot, and addresses."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class DriversSection(Section):
     pace: Annotated[float, Field(gt=0, le=1e6)] = 1.0
 
     def driver_of(self, robot: str) -> AnyDriver:
-        """Return who moves a robot."""
+        """Return the driver section of a robot."""
         return self.robots.get(robot, SimulatedDriver(kind="simulated"))
 
 

@@ -1,11 +1,11 @@
 """Robots of Franka Robotics (FR3, Panda) as drivers, by libfranka: package ``franky-control``, extra ``franka``.
 
-A straight leg in joint space is one motion of Ruckig's from rest to rest, with limits of the joints in
-proportion to their ways, so that it stays on the straight line; nodes that are cleared while it runs
-and lie on the same line make it longer before it begins to brake. At corners the robot comes to rest, and
-goes on once it has been measured near enough for the path not to be cut by more than is allowed. A motion
-is carried out by libfranka's own thread, to the last cleared border and no farther, whatever becomes of
-who cleared it; when this process dies, the robot's controller stops it.
+A straight leg in joint space is one Ruckig motion from rest to rest, with joint limits in proportion to
+joint displacements, so that it stays on the straight line; nodes on the same line that are cleared
+meanwhile extend it before it begins to brake. At corners the robot comes to rest, and continues once
+its measured distance bounds the cut of the path. A motion is executed by libfranka's own thread, to the
+last cleared border and no farther, even if the dispatcher fails; when this process dies, the robot's
+controller stops it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from twin.drivers.legs import ClearedPath
 from twin.host.extras import extra_module
 
 _LEAST_SHARE = 0.01
-"""Limits of joints that hardly move, over those of the one with the longest way."""
+"""Limits of joints that hardly move, over those of the joint with the largest displacement."""
 
 _LOOK_S = 0.01
 """How often the robot is looked at [s]."""
@@ -40,27 +40,27 @@ _PATIENCE_S = 5.0
 """How long a robot may take to come to rest where it was sent [s]."""
 
 _MOST_SAMPLES = 5000
-"""Samples that are kept for who does not ask."""
+"""Largest number of buffered samples."""
 
 _TRUST, _LATE_S = 0.1, 0.2
-"""Share of what the robot's clock is behind ours that is made up for at each look, and most of that [s]."""
+"""Share of the clock offset corrected at each reading, and its maximum [s]."""
 
 _STILL = 2e-3
-"""Joints that are told to be slower stand; a motion begins with the speed that they are told [rad/s]."""
+"""Speed below which joints count as at rest [rad/s]."""
 
 _LOOKS = 5
 """How many times in a row a robot has to be seen where it is to stand."""
 
 
 class FrankaDriver:
-    """A Franka robot with its hand; a thread of its own does all that takes time.
+    """A Franka robot with its hand, moved by a thread of its own.
 
     Args:
         address: of the robot's controller, name or number.
         limits: of the joints, those that the plan keeps to.
-        grip: how the hand grips.
+        grip: grip of the hand.
         corner: by how much a joint may cut a corner [rad].
-        settle: how near a joint has to be before the tool acts, and at the end of what is cleared [rad].
+        settle: joint tolerance before tool actions, and at the last cleared node [rad].
         stray: farthest that the robot may be from its path at the begin [rad].
         realtime: whether this computer has a real-time kernel, which real robots ask for.
 
@@ -117,13 +117,13 @@ class FrankaDriver:
         self._failed, self._failing = -1, -1
         self._held = self._left = False
         self._done = self._begun = 0
-        # The leg that it is in, if its end is not -1: its way, speed and acceleration along that.
+        # The current leg, if its end is not -1: length, speed and acceleration along it.
         self._at, self._end = 0, -1
         self._unit, self._speed, self._rate = np.zeros(7), 0.0, 1.0
         self._stopping = self._stands = self._seeks = False
         self._since, self._near = 0.0, 0
         self._clock_s = self._told_s = 0.0
-        # What the hand does for another robot, and whether that is under way or done.
+        # Action of the hand for another robot, and whether it is in progress or done.
         self._order: ToolOrder | None = None
         self._ordered, self._acted = False, ""
         self._samples: deque[Sample] = deque(maxlen=_MOST_SAMPLES)
@@ -131,7 +131,7 @@ class FrankaDriver:
         atexit.register(self._close)
 
     def begin(self, start: Array, done: int) -> None:
-        """Be told where the plan has it stand, and begin to look at the robot.
+        """Start at the planned configuration, and start to monitor the robot.
 
         One that stands elsewhere takes up the path where it is nearest, once it has nodes.
         """
@@ -147,17 +147,17 @@ class FrankaDriver:
             self._thread.start()
 
     def take(self, nodes: list[ClearedNode]) -> None:
-        """Take nodes that come after those that it has."""
+        """Append cleared nodes."""
         with self._lock:
             if not nodes or self._failing >= 0:
-                return  # what comes after a skill that has failed is not done
+                return  # nodes after a failed skill are not executed
             for node in nodes:
                 self._path.add(node)
             if self._failed >= 0:
                 self._failed, self._words = -1, ""
 
     def state(self) -> DriverState:
-        """Return how far it is."""
+        """Return the state of the robot."""
         with self._lock:
             off, self._off = self._off, 0.0
             samples = tuple(self._samples)
@@ -177,28 +177,28 @@ class FrankaDriver:
             )
 
     def act(self, order: ToolOrder) -> None:
-        """Close or open the hand once the robot stands at the end of all that it has; see Driver."""
+        """Close or open the hand once the robot stands at the end of its cleared nodes; see Driver."""
         with self._lock:
             self._order = order
 
     def hold(self, held: bool) -> None:
-        """Stand as soon as it can, on the path, or go on."""
+        """Stop as soon as possible, on the path, or continue."""
         with self._lock:
             self._held = held
 
     def leave(self) -> None:
-        """Stand, and let go of the robot."""
+        """Stop and release the robot."""
         with self._lock:
             self._left = self._held = True
 
     def _close(self) -> None:
-        """Leave, and wait until that is done: libfranka's threads end before the interpreter does."""
+        """Release the robot and wait for it: libfranka's threads must end before the interpreter."""
         self.leave()
         if self._thread is not None:
             self._thread.join(_PATIENCE_S)
 
     def _run(self) -> None:
-        """Look at the robot and have it go on until it is left; then let go of it."""
+        """Monitor and move the robot until it is released."""
         self._work()
         del self._hand, self._robot
         atexit.unregister(self._close)
@@ -217,7 +217,7 @@ class FrankaDriver:
                     standing = self._end < 0 and not self._hand.is_at_work
                     if self._left and (standing or self._mode == "fault"):
                         return
-            except Exception as error:  # whatever libfranka has to say
+            except Exception as error:  # any error of libfranka
                 with self._lock:
                     self._mode, self._words = "fault", str(error)
                     if self._left:
@@ -225,10 +225,10 @@ class FrankaDriver:
             time.sleep(_LOOK_S)
 
     def _time_of(self, state: Any) -> float:
-        """Return when a state was measured, by this computer's clock.
+        """Return the measurement time of a state by this computer's clock.
 
-        The robot's own clock tells how far states are apart; ours, which is late by however long a state
-        waits to be looked at, only keeps that from drifting.
+        Differences come from the robot's clock; ours, late by the waiting time of a state, only
+        prevents drift.
         """
         told_s, now_s = state.time.to_sec(), time.monotonic()
         guess = self._clock_s + told_s - self._told_s
@@ -245,7 +245,7 @@ class FrankaDriver:
         return "standing" if self._end < 0 else "moving"
 
     def _look(self, state: Any) -> None:
-        """Take note of what is measured."""
+        """Record a measurement."""
         self._q, self._dq = np.array(state.q), np.array(state.dq)
         end = self._at if self._end < 0 else self._end
         if not self._seeks:
@@ -257,7 +257,7 @@ class FrankaDriver:
             self._words = f"{state.robot_mode.name}: {said}"
 
     def _step(self, state: Any) -> None:
-        """Go on with what is under way, or begin what comes next."""
+        """Continue the current leg or action, or begin the next one."""
         if self._end >= 0:
             self._follow(state)
         elif self._hand.is_at_work:
@@ -281,7 +281,7 @@ class FrankaDriver:
             self._begin_next()
 
     def _begin_next(self) -> None:
-        """Begin with the leg or the act that comes next."""
+        """Begin the next leg or action."""
         stop = self._path.stops[self._at + 1]
         if self._failing < 0:
             self._begun = max(self._begun, self._path.stops[self._at].done + 1)
@@ -305,7 +305,7 @@ class FrankaDriver:
         self._move_to_end()
 
     def _move_to_end(self) -> None:
-        """Have the robot move to the end of the leg, as fast as planned at most."""
+        """Move to the end of the leg, at most at the planned speed."""
         top = self._path.top(self._at, self._end)
         slower = min(1.0, top / self._speed)
         factor = self._franky.RelativeDynamicsFactor(slower, 1.0, 1.0)
@@ -317,7 +317,7 @@ class FrankaDriver:
         self._near = 0
 
     def _follow(self, state: Any) -> None:
-        """See how far it is on the leg, and make the motion longer where that is due."""
+        """Track the progress on the leg, and extend the motion where possible."""
         stops, end = self._path.stops, self._end
         square = float(self._unit @ self._unit)
         between = self._path.points(self._at, end)[1:-1]
@@ -353,7 +353,7 @@ class FrankaDriver:
                 raise FrankaError(f"it stands {off:.4f} rad from where it was sent")
 
     def _is_there(self) -> bool:
-        """Tell whether the robot is near enough to the end of the leg to go on from there."""
+        """Return whether the robot is near enough to the end of the leg to continue."""
         off = float(np.abs(self._q - self._path.stops[self._end].q).max())
         turn = self._path.turn(self._at, self._end)
         if turn < 1.0 and off * turn <= self._corner:
@@ -362,14 +362,14 @@ class FrankaDriver:
         return self._near >= _LOOKS
 
     def _passed(self, k: int) -> None:
-        """Take note that a point is behind the robot, or that it stands there."""
+        """Record that the robot has passed a point, or stands there."""
         if self._failing >= 0:
-            return  # on the way back nothing is done
+            return  # no tool action on the way back
         self._done = max(self._done, self._path.stops[k].done)
         self._begun = max(self._begun, self._done + (k < self._end))
 
     def _act(self) -> None:
-        """See whether the tool has done what it was to do."""
+        """Check whether the tool action is complete."""
         if (good := self._hand.ended()) is None:
             return
         if self._ordered:
@@ -397,7 +397,7 @@ class FrankaDriver:
 
 
 def franka_driver(arm: FrankaArm, robot: PlacedRobot) -> FrankaDriver:
-    """Return the driver of a robot that a drivers file says is one of Franka's.
+    """Return the driver of a Franka robot of a drivers file.
 
     Raises:
         FrankaError: the plan keeps it to no limits, or it cannot be reached.

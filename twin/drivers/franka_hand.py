@@ -1,4 +1,4 @@
-"""The hand of a Franka robot: closes upon what it is to hold, opens, and says whether it did."""
+"""The hand of a Franka robot: grasps, opens, and reports success."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ class FrankaError(TwinError):
 
 @dataclass(frozen=True)
 class HandGrip:
-    """How a hand grips what it handles.
+    """Grip parameters of a hand.
 
     Attributes:
-        width: of what is gripped, between the fingers [m].
+        width: width of the object between the fingers [m].
         within: by how much that may differ; else the grasp has failed [m].
         opening: to which it opens [m].
         force: with which it presses [N].
         speed: of the fingers [m/s].
-        goal: width to which it is told to close, where that is not ``width``: fingers that are springs,
-            as simulated ones are, press by what they are kept from [m].
+        goal: commanded width, if not ``width``: spring-like fingers, as simulated ones, press in
+            proportion to the difference [m].
     """
 
     width: float = 0.04
@@ -36,12 +36,12 @@ class HandGrip:
 
 
 class FrankaHand:
-    """A hand that does one thing at a time.
+    """A hand that executes one action at a time.
 
     Args:
         gripper: of franky, that has been connected.
         grip: how it grips.
-        failure: what franky raises where a command has failed.
+        failure: exception of franky for a failed command.
     """
 
     def __init__(self, gripper: Any, grip: HandGrip, failure: type[Exception]) -> None:
@@ -51,16 +51,16 @@ class FrankaHand:
 
     @property
     def is_at_work(self) -> bool:
-        """Whether it has begun with something whose end has not been told."""
+        """Whether an action is in progress."""
         return self._work is not None
 
     @property
     def width(self) -> float:
-        """How far it is open [m]."""
+        """Opening width [m]."""
         return float(self._gripper.width)
 
     def begin(self, act: str, seconds: float = 0.0) -> None:
-        """Begin to ``close`` or to ``open``; with neither, to do nothing for so many seconds."""
+        """Begin to ``close`` or ``open``; with neither, to wait for a time [s]."""
         grip = self.grip
         if act == "close":
             goal = grip.width if grip.goal is None else grip.goal
@@ -75,7 +75,7 @@ class FrankaHand:
             self._work, self._until_s = "", time.monotonic() + seconds
 
     def ended(self) -> bool | None:
-        """Return whether it has done what it was to do; None while it is at work."""
+        """Return whether the action succeeded; None while it is in progress."""
         if self._work == "":
             good = None if time.monotonic() < self._until_s else True
         elif not self._work.wait(0.0):
@@ -83,7 +83,7 @@ class FrankaHand:
         else:
             try:
                 good = bool(self._work.get())
-            except self._failure:  # so some hands tell of a failure
+            except self._failure:  # some hands report a failure so
                 good = False
         if good is not None:
             self._work = None

@@ -1,4 +1,4 @@
-"""Where on a path a robot is, and what it has been cleared for, as straight legs that are passed from rest to rest."""
+"""Cleared path of a robot as straight legs from rest to rest, and the robot's position on it."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _SAME, _NEAR = 1e-9, 1e-4
 
 @dataclass(frozen=True, eq=False)
 class PathPoint:
-    """A point of a path, where the robot could stand.
+    """A point of a path at which the robot can stop.
 
     Attributes:
         q: joint positions, shape (n,).
-        seconds: that the way to it takes as planned [s].
+        seconds: planned time of the segment to it [s].
         done: nodes that are done once it is passed.
         stands: the robot is there already, and stands there for all of these seconds.
-        act: what the tool does meanwhile; empty for nothing.
+        act: tool action meanwhile; empty for none.
         task: number of the task.
         first: the first node of that task.
     """
@@ -41,7 +41,7 @@ class PathPoint:
 
 
 class ClearedPath:
-    """The points of all nodes that a robot is cleared for, which becomes longer.
+    """The points of all cleared nodes of a robot; grows with clearances.
 
     Args:
         start: where it begins, shape (n,).
@@ -52,7 +52,7 @@ class ClearedPath:
         self.stops = [PathPoint(np.array(start), 0.0, done, False, "", -1, 0)]
 
     def add(self, node: ClearedNode) -> None:
-        """Add what is passed in a node."""
+        """Append the points of a node."""
         last = self.stops[-1]
         first = last.first if last.task == node.task else node.node
         own = node.task, first
@@ -99,14 +99,14 @@ class ClearedPath:
         return np.array([stop.q for stop in self.stops[begin : end + 1]])
 
     def top(self, begin: int, end: int) -> float:
-        """Return the greatest planned speed of the fastest joint on the way [rad/s or m/s]."""
+        """Return the greatest planned joint speed between two points [rad/s or m/s]."""
         displacements = np.abs(np.diff(self.points(begin, end), axis=0)).max(axis=1)
         took = [stop.seconds for stop in self.stops[begin + 1 : end + 1]]
         speeds = [w / t for w, t in zip(displacements, took, strict=True) if t > 0.0]
         return max(speeds, default=np.inf)
 
     def turn(self, begin: int, corner: int) -> float:
-        """Return the sine of the turn between a leg and the next, 1 where none is or it turns back."""
+        """Return the sine of the angle between a leg and the next, 1 without one or at a reversal."""
         if corner + 1 >= len(self.stops) or self.stops[corner + 1].stands:
             return 1.0
         come = self.stops[corner].q - self.stops[begin].q
@@ -116,7 +116,7 @@ class ClearedPath:
         return 1.0 if cosine <= 0.0 else float(np.sqrt(max(0.0, 1.0 - cosine**2)))
 
     def off(self, begin: int, end: int, q: Array) -> float:
-        """Return how far a joint is from the way between two points at most [rad or m].
+        """Return the largest joint deviation from the path between two points [rad or m].
 
         Args:
             begin, end: points of the path.
@@ -125,7 +125,7 @@ class ClearedPath:
         return float(nearest_points_on_path(self.points(begin, end), q[None]).off[0])
 
     def nearest(self, q: Array) -> tuple[int, float]:
-        """Return the first point behind which the path is nearest to where a robot is, and how near.
+        """Return the start of the path segment nearest to a configuration, and the distance.
 
         Args:
             q: joint positions, shape (n,).
@@ -135,7 +135,7 @@ class ClearedPath:
         return first, float(off.min())
 
     def back(self, at: int) -> ClearedPath:
-        """Return the way back from a point to where its task began, whose first node is done there."""
+        """Return the path back from a point to the start of its task."""
         task, first = self.stops[at].task, self.stops[at].first
         back = ClearedPath(self.stops[at].q, first + 1)
         k = at

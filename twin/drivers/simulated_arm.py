@@ -1,4 +1,4 @@
-"""An arm that follows its nodes as planned, by the clock: a driver without a robot."""
+"""A simulated arm that follows its nodes by the clock: a driver without a robot."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrde
 
 
 class SimulatedArm:
-    """A driver that passes nodes in the time that the plan has for them.
+    """A driver that passes nodes in their planned times.
 
     Args:
         clock: returns the time [s].
         pace: how many times as fast as planned.
-        fails: tells of the first node of a skill whether it fails.
-        stands: joint positions at which the arm is when it is started anew, shape (n,); by default where the
+        fails: returns for the first node of a skill whether it fails.
+        stands: joint positions of the arm after a restart, shape (n,); by default where the
             plan has it.
         reach: how far from the path it may stand then [rad or m].
     """
@@ -46,12 +46,12 @@ class SimulatedArm:
         self._order, self._acted_s = ToolOrder("", "", 0.0), -math.inf
 
     def begin(self, start: Array, done: int) -> None:
-        """Be told where the plan has it stand; see Driver."""
+        """Start at the planned configuration; see Driver."""
         self._first = self._done = done
         self._start = start
 
     def take(self, nodes: list[ClearedNode]) -> None:
-        """Take further nodes; see Driver."""
+        """Append cleared nodes; see Driver."""
         self._advance()
         if self._failed >= 0:
             # It stands where the skill began, not where that would have ended.
@@ -66,7 +66,7 @@ class SimulatedArm:
             self._find_itself()
 
     def _find_itself(self) -> None:
-        """Take up the path where it is nearest, unless that is too far."""
+        """Start at the nearest point of the path, unless it is too far."""
         assert self._stands is not None
         found = []
         for k, node in enumerate(self._nodes):
@@ -80,7 +80,7 @@ class SimulatedArm:
         self._done, self._gone, self._stands = self._first + k, gone, None
 
     def state(self) -> DriverState:
-        """Return how far it is."""
+        """Return the state of the arm."""
         self._advance()
         going = self._current is not None and self._failed < 0
         mode: Mode = "moving" if going else "standing"
@@ -110,12 +110,12 @@ class SimulatedArm:
         self._acted_s = self._clock() + order.seconds / self._pace
 
     def hold(self, held: bool) -> None:
-        """Stand, or go on."""
+        """Stop, or continue."""
         self._advance()
         self._held = held
 
     def leave(self) -> None:
-        """Go on to the end of what it has; nothing more comes."""
+        """Continue to the end of its cleared nodes and end."""
 
     def _sample(self, at_s: float, *, begins: bool = False) -> None:
         begun = self._done + (begins or self._gone > 0.0)
@@ -130,7 +130,7 @@ class SimulatedArm:
         return self._nodes[k - 1].waypoints[-1] if k else self._start
 
     def _advance(self) -> None:
-        """Go on to now."""
+        """Advance to the present time."""
         now = self._clock()
         left, self._at = (now - self._at) * self._pace, now
         if self._held or self._words or self._stands is not None:
@@ -161,7 +161,7 @@ class SimulatedArm:
         return first and node.kind != "transit"
 
     def _motion(self) -> tuple[Array, Array]:
-        """Return where it is, and how fast its joints move there."""
+        """Return configuration and joint speeds."""
         k, node = self._done - self._first, self._current
         before = self._before(k) if self._stands is None else self._stands
         if node is None or self._gone <= 0.0 or self._stands is not None:

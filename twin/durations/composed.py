@@ -117,7 +117,7 @@ class Retries(DurationModel):
 
 @lru_cache(maxsize=32)
 def _table(model: Retries) -> tuple[Array, Array]:
-    """Return durations in rising order and the probability of not being longer."""
+    """Return sorted durations with their cumulative probabilities."""
     from scipy.stats.qmc import Sobol
 
     points = Sobol(model.retries + 1, scramble=False).random_base2(_SEQUENCES_LOG2)

@@ -144,7 +144,7 @@ Family = type[FittableModel] | ShiftedFamily
 def golden_section(
     height: Callable[[Array], Array], low: Array, high: Array, steps: int
 ) -> Array:
-    """Return where functions are greatest between bounds, if each has one maximum there.
+    """Return the maxima of unimodal functions between bounds.
 
     Args:
         height: takes an argument for each function and returns their values, shape (b,).
@@ -169,10 +169,10 @@ def golden_section(
 
 
 def round_parameter(value: float) -> float:
-    """Return a parameter as a scenario gives it: seven digits that count."""
+    """Return a parameter rounded to seven significant digits."""
     return float(f"{value:.7g}")
 
 
 def safe_log(x: Array) -> Array:
-    """Return logarithms; whatever for what is not positive."""
+    """Return logarithms; an arbitrary value where the argument is not positive."""
     return np.asarray(np.log(np.maximum(x, 1e-300)))

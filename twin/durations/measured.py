@@ -54,7 +54,7 @@ class MeasuredTimes(_Sample):
         """The durations in rising order, shape (n,), read-only [s]."""
         return read_only_copy(np.sort(self.values))
 
-    # The sorted array is no part of what is compared: arrays have no one truth value.
+    # The sorted array is excluded from comparison: arrays have no single truth value.
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, MeasuredTimes):
             return NotImplemented

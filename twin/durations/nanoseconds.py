@@ -22,7 +22,7 @@ def to_nanoseconds(seconds: npt.ArrayLike) -> Nanoseconds:
 
 
 def require_within_longest_run(t_ns: float) -> None:
-    """Refuse a time that no run comes to.
+    """Refuse a time beyond the longest run.
 
     Args:
         t_ns: a time of a run, or the time for which robots work and stand in it [ns]; infinite for never.

@@ -222,12 +222,12 @@ class Lognormal(FittableModel):
 
 
 def _density(z: float) -> float:
-    # Nothing is left far out; squares of what is very far would overflow.
+    # The tail vanishes far out, where squares would overflow.
     return float(np.exp(-0.5 * min(abs(z), 100.0) ** 2) / np.sqrt(2 * np.pi))
 
 
 def _hazard(bound: Array) -> Array:
-    """Return the density over what is left above a bound, of the standard normal."""
+    """Return the hazard rate of the standard normal at a bound."""
     return np.asarray(np.exp(-0.5 * bound**2 - LOG_ROOT_2PI - log_ndtr(-bound)))
 
 

@@ -66,12 +66,12 @@ def split_unit(column: str) -> tuple[str, str | None]:
 def column_unit(
     path: Path, columns: Columns, names: Sequence[str], unit: str | None
 ) -> str | None:
-    """Return the unit that the names of columns or ``unit`` say; None where neither does.
+    """Return the unit given by column names or ``unit``; None without one.
 
     Args:
         path: of the file, for messages.
         columns: of durations or of stamps.
-        names: of all columns; ``_min`` beside ``_max`` is a minimum and no unit.
+        names: of all columns; ``_min`` together with ``_max`` is a minimum and no unit.
         unit: given apart from the names.
 
     Raises:
@@ -96,7 +96,7 @@ def read_durations(
     labels: Sequence[str] = (),
     unit: str | None = None,
 ) -> list[tuple[tuple[str, ...], float]]:
-    """Read durations [s] and what labels them from a CSV file with a header line.
+    """Read durations [s] and their labels from a CSV file with a header line.
 
     Cells are separated by commas, semicolons or tabs, as the header is. Where they are not
     separated by commas, numbers may have decimal commas. Time stamps are numbers or of ISO 8601.
@@ -132,7 +132,7 @@ def read_durations(
         number = partial(_number, comma=comma, factor=factor)
         for row in reader:
             place = f"{path}:{reader.line_num}"
-            # DictReader keeps what goes beyond the header under the key None.
+            # DictReader keeps cells beyond the header under the key None.
             if any((cell or "").strip() for cell in row.pop(None, ())):
                 raise ScenarioError(
                     f"{place}: more cells than columns; where commas are decimal, separate"
@@ -153,7 +153,7 @@ def read_durations(
 
 
 def csv_rows(path: Path) -> csv.DictReader[str]:
-    """Return a reader of a CSV file with a header line, whose cells are separated as in there.
+    """Return a reader of a CSV file with a header line, with its delimiter detected.
 
     Raises:
         ScenarioError: it cannot be read.
@@ -215,7 +215,7 @@ def _span(
 
 
 def _number(text: str, *, comma: bool, factor: Decimal) -> Decimal | None:
-    """Return a finite number times a factor, None where the text is none."""
+    """Return a finite number times a factor, None if the text is not one."""
     if comma and text.count(",") == 1 and "." not in text:
         text = text.replace(",", ".")
     try:
@@ -227,7 +227,7 @@ def _number(text: str, *, comma: bool, factor: Decimal) -> Decimal | None:
 
 
 def _parse_time_of_day(text: str) -> datetime | None:
-    """Return a time of day on a date, None where the text is none."""
+    """Return a time of day on a date, None if the text is not one."""
     try:
         return datetime.fromisoformat(text) if ":" in text else None
     except ValueError:

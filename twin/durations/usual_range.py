@@ -1,4 +1,4 @@
-"""Usual values of quantities: a number outside of them by orders of magnitude is likely a slip."""
+"""Usual ranges of quantities: a number orders of magnitude outside is likely a mistake."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class UsualRange:
     Attributes:
         low, high: least and greatest size; a value may be negative.
         unit: of both.
-        why: what has such values.
-        zero: whether 0 is usual, too, such as for what takes no time.
+        why: reason for the range.
+        zero: whether 0 is usual, too, such as for instantaneous work.
     """
 
     low: float
@@ -27,7 +27,7 @@ class UsualRange:
     zero: bool = True
 
     def words(self, value: float) -> str | None:
-        """Return how a value is unusual, in words; None where it is usual."""
+        """Return a message on an unusual value; None for a usual one."""
         size = abs(value)
         if self.low <= size <= self.high or (self.zero and size == 0.0):
             return None
@@ -43,6 +43,6 @@ _WORK = UsualRange(1e-3, 1e5, "s", "work in a cell takes up to a day")
 
 
 def usual_duration(names: Collection[str]) -> UsualRange:
-    """Return the usual durations of work that has some names: those of skills where one is packaged, or none is known."""
+    """Return the usual durations of skills or processes, by the names of their tasks."""
     work = bool(names) and set(get_args(PackagedSkill)).isdisjoint(names)
     return _WORK if work else _SKILL

@@ -1,4 +1,4 @@
 """Discrete-event engine: SimPy processes of robots and dispatcher (APEX-MR IV-D).
 
-Imports run, recorders.observers and uncertainty; trial, study and follow import it.
+Imports runs, recorders.observers and uncertainty; trial, studies and follow import it.
 """

@@ -28,9 +28,9 @@ _AFTER_MESSAGES = EventPriority(8)
 class DrivenRobots(RobotPort):
     """Robots that pass borders of nodes at speed.
 
-    At each border a robot takes the next node as fast as it can while it is still able to stop at
-    the end of the last node that it is cleared for. What is executed is ``lag`` behind what is
-    commanded, so a node counts as left, and is reported complete, that much later.
+    At each border a robot enters the next node as fast as it can while still able to stop at the end of
+    the last cleared node. Execution is ``lag`` behind the command, so a node is reported complete that
+    much later.
 
     Args:
         execution: the run; see ``with_full_speed_times`` for the durations of its graph.
@@ -48,7 +48,7 @@ class DrivenRobots(RobotPort):
         self.extended()
 
     def extended(self) -> None:
-        """Take over the drives of the graph that is executed now."""
+        """Take over the drive times of the extended graph."""
         tpg, times = self._cell.tpg, self._cell.times
         overrides = map(times.override, range(len(tpg.chains)))
         self._drives = list(map(drive_times, tpg.chains, times.motion, overrides))
@@ -71,7 +71,7 @@ class DrivenRobots(RobotPort):
         self._given[chain].pop(node, None)
 
     def node_times(self) -> NodeTimes:
-        """Return how long nodes took, and where robots stood: some nodes after they began to brake."""
+        """Return node durations and standstills, which may be some nodes after braking began."""
         cell = self._cell
         motions, stalls, stands = [], [], []
         for k, own in enumerate(self._given):
@@ -84,7 +84,7 @@ class DrivenRobots(RobotPort):
             start, end = np.array(cell.start[k]), np.array(cell.end[k])
             took = end - start - waited
             if cell.stops is not None:
-                # Stops are commands, which what is executed is behind.
+                # Stops are commands, and execution lags behind.
                 lag = self._drives[k].lag
                 opens = [self.rests_before(k, node) for node in range(len(length))]
                 commanded = np.where(opens, start, start - lag), end - lag
@@ -104,7 +104,7 @@ class DrivenRobots(RobotPort):
         )
 
     def commands(self) -> tuple[Array, ...]:
-        """Return what each robot was commanded, see ``ExecutionRecord``."""
+        """Return the commands of each robot, see ``ExecutionRecord``."""
         found = []
         for k, passage in enumerate(self._passages):
             rows = np.array(passage.commands, float).reshape(-1, 5)
@@ -140,7 +140,7 @@ class DrivenRobots(RobotPort):
         return still or node == 0 or last[node - 1] != last[node]
 
     def _drive(self, chain: int, node: int, *, opens: bool) -> Steps:
-        """Pass a node of a stretch, which begins with it or before."""
+        """Pass a node of a stretch."""
         cell, passage = self._cell, self._passages[chain]
         lag = int(self._drives[chain].lag[node])
         stops = None if cell.stops is None else cell.stops[chain]
@@ -166,7 +166,7 @@ class DrivenRobots(RobotPort):
                 yield cell.env.timeout(lag)
 
     def _motion_time(self, chain: int, node: int, begin_ns: int, offset_ns: int) -> int:
-        """Return when the motion of a skill has lasted for some time: it brakes for stops [ns]."""
+        """Return when a skill's motion has lasted for a duration, braking for stops included [ns]."""
         cell = self._cell
         if cell.stops is None:
             return begin_ns + offset_ns
@@ -184,7 +184,7 @@ class DrivenRobots(RobotPort):
         return round(stopped.when(offset_ns / NANOSECONDS) * NANOSECONDS)
 
     def _cleared(self, chain: int, node: int) -> int:
-        """Return the last node that a robot may enter as far as it knows."""
+        """Return the last node that a robot is cleared for, by its messages so far."""
         if self._cell.planned is not None:
             return int(self._drives[chain].last[node])
         return node + len(self._cell.queue[chain])
@@ -192,7 +192,7 @@ class DrivenRobots(RobotPort):
     def _record(
         self, delay_ns: int, what: EventKind | Standstill, chain: int, node: int
     ) -> None:
-        """Record an event of a node, or a standstill in it, when it is executed."""
+        """Record an event of a node, or a standstill in it, at its execution time."""
         cell, narrator = self._cell, self._cell.narrator
         if narrator is None:
             return

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 EndingCode = Literal["driver-lost", "off-path", "nothing-to-come", "no-progress"]
-"""A driver is lost within a node; a robot is off its path; nobody will bring about anything more; or nobody has for long."""
+"""Lost driver within a node; robot off its path; no further event possible; no progress for long."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class PendingNode:
         released: whether the robot was cleared for it, so that its driver's report is missing.
         waits_for: incomplete nodes that precede it by an edge: robots, and indices of their nodes.
         mode: of the robot, as its driver reported last; None before any report.
-        held: whether the robot was told to stand.
+        held: whether the robot was ordered to stop.
     """
 
     robot: str
@@ -30,7 +30,7 @@ class PendingNode:
     held: bool = False
 
     def words(self) -> str:
-        """Return the same for people."""
+        """Return the sentence for people."""
         nodes = [f"node {node} of {robot}" for robot, node in self.waits_for]
         why = f"waits for {' and '.join(nodes) or 'its release'}"
         if self.released:

@@ -40,12 +40,12 @@ class Simulator:
     """Executes one TPG as often as asked.
 
     Attributes:
-        tpg: what is executed, with what the policy adds to it.
+        tpg: plan to execute, with edges added by the policy.
         contraction: of it, where whole segments give the same times; None where each node counts.
 
     Args:
-        tpg: what to execute.
-        model: how it is executed, and what varies.
+        tpg: plan to execute.
+        model: execution model, with disturbances.
         names: of the draws of tasks that are not named by themselves, by index.
 
     Raises:
@@ -86,20 +86,19 @@ class Simulator:
     ) -> ExecutionRecord:
         """Execute the TPG once.
 
-        Whole segments are executed where nobody watches, and the times of their nodes worked
-        out afterwards.
+        Without recorders whole segments are executed, and the times of their nodes computed afterwards.
 
         Args:
             seed, replication: name the random draws.
-            recorders: told of every event, then closed.
+            recorders: receive every event, then are closed.
 
         Returns:
-            The run. After a KeyboardInterrupt its outcome is ``"aborted"`` and it holds what
-            happened until then. When a task fails for good its robot stops, the others go on
+            The run. After a KeyboardInterrupt its outcome is ``"aborted"`` and it ends there. When a
+            task fails for good its robot stops, the others continue
             as far as the TPG allows, and the outcome is ``"failed"``.
 
         Raises:
-            DeadlockError: no robot can go on although none has failed, which no valid TPG
+            DeadlockError: no robot can continue although none has failed, which no valid TPG
                 brings about.
         """
         times = self._sampler.sample(seed=seed, replication=replication)
@@ -153,14 +152,14 @@ class Simulator:
         return run
 
     def execute(self, times: NodeTimes, messages: Messages) -> Execution:
-        """Execute the TPG once, unwatched.
+        """Execute the TPG once, without recorders.
 
         Args:
-            times: of each segment of the contraction, or of each node where there is none.
+            times: of each segment of the contraction, or of each node without one.
             messages: between robots and dispatcher.
 
         Returns:
-            The cell when nothing can go on any more.
+            The execution when nothing can continue.
         """
         contracted = self.contraction is not None
         execution = self._execution(times, messages, contracted=contracted)
@@ -175,7 +174,7 @@ class Simulator:
         contracted: bool,
         observers: Observers | None = None,
     ) -> Execution:
-        """Return the cell at time 0."""
+        """Return an execution at time 0."""
         tpg, dispatcher = self.tpg, self._dispatcher
         if contracted and self.contraction is not None:
             tpg, dispatcher = self.contraction.tpg, self._contracted_dispatcher

@@ -1,6 +1,6 @@
 """Execution of a temporal plan graph: the state of one run, and the dispatcher (APEX-MR IV-D).
 
-Robots, objects that arrive late, replanning and people are ports, see ``ports``.
+Robots, late objects, replanning and people are ports, see ``ports``.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Ports:
         robots: execute nodes.
         supply: brings objects that arrive late; None where all are there.
         replanner: extends the graph; None where it stays as it is.
-        audience: people beside the cell; None for nobody.
+        audience: people next to the cell; None for none.
     """
 
     robots: Callable[[Execution], RobotPort]
@@ -71,7 +71,7 @@ class Execution:
         planned: Sequence[Nanoseconds] | None = None,
         observers: Observers | None = None,
     ) -> None:
-        """Set the cell up at time 0.
+        """Initialize the state at time 0.
 
         Args:
             tpg: graph to execute.
@@ -131,7 +131,7 @@ class Execution:
         return int(self.env.now)
 
     def execute(self) -> Outcome:
-        """Run until everything is done, nothing can go on, or the user interrupts."""
+        """Run until everything is done, nothing can continue, or the user interrupts."""
         outcome: Outcome | None = None
         try:
             try:
@@ -177,7 +177,7 @@ class Execution:
         return outcome
 
     def is_done(self) -> bool:
-        """Return whether all nodes are complete, but for those of machines that bring nothing any more."""
+        """Return whether all nodes are complete, apart from those of machines without deliveries."""
         coming = () if self.supply is None else self.supply.coming
         rows = (end for k, end in enumerate(self.end) if k not in coming)
         return all(not end or end[-1] >= 0 for end in rows)
@@ -196,7 +196,7 @@ class Execution:
         return math.inf
 
     def deadlock(self) -> str:
-        """Return why the run ends before all is done: its ending, or what robots wait for."""
+        """Return why the run ends early: its ending, or the waits of a deadlock."""
         if self.ended is not None:
             return self.ended.words
         stuck = (
@@ -235,7 +235,7 @@ class Execution:
             self.after(delay, self._receive_report, chain, node)
 
     def after(self, delay_ns: int, act: Callable[..., None], *about: Any) -> None:
-        """Call a function after a delay [ns], such as to receive a message; at once if there is none."""
+        """Call a function after a delay [ns], such as to receive a message; immediately for 0."""
         if delay_ns <= 0:
             act(*about)
         else:
@@ -243,7 +243,7 @@ class Execution:
             message.callbacks.append(lambda _: act(*about))
 
     def at_the_end_of_now(self, priority: EventPriority) -> simpy.Event:
-        """Return an event behind those at this time that have a lower priority."""
+        """Return an event after all others of lower priority number at this time."""
         event = self.env.event()
         event._ok, event._value = True, None
         self.env.schedule(event, priority=priority)
@@ -256,7 +256,7 @@ class Execution:
             self.after(delay, self._lift, (chain, node), target)
 
     def report_wait(self, chain: int, node: int) -> None:
-        """Record that a robot waits unless a node has reached it by now."""
+        """Record that a robot waits, unless it has received a node by now."""
         machine = self.supply is not None and chain in self.supply.coming
         waits = self.idle[chain] is not None and self.start[chain][node] < 0
         if self.narrator is not None and waits and not machine:
@@ -264,7 +264,7 @@ class Execution:
             self.narrator.emit("waiting", chain, node, detail=detail)
 
     def wait_cause(self, chain: int, node: int) -> str:
-        """Return why a node has not been released, in words."""
+        """Return why a node has not been released, as text."""
         waited_for = [
             f"{self.tpg.chains[k].robot} to complete node {n} "
             f"({self.tpg.tasks[self.task[k][n]].label})"
@@ -275,7 +275,7 @@ class Execution:
         return "waits for its turn" if self.sequential else "waits for its release"
 
     def withdraw(self, chain: int, count: int) -> None:
-        """Withdraw what a robot was released beyond its first nodes, messages on their way included."""
+        """Withdraw released nodes of a robot beyond its first ones, including messages in transit."""
         back = self.released[chain] - count
         if back > 0:
             self.released[chain] = count
@@ -286,12 +286,12 @@ class Execution:
                 self._withdrawn[chain, queue.pop()] -= 1
 
     def dispatch_again(self) -> None:
-        """Let the dispatcher look at once for nodes that are safe."""
+        """Let the dispatcher release safe nodes now."""
         if not self._report_arrived.triggered:
             self._report_arrived.succeed()
 
     def dispatch_by(self, held: TemporalPlanGraph) -> None:
-        """Dispatch by a graph from now on, of which nothing has been reported yet."""
+        """Dispatch a new graph from now on, of which no node has been reported."""
         self.dispatcher = Dispatcher(held)
         self.impatient = timed_edges(held)
         self._lifts.clear()
@@ -304,13 +304,13 @@ class Execution:
         counts: Sequence[int],
         failed: Sequence[Node],
     ) -> None:
-        """Replace the graph by one that begins with the same nodes.
+        """Replace the graph by one with the same committed prefix.
 
         Args:
             tpg: the graph; its first chains are those of the present one, in their order.
-            held: the same with edges that hold back what opens windows of time.
+            held: the same graph with edges that hold back tasks that open time windows.
             times: of its nodes.
-            counts: number of nodes of each chain that stay.
+            counts: number of committed nodes of each chain.
             failed: first nodes of skills that have failed for good, which count as complete.
         """
         before = len(self.tpg.chains)
@@ -356,9 +356,9 @@ class Execution:
         self.machines = machine_chains(self.tpg)
 
     def _report_stops(self, edge_ns: float, until_ns: float) -> float:
-        """Record stops by the clock that begin or end until a time; return when the next one does [ns].
+        """Record stops that begin or end until a time; return the next such time [ns].
 
-        They are not events of the simulation: nobody would know when to stop waiting for them.
+        They are no events of the simulation, which would otherwise never run out of events.
         """
         assert self.narrator is not None
         assert self.stops is not None
@@ -384,7 +384,7 @@ class Execution:
 
     def enqueue(self, chain: int, node: int) -> None:
         """Let a released node arrive at its robot."""
-        # What was on its way when it was withdrawn comes before what is released since.
+        # Withdrawn nodes in transit arrive before those released since.
         if self._withdrawn and self._withdrawn[chain, node]:
             self._withdrawn[chain, node] -= 1
             return
@@ -395,7 +395,7 @@ class Execution:
 
     def _dispatch(self) -> Steps:
         while True:
-            # Reports that came before the dispatcher began count, too, as those of a run that goes on from its log.
+            # Reports before the start of the dispatcher count, too, as in a run continued from its log.
             self._report_arrived = self.env.event()
             for chain, node in self._reports:
                 self.dispatcher.complete(chain, node)
@@ -408,7 +408,7 @@ class Execution:
             yield self._report_arrived
 
     def _release_safe(self) -> None:
-        """Release what has become safe and fits into the queues."""
+        """Release nodes that have become safe and fit into the queues."""
         chains: Collection[int] = range(len(self.queue))
         if self._turns is not None:
             # One node at a time of robots; machines need not take turns.
@@ -427,7 +427,7 @@ class Execution:
                 self._release(chain)
 
     def _next_is_safe(self, chain: int) -> bool:
-        """Return whether the next node waits for no other robot, and passes the gates of all ports.
+        """Return whether the next node has no open dependency and passes the gates of all ports.
 
         Its own robot works through its queue in order, so it need not be done with that.
         """

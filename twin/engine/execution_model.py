@@ -37,7 +37,7 @@ class Messages(NamedTuple):
         report_s: float = 0.0,
         release_s: float = 0.0,
     ) -> Messages:
-        """Return messages that take some seconds; TwinError if a number is out of range."""
+        """Return messages with latencies in seconds; TwinError if a number is out of range."""
         if queue_depth is not None and queue_depth < 1:
             raise TwinError(f"queue_depth must be at least 1, not {queue_depth}")
         for value in (report_s, release_s):
@@ -47,16 +47,16 @@ class Messages(NamedTuple):
         return cls(queue_depth, report, release)
 
     def under(self, policy: Policy) -> Messages:
-        """Return what is left of them under a policy where robots have no limits.
+        """Return the messages that a policy uses where robots have no acceleration limits.
 
-        By the planned clock nobody talks to anybody, and one task at a time is one node at a time.
+        Open loop there are no messages; sequentially the queue depth is one node.
         """
         if policy == "open-loop":
             return Messages()
         return self._replace(queue_depth=1) if policy == "sequential" else self
 
     def ahead(self, *, driven: bool) -> int:
-        """Return how many nodes a robot may have been given that are not reported complete.
+        """Return the maximum number of released nodes of a robot not yet reported complete.
 
         Args:
             driven: whether robots keep to limits of acceleration, so that they can only go as
@@ -78,13 +78,13 @@ class ExecutionModel:
 
     Attributes:
         durations: of skills.
-        policy: ``"asynchronous"`` releases whatever the TPG says is safe; ``"sequential"`` lets
+        policy: ``"asynchronous"`` releases every node that is safe by the TPG; ``"sequential"`` lets
             one robot work at a time, always on the first task in planned order that is safe;
-            ``"synchronous"`` lets nobody enter a slot of the plan before everyone has left the
-            one before; in ``"open-loop"`` every robot follows the planned clock and waits for
-            nobody, so that robots may collide.
+            ``"synchronous"`` lets no robot enter a slot of the plan before every robot has left the
+            one before; in ``"open-loop"`` every robot follows the planned clock and never
+            waits, so that robots may collide.
         messages: between robots and dispatcher.
-        disturbances: what may go wrong.
+        disturbances: disturbances of the execution.
         hold: what opens a window of time is held back until the later step will be in time with this
             probability; 0 for not at all.
     """

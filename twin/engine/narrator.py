@@ -1,4 +1,4 @@
-"""Event rows of a run for recorders, with details in words (paper terms, exact times)."""
+"""Event rows of a run for recorders, with details as text (paper terms, exact times)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Narrator:
         observers: Observers,
         now: Callable[[], int],
     ) -> None:
-        """Tell observers of a run; ``now`` returns its time [ns]."""
+        """Pass events to observers; ``now`` returns the time of the run [ns]."""
         self._tpg = tpg
         self._observers = observers
         self._now = now
@@ -57,7 +57,7 @@ class Narrator:
         self._doors = {item.name for item in tpg.cell.objects if item.kind == DOOR}
 
     def of(self, tpg: TemporalPlanGraph, times: NodeTimes) -> Narrator:
-        """Return who goes on to tell of the same run with another graph."""
+        """Return a narrator that continues the same run with another graph."""
         other = Narrator(tpg, times, self._observers, self._now)
         other._holder, other._ends = self._holder, self._ends
         return other
@@ -72,7 +72,7 @@ class Narrator:
         *,
         t_ns: int | None = None,
     ) -> None:
-        """Tell of an event that happens now, or at a time [ns]."""
+        """Emit an event now, or at a time [ns]."""
         when = self._now() if t_ns is None else t_ns
         robot = self._tpg.chains[chain].robot if chain >= 0 else ""
         task = self._task[chain][node] if node >= 0 else -1
@@ -89,15 +89,15 @@ class Narrator:
                 self.emit("window_broken", chain, node, detail=words, t_ns=when)
 
     def held_by(self, holders: Mapping[str, str]) -> None:
-        """Take note of who holds what, where others told of the beginning of the run."""
+        """Set the holders of objects where the run is continued."""
         self._holder = dict(holders)
 
     def close(self) -> None:
-        """Tell that there is no more to come."""
+        """Close the recorders."""
         self._observers.close()
 
     def handle(self, chain: int, node: int, name: str, holder: str | None) -> None:
-        """Tell that an object changes hands."""
+        """Emit the transfer of an object."""
         giver = self._holder.pop(name, None)
         if holder == GONE:
             detail = "opens" if name in self._doors else "leaves the cell"
@@ -118,7 +118,7 @@ class Narrator:
         self.emit("attached", chain, node, name, detail)
 
     def stands(self, chain: int, node: int, entry: Standstill) -> None:
-        """Tell that a robot begins to stand; a failed attempt is told of at its end."""
+        """Emit the begin of a standstill; a failed attempt is emitted at its end."""
         seconds = f"{entry.duration_ns / NANOSECONDS:.3f} s"
         if entry.cause == "stall":
             self.emit("stalled", chain, node, detail=f"for {seconds}")
@@ -127,7 +127,7 @@ class Narrator:
             self.emit("stopped", chain, node, detail=detail)
 
     def goes_on(self, chain: int, node: int, entry: Standstill, attempt: int) -> None:
-        """Tell that a robot has stood long enough, in which attempt of a retry (from 1)."""
+        """Emit the end of a standstill, with the attempt of a retry (from 1)."""
         if entry.cause == "retry":
             seconds = f"{entry.duration_ns / NANOSECONDS:.3f} s"
             detail = f"attempt {attempt} failed after {seconds}"
@@ -136,15 +136,15 @@ class Narrator:
             self.emit("resumed", chain, node)
 
     def stopped(self, stops: Sequence[Stops], chain: int, node: int, t_ns: int) -> None:
-        """Tell of the stops of a robot by the clock that begin or end at a time.
+        """Emit stops of a robot that begin or end at a time.
 
-        Stops that overlap end together, each with a row of its own: so whoever reads the rows can
-        tell them from a breakdown during which they happen.
+        Overlapping stops end together, each with its own row: so readers can distinguish them from
+            a breakdown at the same time.
 
         Args:
             stops: stops of every robot.
             chain: index of the robot's chain.
-            node: the node under way, -1 for none.
+            node: the current node, -1 for none.
             t_ns: the time [ns].
         """
         known = [s for s in stops[chain].until(t_ns) if s.end_ns > s.start_ns]
@@ -158,7 +158,7 @@ class Narrator:
 
 
 def describe_failure(tpg: TemporalPlanGraph, times: NodeTimes, chain: int) -> str:
-    """Return which task of a robot failed for good, in words."""
+    """Return a sentence on the task that failed for good."""
     node = times.failed[chain]
     task = tpg.task_at(chain, node)
     attempts = sum(

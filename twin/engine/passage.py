@@ -1,4 +1,4 @@
-"""How one robot passes its nodes within limits: told at each border how far it is cleared."""
+"""Passage of one robot through its nodes within limits, with the clearance known at each border."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _ROUNDING_NS = 1.0
 
 
 class DriveTimes(NamedTuple):
-    """The drive of a chain, or of several, in nanoseconds, with the speeds of one replication.
+    """Drive times of one or more chains in nanoseconds, with the speeds of one replication.
 
     Attributes:
-        length: time of each node at full speed; 0 for what is no part of a stretch [ns].
+        length: time of each node at full speed; 0 outside stretches [ns].
         top: greatest speed in each node, at most 1.
         ramp: time from rest to full speed [ns].
-        lag: of what is executed behind what is commanded [ns].
+        lag: delay of the execution behind the command [ns].
         last: last node of each node's stretch.
     """
 
@@ -40,7 +40,7 @@ class DriveTimes(NamedTuple):
 def drive_times(
     chain: NodeChain, motion: Nanoseconds, override: Array | float = 1.0
 ) -> DriveTimes:
-    """Return the drive of a chain in nanoseconds.
+    """Return the drive times of a chain in nanoseconds.
 
     A speed override f replaces time t of the planned motion by t / f: speed, acceleration and jerk are
     f, f^2 and f^3 times those of the plan.
@@ -68,7 +68,7 @@ def drive_times(
 
 @dataclass
 class Passage:
-    """A robot on its way along its chain, as it is commanded.
+    """Commanded motion of a robot along its chain.
 
     Attributes:
         times: of its chain.
@@ -76,7 +76,7 @@ class Passage:
         base_ns: a whole time from which ``passed`` counts [ns].
         passed: commanded time since then [ns].
         pending: standstills that it has begun to brake for.
-        commands: all that it was told, see ``ExecutionRecord``.
+        commands: its commands so far, see ``ExecutionRecord``.
     """
 
     times: DriveTimes
@@ -102,7 +102,7 @@ class Passage:
         standstills: Sequence[Standstill] = (),
         stops: Stops | None = None,
     ) -> list[tuple[int, Standstill]]:
-        """Take a node, and be at its end afterwards.
+        """Pass a node up to its end.
 
         Args:
             node: the node that begins.
@@ -151,7 +151,7 @@ class Passage:
     def _follow(
         self, node: int, gone: float, took: float, shape: tuple[float, ...]
     ) -> None:
-        """Pass what is left of a node, at the speeds that were worked out."""
+        """Pass the rest of a node at the computed speeds."""
         leave, peak, ramp, left = shape
         speeding, slowing = (peak - self.speed) * ramp, (peak - leave) * ramp
         covered = 0.5 * speeding * (peak + self.speed)
@@ -172,7 +172,7 @@ class Passage:
     def _stand(
         self, node: int, gone: float, stops: Stops | None
     ) -> list[tuple[int, Standstill]]:
-        """Stand for all that is pending, and for as long as the clock has the robot stopped."""
+        """Stand for all pending standstills and stops."""
         now = self.now_ns
         self.commands.append((float(now), node, gone, 0.0, 0.0))
         stood = []
@@ -189,7 +189,7 @@ class Passage:
     def _until(
         self, stop: int, node: int, gone: float, shape: tuple[float, ...]
     ) -> float:
-        """Follow the way out of a node until the clock stops the robot; return how far it is."""
+        """Follow the rest of a node until a stop; return the progress."""
         left, leave, peak, ramp = shape
         time = stop - (self.base_ns + self.passed)
         speeding, slowing = (peak - self.speed) * ramp, (peak - leave) * ramp

@@ -1,7 +1,7 @@
-"""Ports of an execution: robots, objects that arrive late, replanning, and people beside the cell.
+"""Ports of an execution: robots, late objects, replanning, and people next to the cell.
 
-``Execution`` owns the graph, the clock and the dispatcher. Whatever differs between a simulation, an operation and
-a run with drivers is behind one of these protocols.
+``Execution`` owns the graph, the clock and the dispatcher. The differences between simulation,
+operation and runs with drivers are behind these protocols.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class RobotPort(Protocol):
         return True
 
     def extended(self) -> None:
-        """Take note that the graph has been extended."""
+        """Handle an extension of the graph."""
         return
 
     def compute(self, work: Callable[[], T]) -> Generator[simpy.Event, Any, T]:
@@ -63,11 +63,11 @@ class RobotPort(Protocol):
         return work()
 
     def node_times(self) -> NodeTimes:
-        """Return how long nodes took, and where robots stood."""
+        """Return node durations and standstills."""
         ...
 
     def commands(self) -> tuple[Array, ...]:
-        """Return what each robot was commanded, see ``ExecutionRecord``; empty without limits."""
+        """Return the commands of each robot, see ``ExecutionRecord``; empty without limits."""
         return ()
 
     def measured(self) -> dict[str, Measured]:
@@ -76,7 +76,7 @@ class RobotPort(Protocol):
 
 
 class SupplyPort(Protocol):
-    """Objects that machines bring at times that nobody knows beforehand.
+    """Objects delivered by machines at times unknown in advance.
 
     Attributes:
         coming: objects that have not been brought yet, by chain of the machine.
@@ -85,15 +85,15 @@ class SupplyPort(Protocol):
     coming: dict[int, str]
 
     def lift_unknown(self) -> None:
-        """Lift edges from machines whose object nobody has missed yet."""
+        """Remove edges from machines whose object no robot has missed yet."""
         ...
 
     def missing(self, chain: int, node: int) -> str | None:
-        """Return the object of a skill that begins with a node, where that is not there yet."""
+        """Return the object of a skill that begins with a node, if it has not arrived."""
         ...
 
     def miss(self, chain: int, node: int) -> bool:
-        """Let a skill fail for good whose object is not there; return whether it is so."""
+        """Let a skill fail for good if its object is missing; return whether it is."""
         ...
 
 
@@ -102,12 +102,12 @@ class Replanner(Protocol):
 
     @property
     def planning(self) -> bool:
-        """Whether a revision of the plan is being made, or is about to take over."""
+        """Whether a plan revision is in progress or about to take over."""
         ...
 
     @property
     def short(self) -> bool:
-        """Whether the plan that is executed makes less than is wanted."""
+        """Whether the executed plan lacks wanted steps."""
         ...
 
     @property
@@ -116,11 +116,11 @@ class Replanner(Protocol):
         ...
 
     def begin(self) -> None:
-        """Take note that the run begins."""
+        """Handle the start of the run."""
         ...
 
     def recover(self, chain: int, node: int) -> Steps:
-        """Wait for a revision of the plan after a skill that begins with a node has failed for good."""
+        """Wait for a plan revision after the skill that begins with a node has failed for good."""
         ...
 
     def revised(self) -> simpy.Event:
@@ -133,22 +133,22 @@ class Replanner(Protocol):
 
 
 class Audience(Recorder, Protocol):
-    """People beside the cell: they give orders, answer questions and see how far the run is."""
+    """People next to the cell: they give orders, answer questions and see the progress."""
 
     def obey(self) -> None:
         """Execute orders given since the last call."""
         ...
 
     def look(self, now_s: float) -> None:
-        """Show how far the run is, some times a second, by the clock of the robots [s]."""
+        """Show the progress at the robots' time [s]; called some times a second."""
         ...
 
     def show_planning(self) -> None:
-        """Show that a revision of the plan is being made."""
+        """Show that replanning is in progress."""
         ...
 
     def answered(self, question: Any) -> Steps:
-        """Wait until somebody has answered a question."""
+        """Wait until a question is answered."""
         ...
 
     def finish(self, outcome: Outcome | None) -> None:

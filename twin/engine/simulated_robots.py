@@ -22,7 +22,7 @@ MotionTime = Callable[[int, int, int, int], int]
 
 
 class SimulatedRobots(RobotPort):
-    """Robots that execute each node from rest to rest, in the time that is drawn for it.
+    """Robots that execute each node from rest to rest, in its drawn duration.
 
     Args:
         execution: the run.
@@ -39,7 +39,7 @@ class SimulatedRobots(RobotPort):
         self._motion_time = motion_time or self.motion_time
 
     def node_times(self) -> NodeTimes:
-        """Return how long nodes took, and where robots stood."""
+        """Return node durations and standstills."""
         return self._cell.times
 
     def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
@@ -52,7 +52,7 @@ class SimulatedRobots(RobotPort):
         return (yield from self.perform(chain, node))
 
     def until_released(self, chain: int, node: int) -> Steps:
-        """Wait until a robot has been given a node, or for its planned start."""
+        """Wait until a node is released, or for its planned start."""
         cell = self._cell
         queue = cell.queue[chain]
         if cell.planned is not None:
@@ -68,7 +68,7 @@ class SimulatedRobots(RobotPort):
         queue.popleft()
 
     def _until_planned(self, chain: int, node: int) -> Steps:
-        """Wait until the planned start of a node, whatever the others do."""
+        """Wait until the planned start of a node, without regard to other robots."""
         cell = self._cell
         assert cell.planned is not None
         early = cell.planned[chain][node] - cell.now_ns
@@ -103,11 +103,11 @@ class SimulatedRobots(RobotPort):
         return failed
 
     def _work_end(self, chain: int, busy_ns: int) -> int:
-        """Return when some work is done that begins now; stops by the clock make it later [ns]."""
+        """Return the end of work that begins now, stops included [ns]."""
         return self.motion_time(chain, 0, self._cell.now_ns, busy_ns)
 
     def motion_time(self, chain: int, _node: int, begin_ns: int, offset_ns: int) -> int:
-        """Return when the motion of a node has lasted for some time, stops not counted [ns].
+        """Return when a node's motion has lasted for a duration, stops not counted [ns].
 
         Args:
             chain, _node: of the motion.
@@ -120,7 +120,7 @@ class SimulatedRobots(RobotPort):
         return stops[chain].advance(begin_ns, offset_ns)
 
     def motion_end(self, chain: int, node: int, begin_ns: int) -> int:
-        """Return when the motion of a node ends that begins at a time [ns]."""
+        """Return the end of a node's motion that begins at a time [ns]."""
         motion_ns = self._cell.motion[chain][node]
         return self._motion_time(chain, node, begin_ns, motion_ns)
 

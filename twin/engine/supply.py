@@ -1,4 +1,4 @@
-"""Objects that machines bring at times that nobody knows beforehand."""
+"""Objects delivered by machines at times unknown in advance."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.engine.ports import Steps, SupplyPort
 class LateSupply(SupplyPort):
     """Objects that arrive late, each brought in the one node of a machine, see ``scheduling.rolling.supply``.
 
-    No robot waits for that node before one has come for the object and has not found it; from then on all do.
+    Robots wait for that node only after one has missed the object.
 
     Args:
         execution: the run.
@@ -26,7 +26,7 @@ class LateSupply(SupplyPort):
         execution.gates.append(lambda chain: chain not in self.coming)
 
     def schedule(self, chain: int, at_ns: int) -> None:
-        """Schedule the arrival of what a machine brings.
+        """Schedule the delivery of a machine.
 
         Args:
             chain: of the machine.
@@ -44,13 +44,13 @@ class LateSupply(SupplyPort):
         cell.env.process(come())
 
     def lift_unknown(self) -> None:
-        """Lift edges from machines whose object nobody has missed yet."""
+        """Remove edges from machines whose object no robot has missed yet."""
         for a, u, b, v in self._cell.tpg.edges.tolist():
             if a in self.coming and self.coming[a] not in self.missed:
                 self._cell.dispatcher.lift((a, u), (b, v))
 
     def missing(self, chain: int, node: int) -> str | None:
-        """Return the object of a skill that begins with a node, where that is not there yet."""
+        """Return the object of a skill that begins with a node, if it has not arrived."""
         cell, task = self._cell, self._cell.task[chain]
         begins = node == 0 or task[node - 1] != task[node]
         if not self.coming or not begins or not cell.tpg.chains[chain].skill[node]:
@@ -59,7 +59,7 @@ class LateSupply(SupplyPort):
         return name if name in self.coming.values() else None
 
     def miss(self, chain: int, node: int) -> bool:
-        """Let a skill fail for good whose object is not there; return whether it is so."""
+        """Let a skill fail for good if its object is missing; return whether it is."""
         if (name := self.missing(chain, node)) is None:
             return False
         cell = self._cell
@@ -74,7 +74,7 @@ class LateSupply(SupplyPort):
         return True
 
     def _skip(self, chain: int, node: int) -> None:
-        """Take note that a skill is not attempted, whatever was drawn."""
+        """Mark a skill as not attempted, whatever was drawn."""
         times = self._cell.times
         own, stood = list(times.standstills), list(times.stood)
         own[chain] = tuple(s for s in own[chain] if s.node != node)

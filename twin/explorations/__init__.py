@@ -1,4 +1,4 @@
-"""Exploring designs of a cell: which keys vary, how far each design gets, what is best, and what it is worth.
+"""Exploration of cell designs: dimensions, evaluation in rungs, the best designs and their gains.
 
 Imports studies for plans and replications, and is imported by no other room.
 """

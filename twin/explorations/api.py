@@ -1,4 +1,4 @@
-"""``twin.explore``: which cell should it be."""
+"""``twin.explore``: search for the best design of a cell."""
 
 from __future__ import annotations
 
@@ -55,12 +55,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Explored:
-    """An exploration that was run into its folder.
+    """A finished exploration in its folder.
 
     Attributes:
         folder: of its files.
-        request: what was asked.
-        found: what was found.
+        request: the request.
+        found: the findings.
     """
 
     folder: Path
@@ -68,7 +68,7 @@ class Explored:
     found: ExploreSummary
 
     def __repr__(self) -> str:
-        """Return what it is in a line."""
+        """Return a one-line description."""
         return f"<exploration of {self.request.scenario.name!r} in {self.folder}>"
 
     @property
@@ -94,7 +94,7 @@ def explore(
     out: PathOrName | None = None,
     progress: Report = report_nothing,
 ) -> Explored:
-    """Search among designs of a cell for the best, and say what it is worth.
+    """Search among designs of a cell for the best, and estimate its gain.
 
     What may be different, and what is looked for, is in the section explore of the scenario. Each design
     is checked, then reached for, planned, planned in full and replicated; what is refused says why.
@@ -115,9 +115,9 @@ def explore(
             stands under ``if __name__ == "__main__":``, as processes import it.
         cluster: whose workers evaluate designs instead; files that the scenario names must be in the same
             folder on their machines.
-        resume: go on with the exploration in this folder; nothing is evaluated twice.
+        resume: resume the exploration in this folder; nothing is evaluated twice.
         out: folder for the results; by default ``logs/explore-<scenario>-<UTC time>``.
-        progress: told how far each stage has come.
+        progress: receives the progress of each stage.
 
     Raises:
         ScenarioError: the file is not valid, or a key does not fit.
@@ -173,17 +173,17 @@ def resolve_request(
     *,
     single: bool = False,
 ) -> ExploreSection:
-    """Return what is explored: the scenario's section, with what options say in its place.
+    """Return the request: the scenario's section, overridden by options.
 
     Args:
         case: the scenario.
         vary: options.
         given: other options, by key of the section.
-        single: whether single changes are asked for, for which nothing is said to vary.
+        single: whether to try single changes, which need no varied keys.
 
     Raises:
         ScenarioError: an option does not fit.
-        RequestError: nothing varies, or several goals are to be judged by single changes.
+        RequestError: nothing varies, or single changes are requested with several goals.
     """
     own = explore_section(case.sections) or ExploreSection()
     varied = tuple(map(vary_section, vary)) or own.vary
@@ -220,7 +220,7 @@ def _validated(content: Mapping[str, Any]) -> ExploreSection:
 def _evaluators(
     folder: Path, request: ExploreRequest, workers: int, cluster: Cluster | None
 ) -> Iterator[Evaluators]:
-    """Give who evaluates the designs: processes of this machine, or a cluster."""
+    """Yield the evaluators of designs: processes of this machine, or a cluster."""
     setting = replace(request, folder=request.folder.resolve())
     limit_s = request.section.design_limit_s
     if cluster is None:

@@ -1,6 +1,6 @@
-"""Processes that evaluate designs: one that dies, or takes too long, costs the design and nothing else.
+"""Worker processes that evaluate designs; a crash or timeout loses only its design.
 
-On a cluster each has its place beside a worker, so no worker dies of a design either.
+On a cluster each runs next to a worker, so that a design cannot crash the worker.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ _OWN = threading.local()
 
 @dataclass(frozen=True)
 class DesignTask:
-    """A design that is to be evaluated.
+    """A design to evaluate.
 
     Attributes:
         number: by which it is known again.
-        variant: what it changes about the scenario.
+        variant: its changes to the scenario.
         longest_turns_s: a plan without shortcuts that is longer is behind [s].
         planner_seed: in place of the scenario's; draws stay those of the scenario.
     """
@@ -64,18 +64,18 @@ class DesignTask:
 
 
 class Evaluators(Protocol):
-    """Who evaluates designs, several at a time: processes of this machine, or a cluster."""
+    """Evaluators of designs in parallel: processes of this machine, or a cluster."""
 
     @property
     def idle(self) -> int:
-        """How many have nothing to do."""
+        """Number of idle evaluators."""
 
     @property
     def busy(self) -> int:
-        """How many designs are under way."""
+        """Number of designs in evaluation."""
 
     def submit(self, task: DesignTask) -> None:
-        """Have a design evaluated by one that has nothing to do; there must be one."""
+        """Submit a design to an idle evaluator; there must be one."""
 
     def finished(self) -> Iterator[tuple[DesignTask, Evaluation]]:
         """Wait for at least one design, and yield those that are finished, by number."""
@@ -87,7 +87,7 @@ class Crew:
     Args:
         setting: of the exploration.
         workers: how many processes.
-        limit_s: a design that takes longer is given up, and its worker ended [s].
+        limit_s: timeout of a design, after which its worker is ended [s].
     """
 
     def __init__(
@@ -106,23 +106,23 @@ class Crew:
         self.close()
 
     def close(self) -> None:
-        """End all processes, at once."""
+        """End all processes immediately."""
         for worker in self._workers:
             if worker is not None:
                 worker.end()
 
     @property
     def idle(self) -> int:
-        """How many have nothing to do."""
+        """Number of idle evaluators."""
         return sum(w is None or w.task is None for w in self._workers)
 
     @property
     def busy(self) -> int:
-        """How many designs are under way."""
+        """Number of designs in evaluation."""
         return len(self._workers) - self.idle
 
     def submit(self, task: DesignTask) -> None:
-        """Give a design to a worker that has nothing to do; there must be one."""
+        """Submit a design to an idle worker; there must be one."""
         place = next(
             k for k, w in enumerate(self._workers) if w is None or w.task is None
         )
@@ -151,7 +151,7 @@ class Crew:
         yield from sorted(found, key=lambda item: item[0].number)
 
     def _look(self, worker: _DesignWorker) -> Evaluation | None:
-        """Return what a worker has found, or why it never will; None where it is at work."""
+        """Return the result of a worker, or its failure; None while it works."""
         try:
             while worker.pipe.poll():
                 said = worker.pipe.recv()
@@ -190,7 +190,7 @@ class Crew:
 
 
 class _DesignWorker:
-    """A process, and what it is at."""
+    """A worker process and its design."""
 
     def __init__(self, context: Any, setting: ExplorationSetting) -> None:
         self.pipe, own = context.Pipe()
@@ -223,7 +223,7 @@ class _DesignWorker:
 
 
 def _work(pipe: Connection, setting: ExplorationSetting) -> None:
-    """Evaluate designs until nobody is there who wants them."""
+    """Evaluate designs until the parent process ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(EOFError, OSError):
         while True:
@@ -240,8 +240,8 @@ class ClusterCrew:
         setting: of the exploration; files that its scenario names are read where the workers are, so
             they must be there in the same folder.
         executor: of the cluster.
-        workers: how many calls it works on at once.
-        limit_s: a design that takes longer is given up [s].
+        workers: number of parallel calls.
+        limit_s: timeout of a design [s].
     """
 
     def __init__(
@@ -257,12 +257,12 @@ class ClusterCrew:
 
     @property
     def idle(self) -> int:
-        """How many have nothing to do."""
+        """Number of idle evaluators."""
         return self._workers - self.busy
 
     @property
     def busy(self) -> int:
-        """How many designs are under way."""
+        """Number of designs in evaluation."""
         return len(self._calls)
 
     def submit(self, task: DesignTask) -> None:
@@ -288,7 +288,7 @@ def evaluate_on_worker(parcel: bytes, limit_s: float, task: DesignTask) -> Evalu
 
     Args:
         parcel: the setting of the exploration, packed.
-        limit_s: a design that takes longer is given up [s].
+        limit_s: timeout of a design [s].
         task: the design.
 
     Raises:
@@ -322,7 +322,7 @@ def _crew(setting: ExplorationSetting, limit_s: float) -> Crew:
 def evaluate_in_parallel(
     tasks: Sequence[DesignTask], crew: Evaluators
 ) -> Iterator[tuple[DesignTask, Evaluation]]:
-    """Yield what becomes of some designs, as they are finished."""
+    """Yield the evaluations of designs as they finish."""
     waiting = list(reversed(tasks))
     while waiting or crew.busy:
         while waiting and crew.idle:

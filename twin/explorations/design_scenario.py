@@ -21,7 +21,7 @@ _DESIGN = re.compile(r"^([^#]*)(?:#(\d+))?$")
 
 
 def begin_design(target: Path, source: str) -> Path:
-    """Write the scenario of a design to a place of one's own, with the files that it names beside it.
+    """Write the scenario of a design to a path, with its referenced files next to it.
 
     Nothing is overwritten. What the scenario leaves to its defaults stays left out; comments are lost.
 
@@ -68,7 +68,7 @@ def begin_design(target: Path, source: str) -> Path:
 
 
 def scenario_text(scenario: Scenario) -> str:
-    """Return a scenario as YAML, without what it leaves to defaults."""
+    """Return a scenario as YAML, without default values."""
     whole = scenario.model_dump(mode="json", by_alias=True, exclude={"explore"})
     said = scenario.model_dump(
         mode="json", by_alias=True, exclude_defaults=True, exclude={"explore"}
@@ -80,7 +80,7 @@ def scenario_text(scenario: Scenario) -> str:
 
 
 def _with_kinds(said: Any, whole: Any) -> Any:
-    """Return what is said with the kind of every section, also where that is its default."""
+    """Return content with the kind of every section, even the default."""
     if isinstance(said, dict):
         found = {key: _with_kinds(value, whole[key]) for key, value in said.items()}
         kind = {"kind": whole["kind"]} if "kind" in whole else {}

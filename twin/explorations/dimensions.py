@@ -1,4 +1,4 @@
-"""What is varied when designs are explored, and what a design changes about the scenario."""
+"""Dimensions of an exploration, and the changes of a design to the scenario."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _NO_DESIGN = {
 _NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER})\.\.({_NUMBER})$")
 _BETWEEN = re.compile(r"[^\[{,]*\.\.[^/,]*$")
-"""What is meant as a range, and what has the dots of one."""
+"""Patterns of a range, and of text with the dots of one."""
 
 _ORDER = "order"
 
@@ -63,12 +63,12 @@ _PREFIX = re.compile(
     r"^(?:cell\.(?:robots|fixtures|tools)|assembly\.(?:parts|sources)|execution)\."
 )
 _POSE = re.compile(r"(?:\.pose)?\.(xyz_m|rpy_deg)\.([012])$")
-"""What is left out of keys where people read them, and how they say where something is."""
+"""Parts of keys omitted in texts, and their names for positions."""
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """A key that is varied.
+    """A varied key.
 
     Attributes:
         key: of the scenario.
@@ -77,7 +77,7 @@ class Dimension:
         choices: the values to choose from; empty for numbers and orders.
         whole: whether numbers are whole ones.
         moves: values of other keys that change by as much as this one.
-        mirrors: values of keys that change by as much the other way.
+        mirrors: values of keys that change by the opposite amount.
     """
 
     key: str
@@ -91,11 +91,11 @@ class Dimension:
 
     @property
     def ordered(self) -> bool:
-        """True if the entries of a list are put into an order."""
+        """True if the dimension is an order of list entries."""
         return self.low is None and not self.choices
 
     def holds(self, value: Any) -> bool:
-        """Tell whether a value is one that the dimension has."""
+        """Return whether a value is in the dimension."""
         if self.low is not None and self.high is not None:
             number = isinstance(value, int | float) and not isinstance(value, bool)
             return number and self.low <= value <= self.high
@@ -108,7 +108,7 @@ class Dimension:
         )
 
     def change(self, value: Any) -> Variant:
-        """Return what a value changes about the scenario; nothing where it is the scenario's."""
+        """Return the changes of a value to the scenario; empty for the scenario's own."""
         if value == self.base:
             return {}
         found = {self.key: value}
@@ -118,7 +118,7 @@ class Dimension:
         return found
 
     def words(self, value: Any) -> str:
-        """Return in words what a value changes."""
+        """Return a text on the change of a value."""
         linked = len(self.moves) + len(self.mirrors)
         more = f", and {linked} more with it" if linked else ""
         return self._words(value) + more
@@ -143,7 +143,7 @@ class Dimension:
 
 
 def entry_name(entry: Any) -> str:
-    """Return what an entry of a list is called."""
+    """Return the name of a list entry."""
     if not isinstance(entry, Mapping):
         return str(entry)
     for key in ("name", "place", "part", "process", "brick", "robot"):
@@ -153,7 +153,7 @@ def entry_name(entry: Any) -> str:
 
 
 def variant_of(dimensions: Sequence[Dimension], values: Values) -> Variant:
-    """Return what a design changes about the scenario; nothing for the scenario as it is."""
+    """Return the changes of a design to the scenario; empty for the base design."""
     found: dict[str, Any] = {}
     for one in dimensions:
         if one.key in values:
@@ -162,12 +162,12 @@ def variant_of(dimensions: Sequence[Dimension], values: Values) -> Variant:
 
 
 def base_values(dimensions: Sequence[Dimension]) -> Values:
-    """Return the values that the scenario has."""
+    """Return the scenario's values."""
     return {one.key: one.base for one in dimensions}
 
 
 def vary_section(text: str) -> VarySection:
-    """Return what ``key=low..high``, ``key=a,b,c`` or ``key=order`` varies.
+    """Parse a dimension ``key=low..high``, ``key=a,b,c`` or ``key=order``.
 
     Raises:
         ScenarioError: it cannot be read.
@@ -206,10 +206,10 @@ def dimensions_of(
     document: YamlDocument,
     folder: Path | None = None,
 ) -> tuple[Dimension, ...]:
-    """Return what a section varies, with the values that the scenario has.
+    """Return the dimensions of a section, with the scenario's values.
 
     Args:
-        scenario: what is explored.
+        scenario: the explored scenario.
         section: of the file, or made of options.
         document: the file, for places of keys that are wrong.
         folder: where relative paths start: values are then looked at, too, each by itself.
@@ -260,7 +260,7 @@ def dimensions_of(
 
 
 def _refuse(one: Dimension, others: Sequence[Dimension]) -> None:
-    """Refuse a key that another dimension changes, too."""
+    """Refuse a key that another dimension also changes."""
     own = {one.key, *(key for key, _ in (*one.moves, *one.mirrors))}
     for other in others:
         there = {other.key, *(key for key, _ in (*other.moves, *other.mirrors))}
@@ -270,7 +270,7 @@ def _refuse(one: Dimension, others: Sequence[Dimension]) -> None:
 
 
 def _priced(scenario: Scenario, dimensions: Sequence[Dimension]) -> tuple[str, ...]:
-    """Return what may have a price: models and tools that there are, or are varied."""
+    """Return the names that may have a price: existing or varied models and tools."""
     robots = scenario.cell.robots
     own = [name for r in robots for name in (r.model, r.tool, *r.tools) if name]
     others = [v for one in dimensions for v in one.choices if isinstance(v, str)]
@@ -282,7 +282,7 @@ def _priced(scenario: Scenario, dimensions: Sequence[Dimension]) -> tuple[str, .
 def _require_possible(
     scenario: Scenario, content: Mapping[str, Any], folder: Path, one: Dimension
 ) -> None:
-    """Refuse a value that no other value of any other key could make valid.
+    """Refuse a value that is invalid whatever the other keys are.
 
     That is one by which something is wrong at the key itself: a number beyond what it may be, or a name
     that nothing has. What is wrong elsewhere because of it, others that vary may set right.
@@ -308,7 +308,7 @@ def _require_possible(
 
 
 def _holds(key: str, other: str) -> bool:
-    """Tell whether a key is another one, or a part of what the other one holds."""
+    """Return whether a key equals another one or is nested in it."""
     return key == other or key.startswith(f"{other}.")
 
 
@@ -348,7 +348,7 @@ def _dimension(content: Mapping[str, Any], vary: VarySection) -> Dimension:
 
 
 def _as_json(value: Any) -> Any:
-    """Return a value as JSON has it: lists for tuples."""
+    """Return a value as a JSON type: lists for tuples."""
     if isinstance(value, tuple | list):
         return [_as_json(item) for item in value]
     if isinstance(value, Mapping):
@@ -368,7 +368,7 @@ def key_of(values: Values) -> str:
 
 
 def all_designs(dimensions: Sequence[Dimension]) -> list[Values]:
-    """Return all designs that there are, where they can be counted up; else none."""
+    """Return all designs of a finite space; else none."""
     given: list[Sequence[Any]] = []
     for one in dimensions:
         if one.whole and one.low is not None and one.high is not None:

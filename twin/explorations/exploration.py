@@ -1,4 +1,4 @@
-"""The search among designs: choose, evaluate, write down, learn, until the budget is spent."""
+"""The search among designs: choose, evaluate, log, learn, until the budget is spent."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ SEARCHING = "designs"
 """Name of the stage for progress displays."""
 
 _TIMES = frozenset({"makespan_s", "mean_s", "p50_s", "p90_s"})
-"""Goals that a long plan without shortcuts tells something about."""
+"""Goals that are bounded by a plan without shortcuts."""
 
 _MOST_AT_ONCE = 1000
-"""Designs that can be under way while others are told; more are taken for a damaged journal."""
+"""Largest number of designs in evaluation; more indicate a damaged journal."""
 
 _ENOUGH = 8
 """Designs that are planned in full before any is left behind."""
 
 
 class Exploration:
-    """An exploration under way in its folder.
+    """A running exploration in its folder.
 
     Args:
         folder: of its files.
-        section: what varies, and what is looked for.
-        dimensions: what varies, with the values of the scenario.
+        section: dimensions and goals.
+        dimensions: varied keys, with the scenario's values.
         seed: of all choices.
-        progress: told of designs done and wanted.
+        progress: receives designs done and wanted.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Exploration:
             self._remember(row)
 
     def search(self, crew: Evaluators, designs: int, seconds: float | None) -> None:
-        """Try designs until there are so many, or the time is up.
+        """Try designs until the number or the time is reached.
 
         Args:
             crew: evaluates them.
@@ -147,7 +147,7 @@ class Exploration:
         found: Evaluation,
         known: TriedDesign | None = None,
     ) -> None:
-        """Write down what became of a design, then learn from it."""
+        """Log the evaluation of a design, then learn from it."""
         if found.outcome == "behind" and known is None:
             found = replace(found, goals=(self._estimated(found.turns_s),))
         same_as = None if known is None else known.design
@@ -156,7 +156,7 @@ class Exploration:
         self._search.tell(row)
 
     def keep(self, row: TriedDesign) -> None:
-        """Write down what became of a design; its workload stays in memory while it is one of the best.
+        """Log the evaluation of a design; workloads of the best are kept in memory.
 
         A workload is pickled, so it goes to no file: an exploration that is resumed plans again what it needs.
         """
@@ -172,7 +172,7 @@ class Exploration:
                     del self._parcels[purpose, design]
 
     def _remember(self, row: TriedDesign) -> None:
-        """Know a design by its values; one that was taken further takes the place of one left behind."""
+        """Index a design by its values; a further evaluation replaces an earlier one."""
         if row.purpose == REPLANNED:
             return
         there = self._known.setdefault(key_of(row.values), row)
@@ -180,11 +180,11 @@ class Exploration:
             self._known[key_of(row.values)] = row
 
     def known(self, values: Values) -> TriedDesign | None:
-        """Return the design that has some values and was evaluated."""
+        """Return the evaluated design with given values."""
         return self._known.get(key_of(values))
 
     def replanned(self, values: Values, planner_seed: int) -> TriedDesign | None:
-        """Return what a design is if it is planned with another seed, where that was tried."""
+        """Return the evaluation of a design with another planner seed, where tried."""
         wanted = key_of(values), str(planner_seed)
         for row in self.journal.rows:
             if row.purpose == REPLANNED and (key_of(row.values), row.about) == wanted:
@@ -198,12 +198,12 @@ class Exploration:
         wanted: Sequence[tuple[Values, str]],
         stage: str,
     ) -> None:
-        """Evaluate some designs that are none of the search, and write down what becomes of each.
+        """Evaluate designs outside of the search, and log each.
 
         Args:
             crew: evaluates them.
-            purpose: what they are tried for.
-            wanted: values of each, and what it is about: for REPLANNED the seed of the planner.
+            purpose: purpose of the evaluation.
+            wanted: values of each, and its subject: for REPLANNED the seed of the planner.
             stage: name for progress displays.
         """
         # Behind all that there are: designs of one purpose may have been finished out of turn.
@@ -240,13 +240,13 @@ class Exploration:
         return sorted(done, key=lambda r: (r.evaluation.goals[0], r.design))[:most]
 
     def finalists(self) -> Sequence[TriedDesign]:
-        """Return the designs that are to be told apart: the best ones; with several goals, the compromises."""
+        """Return the finalists: the best designs; with several goals, the Pareto front."""
         if len(self.section.goals) > 1:
             return pareto_front(self.journal.searched)
         return self.best(self.section.finalists)
 
     def _by_time(self) -> Iterable[TriedDesign]:
-        """Return designs of which plans with and without shortcuts are known, where time is the only goal."""
+        """Return designs with known plans with and without shortcuts, where time is the only goal."""
         goals = self.section.goals
         if len(goals) > 1 or goals[0].minimise not in _TIMES:
             return []
@@ -254,7 +254,7 @@ class Exploration:
         return [r for r in rows if r.done and np.isfinite(r.evaluation.turns_s)]
 
     def longest_turns_s(self) -> float:
-        """Return how long a plan without shortcuts may be that can still become the best [s].
+        """Return the longest makespan without shortcuts that may still become the best [s].
 
         Shortcuts may gain more than in any design so far, by as much as the most is above what is usual: of
         few designs the most is little known, and the best one is often where they gain it. Infinite where
@@ -271,7 +271,7 @@ class Exploration:
         return float(min(full for full, _ in times) / least)
 
     def _estimated(self, turns_s: float) -> float:
-        """Return what a goal may be where only a plan without shortcuts is known."""
+        """Return an optimistic goal where only a plan without shortcuts is known."""
         gained = [r.evaluation.goals[0] / r.evaluation.turns_s for r in self._by_time()]
         return float(turns_s * np.median(gained))
 

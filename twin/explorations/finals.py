@@ -1,4 +1,4 @@
-"""The best designs told apart, and what each change of the best is worth: the same new draws for all of them.
+"""Comparison of the best designs, and the gain of each change, with common new draws.
 
 Draws by which designs were chosen flatter those that were chosen. So replications begin here where those of the
 search end, and designs are compared replication by replication.
@@ -60,7 +60,7 @@ _PERCENTILES = {"p50_s": 0.5, "p90_s": 0.9}
 """Results that are quantiles of the makespan."""
 
 _RESAMPLES = 2000
-"""Bootstrap resamples for the interval of what is no mean."""
+"""Bootstrap resamples for intervals of goals other than means."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Finalist:
     """One of the best designs, replicated further.
 
     Attributes:
-        row: what the search knows of it.
+        row: its evaluation in the search.
         makespans_s: of new replications, NaN where one did not complete [s].
         goals: values of the goals over these, as something to be small.
         behind: by how much it is worse than the best; None for that one, and where nothing is known.
@@ -86,14 +86,15 @@ class Finalist:
 
 @dataclass(frozen=True)
 class ChangeValue:
-    """What a change of the best design is worth.
+    """Gain of a change of the best design.
 
     Attributes:
-        key: what is changed; empty for all changes at once, against the scenario as it is.
-        words: the change, in words.
+        key: the changed key; empty for all changes together, against the base design.
+        words: text on the change.
         gain: by how much the goal is better with it; None where there is no design without it.
         reason: why not.
-        by_plans: of all changes at once the mean gain over several plans of both, each with another seed
+        by_plans: of all changes together the mean gain over several plans of both, each with
+            another seed
             of the planner; None where that is not known.
     """
 
@@ -116,8 +117,8 @@ class Finals:
 
     Args:
         exploration: whose search is over.
-        setting: what all designs have in common.
-        progress: told how far each stage has come.
+        setting: common setting of all designs.
+        progress: receives the progress of each stage.
     """
 
     def __init__(
@@ -131,7 +132,7 @@ class Finals:
         self._resamples: dict[tuple[str, int, int, int], Array] = {}
 
     def race(self) -> tuple[Finalist, ...]:
-        """Replicate the best designs until the best of them is known, or replications are enough."""
+        """Replicate the best designs until the best is significant, or the limit is reached."""
         section = self._section
         rows = list(self._exploration.finalists())
         if not rows:
@@ -161,7 +162,7 @@ class Finals:
         return tuple(sorted(out.values(), key=lambda f: (f.apart, f.goals)))
 
     def _targets(self, racing: int) -> list[int]:
-        """Return numbers of replications after which designs are looked at, if so many are to be told apart."""
+        """Return numbers of replications after which designs are compared, for a number of finalists."""
         section = self._section
         targets, most = [section.replications], section.most_replications
         if any(self._setting.scenario.execution.needs_event_engine()):
@@ -171,7 +172,7 @@ class Finals:
         return targets
 
     def _race_compromises(self, rows: Sequence[TriedDesign]) -> tuple[Finalist, ...]:
-        """Replicate compromises until it is known which of them another one is better than in every goal."""
+        """Replicate compromises until dominated ones are significant."""
         unknown, beaten = list(combinations(rows, 2)), set[int]()
         targets = self._targets(len(rows))
         looks = max(len(unknown) * len(self._goals) * len(targets), 1)
@@ -204,7 +205,7 @@ class Finals:
     def _better(
         self, one: TriedDesign, other: TriedDesign, count: int, confidence: float
     ) -> int | None:
-        """Return 1 if a design is better than another in every goal, or as good; -1 if worse; 0 if neither; or None.
+        """Return 1 if a design dominates another; -1 if dominated; 0 if neither; None if not significant.
 
         None is where that is not known.
         """
@@ -221,7 +222,7 @@ class Finals:
         return None if None in signs else (1 if 1 in signs else -1)
 
     def worths(self, best: Finalist, crew: Evaluators) -> tuple[ChangeValue, ...]:
-        """Return what all changes of a design are worth, then each, the greatest first.
+        """Return the gain of all changes of a design, then of each, the greatest first.
 
         Each change is undone alone, planned, and replicated with the same draws.
 
@@ -317,7 +318,7 @@ class Finals:
         confidence: float,
         goal: int = 0,
     ) -> Interval | None:
-        """Return by how much a goal of a design is greater than that of another, over new replications.
+        """Return the difference of a goal between two designs, over new replications.
 
         That of a mean is of the differences in each replication, that of a quantile as in
         ``PairedQuantiles``; that of another expression is a bootstrap in which both see the same
@@ -363,7 +364,7 @@ class Finals:
         return tuple(self._judge(row, goal)(sample) for goal in goals)
 
     def _judge(self, row: TriedDesign, goal: int) -> Callable[[Array], float]:
-        """Return what gives a goal of a design over some replications; infinite where it has none."""
+        """Return a function of a design's goal over some replications; infinite without one."""
         scenario = apply_variation(self._setting.scenario, self._variant(row))
         free, key = self._section.changed(constraints=()), keys_of(scenario)
 
@@ -382,7 +383,7 @@ class Finals:
         return variant_of(self._exploration.dimensions, row.values)
 
     def _sample(self, row: TriedDesign, count: int) -> Array:
-        """Return the first new replications of a design that is done; what was done before is in a file."""
+        """Return the first new replications of a design; earlier ones are read from its file."""
         if not any(self._drawn):
             return np.empty(0)
         place = self._exploration.samples_of(row)

@@ -36,17 +36,17 @@ _CHOOSING = ("optuna", "cmaes")
 
 @dataclass(frozen=True)
 class ExploreRequest(ExplorationSetting):
-    """What is explored: the setting of all designs.
+    """Request of an exploration: the setting of all designs.
 
     Attributes:
-        singles: how many single changes are asked for; 0 for a search.
+        singles: number of single changes requested; 0 for a search.
     """
 
     singles: int = 0
 
 
 def write_request(folder: Path, request: ExploreRequest) -> None:
-    """Write ``manifest.json``: what is needed to understand, go on with and repeat the exploration."""
+    """Write ``manifest.json``: the data needed to understand, resume and repeat the exploration."""
     cell = build_workcell(request.scenario, request.folder)
     entry = {
         "section": request.section.model_dump(mode="json"),
@@ -89,7 +89,7 @@ def require_free(folder: Path | None) -> None:
     """Refuse a folder that holds an exploration or other results already.
 
     Raises:
-        RequestError: it does; says how to go on with it.
+        RequestError: it does; names how to resume it.
     """
     if folder is None:
         return

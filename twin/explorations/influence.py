@@ -1,4 +1,4 @@
-"""What matters among what is varied, and which designs are the best compromises."""
+"""Importance of the dimensions, and the Pareto front of designs."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ _BINS = 4
 """Ranges into which numbers are divided, with as many designs in each."""
 
 _FEWEST = 16
-"""Designs from which anything is said of what matters."""
+"""Least number of designs for importances."""
 
 _RESAMPLES = 300
 
 
 @dataclass(frozen=True)
 class Importance:
-    """How much of the differences between designs goes with a key.
+    """Share of a key in the differences between designs.
 
     Attributes:
-        key: what is varied.
+        key: the varied key.
         share: of the variance of the ranks of designs by the goal, within 0 and 1, with its interval.
     """
 
@@ -48,7 +48,7 @@ def importances(
     confidence: float = 0.95,
     seed: int = 0,
 ) -> tuple[Importance, ...]:
-    """Return what matters for the first goal, the most important first; nothing where too few designs are known.
+    """Return the importances for the first goal, the greatest first; empty for too few designs.
 
     Designs are ranked by it. The share of a key is what of the variance of the ranks lies between groups of
     designs: those with the same value, or within the same quarter of the numbers that were tried (epsilon
@@ -56,7 +56,7 @@ def importances(
 
     Args:
         rows: designs, each once; those with a goal count, also where it is an estimate.
-        dimensions: what varied.
+        dimensions: the varied keys.
         confidence: of the intervals.
         seed: of the bootstrap.
     """
@@ -108,7 +108,7 @@ def _share(values: Array, groups: npt.NDArray[np.int64]) -> float:
 
 
 def pareto_front(rows: Sequence[TriedDesign]) -> tuple[TriedDesign, ...]:
-    """Return the designs that no other is better than or as good as in every goal, by the first goal.
+    """Return the non-dominated designs, sorted by the first goal.
 
     Args:
         rows: designs, each once; those that are not done do not count.

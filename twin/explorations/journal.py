@@ -1,4 +1,4 @@
-"""``journal.jsonl``: what became of each design, a line each, written whole before anything is learned from it."""
+"""``journal.jsonl``: evaluation of each design, one line each, written before the sampler learns from it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ from twin.explorations.rungs import Evaluation, Outcome
 JOURNAL = "journal.jsonl"
 
 SEARCH, UNDONE, SINGLE = "search", "undone", "single"
-"""What designs are tried for: to find better ones, to see what one change of the best is worth, and each
-change of the scenario alone."""
+"""Purposes of evaluations: search, gain of one change of the best design, single changes of the scenario."""
 
 REPLANNED = "replanned"
 """Why a design is planned once more: with the seed of the planner that its row is about."""
@@ -35,12 +34,12 @@ class TriedDesign:
 
     Attributes:
         design: its number; 0 is the scenario as it is.
-        purpose: what it was tried for.
-        values: what it has at each key that is varied.
-        asked_after: how many designs of the search had been told when this one was chosen.
-        evaluation: what became of it; workloads are not in the journal.
+        purpose: purpose of the evaluation.
+        values: value of each varied key.
+        asked_after: number of evaluations known to the sampler when this one was chosen.
+        evaluation: its evaluation; workloads are not in the journal.
         same_as: the design that has the same values and was evaluated, None where this one was.
-        about: what it is of, for those that are not of the search.
+        about: its subject, for designs outside the search.
     """
 
     design: int
@@ -53,11 +52,11 @@ class TriedDesign:
 
     @property
     def done(self) -> bool:
-        """True if it is possible, and all is known of it."""
+        """True if it is feasible and fully evaluated."""
         return self.evaluation.outcome == "done"
 
     def content(self) -> dict[str, Any]:
-        """Return it for JSON; what is not known is None."""
+        """Return it for JSON; unknown values are None."""
         found = self.evaluation
         return {
             "design": self.design,
@@ -100,7 +99,7 @@ def _one_of(value: Any, choices: Sequence[str]) -> Any:
 
 
 def parse_tried_design(row: Mapping[str, Any]) -> TriedDesign:
-    """Return what a line says; KeyError, TypeError or ValueError where it is no such line."""
+    """Parse a line; KeyError, TypeError or ValueError if it is invalid."""
     turns_s, same_as = row["turns_s"], row["same_as"]
     # A file of samples is named after the purpose, and a seed is what REPLANNED is about.
     purpose = _one_of(row["purpose"], (SEARCH, UNDONE, SINGLE, REPLANNED))
@@ -128,7 +127,7 @@ def parse_tried_design(row: Mapping[str, Any]) -> TriedDesign:
 
 
 class Journal:
-    """The journal of an exploration, read and gone on with.
+    """The journal of an exploration, read and appended to.
 
     Args:
         folder: of the exploration.
@@ -144,11 +143,11 @@ class Journal:
 
     @property
     def searched(self) -> Sequence[TriedDesign]:
-        """The designs of the search, in the order in which they were told."""
+        """The designs of the search, in the order of the sampler's updates."""
         return [row for row in self.rows if row.purpose == SEARCH]
 
     def append(self, row: TriedDesign) -> None:
-        """Write a design, whole and onto the disk.
+        """Append a design and flush it to the disk.
 
         Raises:
             OutputError: the file system refuses.

@@ -1,4 +1,4 @@
-"""What an exploration found in words and rows, for the terminal and for the page."""
+"""Findings of an exploration as text and table rows, for the terminal and the page."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _REASONS, _LONGEST = 6, 300
 
 
 def shown_designs(found: ExploreSummary) -> list[RankedDesign]:
-    """Return the designs that are shown: the best, or the compromises, and the scenario as it is."""
+    """Return the shown designs: the best, or the compromises, and the base design."""
     shown = list(found.compromises or found.ranked[:_BEST])
     if found.base is not None and found.base not in shown:
         shown.append(found.base)
@@ -77,7 +77,7 @@ def rung_rows(found: ExploreSummary) -> tuple[list[str], list[list[str]]]:
 
 
 def verdict(found: ExploreSummary) -> Iterator[str]:
-    """Yield whether the best designs are told apart."""
+    """Yield whether the best designs differ significantly."""
     if len(found.section.goals) > 1:
         yield from _compromise_words(found)
         return
@@ -96,7 +96,7 @@ def verdict(found: ExploreSummary) -> Iterator[str]:
 
 
 def _compromise_words(found: ExploreSummary) -> Iterator[str]:
-    """Yield what new replications say of the compromises of the search."""
+    """Yield the findings of new replications on the compromises of the search."""
     if not any(goal.expression.used & REPLICATED for goal in found.section.goals):
         return
     count = max((i.mean_s.count for i in found.compromises if i.mean_s), default=0)
@@ -128,7 +128,7 @@ def single_rows(found: ExploreSummary) -> tuple[list[str], list[list[str]]]:
 
 
 def describe_changes(found: ExploreSummary) -> Iterator[str]:
-    """Yield what changes of the best design are worth."""
+    """Yield the gains of changes of the best design."""
     goal = found.section.goals[0]
     text = goal.expression.text
     unit = " s" if text in _SECONDS else ""
@@ -164,7 +164,7 @@ def _doubt(gain: Interval) -> str:
 
 
 def describe_importances(found: ExploreSummary) -> Iterator[str]:
-    """Yield what matters for the first goal, in a line."""
+    """Yield the importances for the first goal, in a line."""
     words = [
         f"{item.key} {100 * item.share.estimate:.0f} %"
         f" ({100 * item.share.low:.0f} to {100 * item.share.high:.0f})"
@@ -181,7 +181,7 @@ def format_interval(found: Interval) -> str:
 
 
 def _fixed(value: float) -> str:
-    """Return a number to two digits, and what is nothing to two digits without a sign."""
+    """Return a number to two digits, without a sign if it rounds to zero."""
     return f"{round(value, 2) + 0.0:.2f}"
 
 
@@ -194,7 +194,7 @@ def format_signed(found: Interval) -> str:
 
 
 def print_explored(found: ExploreSummary, folder: Path) -> None:
-    """Print the best designs and what they are worth, what matters, how far designs got, and where all is."""
+    """Print the best designs and their gains, importances, rungs, and the folder."""
     console = Console(highlight=False)
     goals = ", ".join(goal.words for goal in found.section.goals)
     title = f"{found.scenario}: {goals}, {found.tried} designs"

@@ -71,11 +71,11 @@ def write_report(
     """Draw the pictures of an exploration and write its report.
 
     Args:
-        found: what was found.
-        setting: what all designs have in common.
-        dimensions: what varied.
+        found: the findings.
+        setting: common setting of all designs.
+        dimensions: the varied keys.
         folder: of the files.
-        progress: told how far it has come.
+        progress: receives the progress.
 
     Raises:
         OutputError: a file cannot be written.
@@ -316,7 +316,7 @@ def _importance(found: ExploreSummary) -> Figure:
 
 
 def _map(found: ExploreSummary, across: Dimension, up: Dimension) -> Figure:
-    """Draw where designs are possible, how good they are there, and at which rung others are refused."""
+    """Draw feasible designs with their goals, and the rungs at which others are refused."""
     figure, axes = one_chart(4.6)
     done = [row for row in found.rows if row.done]
 

@@ -1,4 +1,4 @@
-"""How far a design gets: check, reach, plan, full plan, replications, each dearer than the one before."""
+"""Rungs of an evaluation: check, reach, plan, full plan, replications, of increasing cost."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ Outcome = Literal["done", "refused", "behind"]
 
 @dataclass(frozen=True)
 class ExplorationSetting:
-    """What all designs of an exploration have in common.
+    """Common setting of all designs of an exploration.
 
     Attributes:
         scenario: as it is.
         folder: where relative paths in it start.
-        section: what is looked for.
+        section: the goals.
     """
 
     scenario: Scenario
@@ -65,7 +65,7 @@ class ExplorationSetting:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What became of a design.
+    """Evaluation of a design.
 
     Attributes:
         outcome: ``done`` where it passed all rungs and constraints; ``refused``; or ``behind``, where its
@@ -73,7 +73,7 @@ class Evaluation:
         rung: the last one that it came to.
         reason: why it is refused or behind.
         violation: how far it is from being possible, 0 if it is: rungs that it did not pass, and a share.
-        results: what is known of it, by the names of twin.explorations.section.
+        results: its results, by the names of twin.explorations.section.
         goals: values of the goals, each as something to be small; empty where it is not done.
         turns_s: makespan of its plan without shortcuts, NaN where there is none, or of one product of several [s].
         makespans_s: of its replications, NaN where one did not complete [s].
@@ -96,13 +96,13 @@ class Evaluation:
 def refused_evaluation(
     rung: str, reason: str, share: float = 0.5, **known: Any
 ) -> Evaluation:
-    """Return a design that did not pass a rung.
+    """Return the evaluation of a design that did not pass a rung.
 
     Args:
         rung: which.
         reason: why.
         share: of the rung that it did not pass, within 0 and 1.
-        known: what is known of it nevertheless.
+        known: its results so far.
     """
     left = len(RUNGS) - RUNGS.index(rung) if rung in RUNGS else 0
     return Evaluation("refused", rung, join_lines(reason), left + share, **known)
@@ -117,14 +117,14 @@ class RefusedError(Exception):
 
 
 class RungClimb:
-    """One design on its way up the rungs.
+    """Evaluation of one design through the rungs.
 
     Args:
         setting: of the exploration.
-        variant: what the design changes about the scenario.
+        variant: changes of the design to the scenario.
         longest_turns_s: a plan without shortcuts that is longer is behind [s].
         planner_seed: in place of the scenario's; draws stay those of the scenario.
-        began: told of each rung when it is begun.
+        began: called at the start of each rung.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class RungClimb:
         self._known: dict[str, Any] = {"cpu_s": self._cpu_s}
 
     def evaluate(self) -> Evaluation:
-        """Take the design as far up as it gets; what stands in its way is the reason."""
+        """Evaluate the design rung by rung, up to the first refusal."""
         try:
             return self._climb()
         except RefusedError as error:
@@ -153,7 +153,7 @@ class RungClimb:
             )
         except TwinError as error:
             return refused_evaluation(self._rung, str(error), **self._known)
-        except Exception as error:  # one of many designs: the others go on
+        except Exception as error:  # one of many designs: the others continue
             words = f"a fault of the program: {type(error).__name__}: {error}"
             return refused_evaluation(self._rung, words, **self._known)
         finally:
@@ -165,7 +165,7 @@ class RungClimb:
         self._began(rung)
 
     def _end(self) -> None:
-        """Note what the rung took so far."""
+        """Record the time of the rung so far."""
         self._cpu_s[self._rung] = time.process_time() - self._since
 
     def _climb(self) -> Evaluation:
@@ -223,11 +223,11 @@ def keys_of(scenario: Scenario) -> KeyValue:
 def complete_evaluation(
     key: KeyValue, section: ExploreSection, **known: Any
 ) -> Evaluation:
-    """Return a design of which all is known, with its goals, or the constraints that it misses.
+    """Return a complete evaluation, with goals, or with violated constraints.
 
     Args:
         key: gives the values of keys of the design.
-        section: what is looked for.
+        section: the goals.
         known: of its evaluation, with ``results``.
     """
     results = known["results"]
@@ -252,7 +252,7 @@ def complete_evaluation(
 
 
 def _require_none(findings: list[Finding]) -> None:
-    """Refuse a design of which a check found errors; the more, the farther it is away."""
+    """Refuse a design with errors of a check; their number is its distance from feasibility."""
     errors = [item.message for item in findings if item.error]
     if errors:
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
@@ -272,7 +272,7 @@ class Planned:
 
 @lru_cache(maxsize=2)
 def _motions(wanted: Planned) -> tuple[PlannedMotions, TemporalPlanGraph | None]:
-    """Return the motions of a layout, and the plan in turns that is made of them."""
+    """Return the motions of a layout, and its sequential plan."""
     scenario, watch = wanted.scenario, StageWatch()
     motions = plan_motions(scenario, wanted.folder, watch)
     if scenario.planning.coordination == "synchronous":
@@ -293,7 +293,7 @@ def _work(scenario: Scenario, folder: Path, plan: PlanResult) -> Workload:
 
 
 def layout_results(subject: CheckContext, section: ExploreSection) -> dict[str, float]:
-    """Return what is known of a design before anything is planned."""
+    """Return the results of a design before planning."""
     robots = subject.scenario.cell.robots
     price = sum(
         section.prices.get(name, 0.0)
@@ -309,7 +309,7 @@ def layout_results(subject: CheckContext, section: ExploreSection) -> dict[str, 
 
 
 def floor_area_m2(subject: CheckContext) -> float:
-    """Return the area of the convex hull of all that stands in a cell, seen from above [m2].
+    """Return the area of the convex hull of a cell, seen from above [m2].
 
     That is robots at HOME, the fixtures of the file, and objects where they begin.
     """
@@ -323,7 +323,7 @@ def floor_area_m2(subject: CheckContext) -> float:
 def replicated_results(
     scenario: Scenario, section: ExploreSection, makespans_s: np.ndarray[Any, Any]
 ) -> dict[str, float]:
-    """Return what replications tell of a design."""
+    """Return the results of replications of a design."""
     known = makespans_s[np.isfinite(makespans_s)]
     mean = float(np.mean(known))
     found = {

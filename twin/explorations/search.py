@@ -1,4 +1,4 @@
-"""Which design is tried next: samplers of optuna, asked and told, the same again after a resume."""
+"""Samplers of designs (optuna, ask and tell), reproducible after a resume."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from twin.explorations.section import SamplerName
 from twin.host.extras import extra_module
 
 _PENALTY = 1e9
-"""What samplers without constraints are told of a design that is refused, the more the less far it got."""
+"""Objective of refused designs for samplers without constraints, larger for earlier rungs."""
 
 _CONSTRAINED, _REFUSED = ("tpe", "nsga-ii"), "refused"
 """Samplers that know of constraints, and the name of the one there is."""
@@ -32,13 +32,13 @@ optuna_module = partial(
 
 
 class Search:
-    """A sampler that chooses designs and is told what became of them.
+    """A sampler that chooses designs and learns from their evaluations.
 
     Each is chosen with a seed of its own, by the number of the design. So what is chosen depends on what was
     told before, and not on whether the program was stopped in between.
 
     Args:
-        dimensions: what is varied.
+        dimensions: the varied keys.
         sampler: how designs are chosen.
         goals: how many there are, each to be small.
         seed: of all choices.
@@ -70,7 +70,7 @@ class Search:
         self.told = 0
 
     def ask(self, number: int) -> Values:
-        """Return the values of a design; number 1 is the first, as 0 is the scenario as it is.
+        """Return the values of a design; number 1 is the first, 0 is the base design.
 
         Where all designs can be counted up, none is chosen again before all of them were.
         """
@@ -88,7 +88,7 @@ class Search:
         return values
 
     def tell(self, row: TriedDesign) -> None:
-        """Learn what became of a design; of one that was not asked for, if it can be one of them."""
+        """Learn the evaluation of a design, also of one from elsewhere, if within the space."""
         trial = self._asked.pop(row.design, None)
         found = row.evaluation
         values = found.goals or (_PENALTY * (1.0 + found.violation),) * self._goals
@@ -110,13 +110,13 @@ class Search:
         self.told += 1
 
     def replay(self, rows: Sequence[TriedDesign]) -> Mapping[int, Values]:
-        """Ask and tell as it was done before.
+        """Repeat earlier ask and tell calls.
 
         Args:
-            rows: of the search, in the order in which they were told.
+            rows: of the search, in the order of the sampler's updates.
 
         Returns:
-            Designs that were chosen before others and never told, as nobody knows what became of them.
+            Designs that were chosen but never evaluated.
         """
         lost: dict[int, Values] = {}
         there = {row.design for row in rows}
@@ -151,7 +151,7 @@ class Search:
 
 
 def _space(optuna: Any, dimensions: Sequence[Dimension]) -> dict[str, Any]:
-    """Return the parameters of all dimensions: an order has one an entry, by which they are sorted."""
+    """Return the parameters of all dimensions: an order has one sort key per entry."""
     kinds, found = optuna.distributions, {}
     for one in dimensions:
         if one.choices:

@@ -1,4 +1,4 @@
-"""Single changes of a cell that works: each planned and replicated, ranked by what it gains for its effort."""
+"""Single changes of a cell: each planned and replicated, ranked by gain per effort."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ class CellChange:
 
     Attributes:
         kind: one of EFFORTS.
-        key: what is changed.
-        value: what it becomes.
-        words: the change, where the key and the value say it badly.
+        key: the changed key.
+        value: its new value.
+        words: text on the change, where key and value are unclear.
     """
 
     kind: str
@@ -58,8 +58,8 @@ class SingleChange:
     """A single change that was planned and replicated.
 
     Attributes:
-        kind: what is changed.
-        words: the change.
+        kind: kind of change.
+        words: text on the change.
         gain: by how much the goal is better; intervals hold for all that are shown together.
         effort: of the change, in units of the section.
     """
@@ -71,12 +71,12 @@ class SingleChange:
 
     @property
     def sure(self) -> bool:
-        """True if it is known to gain something."""
+        """True if its gain is significant."""
         return self.gain.low > 0.0
 
     @property
     def rate(self) -> float:
-        """What it gains for a unit of effort."""
+        """Gain per unit of effort."""
         return self.gain.estimate / self.effort
 
     def content(self) -> dict[str, Any]:
@@ -208,7 +208,7 @@ def change_dimensions(
 def try_changes(
     exploration: Exploration, crew: Evaluators, changes: Sequence[CellChange]
 ) -> list[tuple[CellChange, TriedDesign]]:
-    """Evaluate changes, each alone; those that were evaluated before are not again.
+    """Evaluate changes, each alone, unless evaluated before.
 
     Raises:
         RequestError: the scenario as it is does not work.
@@ -237,7 +237,7 @@ def judge_changes(
     most: int,
     progress: Report,
 ) -> tuple[SingleChange, ...]:
-    """Return the changes that gain most for their effort, each proved with draws of its own.
+    """Return the changes with the greatest gain per effort, each confirmed with new draws.
 
     Those that seem to gain most are replicated with new draws, side by side with the scenario as it is.
     Their intervals hold for all of them together (Bonferroni).
@@ -245,9 +245,9 @@ def judge_changes(
     Args:
         exploration: in which they were tried.
         finals: replicates designs.
-        found: changes and what became of them.
+        found: changes with their evaluations.
         most: how many.
-        progress: told how far it has come.
+        progress: receives the progress.
     """
     section, base = exploration.section, exploration.journal.searched[0]
     efforts = {**EFFORTS, **{str(k): v for k, v in section.efforts.items()}}

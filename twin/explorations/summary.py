@@ -1,4 +1,4 @@
-"""What an exploration found: the best designs, what they are worth, what matters, what is refused and why."""
+"""Findings of an exploration: the best designs, their gains, importances, refusals."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
 
 @dataclass(frozen=True)
 class RungFigures:
-    """What came of designs at a rung.
+    """Figures of designs at a rung.
 
     Attributes:
         rung: its name.
@@ -64,15 +64,15 @@ class RefusedGroup:
 
 @dataclass(frozen=True)
 class RankedDesign:
-    """A design that is possible.
+    """A feasible design.
 
     Attributes:
         rank: its place, from 1.
         design: its number.
-        values: what it has at each key.
-        changes: how it differs from the scenario, in words.
-        goals: values of the goals, as they are asked for; of finalists over new replications.
-        results: what the search knows of it.
+        values: value of each key.
+        changes: text on differences from the scenario.
+        goals: values of the goals; of finalists over new replications.
+        results: its results in the search.
         mean_s: of the makespan of its replications [s], None where there are none.
         behind: of a finalist, by how much it is worse than the best; None for all others.
         apart: of a finalist, whether it is known to be worse; with several goals, in each of them than another.
@@ -94,7 +94,7 @@ class RankedDesign:
 
     @property
     def label(self) -> str:
-        """What it changes, in a line."""
+        """Its changes, in a line."""
         return "; ".join(self.changes) or "the scenario as it is"
 
     def content(self) -> dict[str, Any]:
@@ -107,19 +107,19 @@ class RankedDesign:
 
 @dataclass(frozen=True)
 class ExploreSummary:
-    """What an exploration found.
+    """Findings of an exploration.
 
     Attributes:
-        scenario: name of what was explored.
-        section: what was asked.
+        scenario: name of the scenario.
+        section: the request.
         rows: designs of the search, each once.
         tried: designs that were tried.
         ranked: designs that are possible, the best first.
-        worths: what all changes of the best one are worth, then each; with one goal.
-        importances: what matters for the first goal, the most important first.
-        rungs: what came of designs at each rung.
+        worths: gain of all changes of the best one, then of each; with one goal.
+        importances: importance for the first goal, the greatest first.
+        rungs: figures of designs at each rung.
         refusals: why designs are refused, the most frequent reason first.
-        singles: single changes that gain most for their effort, where these are asked for.
+        singles: single changes with the greatest gain per effort, if requested.
     """
 
     scenario: str
@@ -135,17 +135,17 @@ class ExploreSummary:
 
     @property
     def base(self) -> RankedDesign | None:
-        """The scenario as it is; None where that is refused."""
+        """The base design; None where that is refused."""
         return next((item for item in self.ranked if item.design == 0), None)
 
     @property
     def compromises(self) -> tuple[RankedDesign, ...]:
-        """The designs that no other is as good as in every goal."""
+        """The non-dominated designs."""
         return tuple(item for item in self.ranked if item.compromise)
 
     @property
     def decided(self) -> bool:
-        """True if the best design is known to be better than all other finalists; or which are compromises."""
+        """True if the best design is significantly better than all other finalists; or the compromises are significant."""
         if len(self.section.goals) > 1:
             return bool(self.ranked) and not any(item.unsure for item in self.ranked)
         others = [item for item in self.ranked[1:] if item.behind is not None]
@@ -185,7 +185,7 @@ def summary_of(
         scenario: its name.
         exploration: whose search is over.
         finalists: the best designs, replicated further, the best first.
-        worths: what changes of the best are worth.
+        worths: gains of changes of the best.
         seed: of bootstraps.
         singles: single changes that gain most.
     """
@@ -253,7 +253,7 @@ def ranked_design(
     *,
     compromise: bool,
 ) -> RankedDesign:
-    """Return a design that is possible, in its place."""
+    """Return a feasible design with its rank."""
     found = row.evaluation
     goals = found.goals if final is None else final.goals
     sample = np.array(found.makespans_s)
@@ -276,7 +276,7 @@ def ranked_design(
 
 
 def changes_of(values: Values, dimensions: Sequence[Dimension]) -> tuple[str, ...]:
-    """Return in words how a design differs from the scenario."""
+    """Return texts on a design's differences from the scenario."""
     return tuple(
         one.words(values[one.key]) for one in dimensions if one.change(values[one.key])
     )

@@ -1,4 +1,4 @@
-"""``twin export``: write a run in formats of other programs."""
+"""``twin export``: write a run in the formats of other programs."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def export(
 
 
 def _export_scenario(file: Path, out: Path | None) -> Path:
-    """Write what a scenario builds as a model of LDraw; return the file."""
+    """Write the structure of a scenario as an LDraw model; return the file."""
     from planning.files import replace_atomically
     from twin.kinds.lego.ldraw import ldraw_of_scenario
     from twin.reading.scenario_file import load_scenario

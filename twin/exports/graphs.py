@@ -1,9 +1,9 @@
 """The temporal plan graph and the task graph of APEX-MR IV-A as GraphML.
 
-By default a node of the temporal plan graph is a task, and an edge joins two tasks when any of
-their nodes are joined; as a robot may wait in the middle of a task, two tasks may then wait for
-each other. With ``--nodes`` every node is there, and the graph has no cycles. The task graph is
-the input of scheduling: it knows no motion conflicts, but where objects are.
+By default nodes are tasks, and two tasks are joined when any of their nodes are; as a robot may wait in
+the middle of a task, two tasks may then wait for
+each other. With ``--nodes`` every node is there, and the graph has no cycles. The task graph is the
+input of scheduling: without motion conflicts, with object places.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def graphml(graph: Graph) -> bytes:
 
 
 def _run_graph(run: RunResult, *, nodes: bool) -> Graph:
-    """Return the graph that was executed, with plain values as attributes.
+    """Return the executed graph, with plain values as attributes.
 
     Attributes of nodes: robot, task, kind, step, label, object, duration_s (nominal), and start_s
     and end_s where it started and was completed; of single nodes also node, skill and
@@ -101,12 +101,12 @@ def _run_graph(run: RunResult, *, nodes: bool) -> Graph:
 
 
 def _task_name(index: int) -> str:
-    """Return the name of the node that stands for a task."""
+    """Return the node name of a task."""
     return f"task {index}"
 
 
 def _task_attributes(tpg: TemporalPlanGraph, index: int) -> dict[str, Any]:
-    """Return what is known of a task, as attributes of a node."""
+    """Return the node attributes of a task."""
     task = tpg.tasks[index]
     known = {key: getattr(task, key) for key in ("kind", "step", "label")}
     return {"robot": task.robot, "task": index, **known, "object": task.object or ""}

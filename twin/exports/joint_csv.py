@@ -63,6 +63,6 @@ def _rows(segment: Segment, smooth: bool) -> Iterator[list[object]]:
 
 
 def _said(item: SegmentHandling) -> str:
-    """Return an object that changes hands, its new holder and when [s]."""
+    """Return a transferred object, its new holder and the time [s]."""
     to = {None: "at rest", GONE: "gone"}.get(item.holder, f"to {item.holder}")
     return f"{item.object} {to} at {item.t_ns / NANOSECONDS:g} s"

@@ -1,4 +1,4 @@
-"""Runs as open plans: the neutral file in which ``twin judge`` takes anybody's plan."""
+"""Runs as open plans: the neutral file format of ``twin judge``."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def open_plan_of(plan: PlanResult, release: Policy) -> dict[str, Any]:
 
 
 def circular_waits(document: Mapping[str, Any]) -> list[str]:
-    """Return the motions that wait within passages at speed that wait for each other in a circle.
+    """Return the motions whose waits within passages at speed form a cycle.
 
     A *passage* is what a robot does from rest to rest, such as several motions between which it does not stop.
 
@@ -85,7 +85,7 @@ def circular_waits(document: Mapping[str, Any]) -> list[str]:
     everybody += document.get("machines", {}).values()
     number = 0
     for motions in everybody:
-        number += 1  # a gap: nobody comes after the last of another
+        number += 1  # a gap: no motion follows the last one of another robot
         begins = True
         for motion in motions:
             if begins:
@@ -121,7 +121,7 @@ def _resting(
 def _document(
     nominal: RunResult, release: Policy
 ) -> tuple[dict[str, Any], dict[str, tuple[int, int]]]:
-    """Return a run as JSON has it, and with which node, by chain and number, each motion begins."""
+    """Return a run as JSON values, and the first node of each motion, by chain and number."""
     plan, tpg = nominal.plan, nominal.tpg
     smooth = bool(nominal.smooth_motions)  # whose own rows are written, however sampled
     whole = list(segments(nominal, CONTROLLER_RATE_HZ if smooth else _EVERY_NS))
@@ -156,7 +156,7 @@ def _document(
 
 
 def _as_planned(plan: PlanResult) -> RunResult:
-    """Return the run of a plan in which all takes as long as planned.
+    """Return the run of a plan with planned durations.
 
     What waits for what by the policy, turns or slots, is in its graph.
     """
@@ -183,7 +183,7 @@ def _motion(
         inside = (smooth.t_ns > begin) & (smooth.t_ns < end)
         at = np.unique(np.r_[begin, smooth.t_ns[inside], end])
         q, v, _ = smooth.states_at(at)
-        # Accelerations are told as they are: worked out of speeds they have fewer digits.
+        # Accelerations are written directly: derived from speeds they have fewer digits.
         own = [np.interp(at, smooth.t_ns, column) for column in smooth.a.T]
         t_ns, rows = at - begin, (q, v, np.stack(own, axis=1))
     times = [(begin + t) / NANOSECONDS for t in t_ns.tolist()]
@@ -226,7 +226,7 @@ def _pose(item: NodeHandling) -> dict[str, list[float]]:
 
 
 def _verbs(tpg: TemporalPlanGraph) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield what happens in each change of hands, by its number, in planned order."""
+    """Yield the event of each transfer, by its number, in planned order."""
     there = {item.name for item in tpg.cell.objects if not item.later}
     for k, item in enumerate(tpg.handlings):
         thing, robot = item.object, tpg.chains[item.robot].robot
@@ -243,7 +243,7 @@ def _verbs(tpg: TemporalPlanGraph) -> Iterator[tuple[int, dict[str, str]]]:
 
 
 def _touched(tpg: TemporalPlanGraph, segment: Segment) -> Iterator[str]:
-    """Yield what the tool of a robot is meant to touch in a segment."""
+    """Yield the intended contacts of a robot's tool in a segment."""
     cell, robot = tpg.cell, tpg.cell.robot(segment.robot)
     hands = {f"{robot.name}/tool", *(tool.name for tool in robot.tools)}
     things = {*(o.name for o in cell.objects), *(f.name for f in cell.fixtures)}

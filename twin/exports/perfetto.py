@@ -6,8 +6,7 @@ Motions for controllers: JSON in the shape of trajectory_msgs/JointTrajectory, a
 
 Motions for controllers as tables: CSV, a file a robot, a row a point of a segment.
 
-Columns say their units. What a segment waits for, and what changes hands in it, stands in its first
-row.
+Columns say their units. The first row of a segment has its predecessors and transfers.
 """
 
 from __future__ import annotations

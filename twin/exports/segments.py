@@ -1,8 +1,8 @@
-"""Segments of a run: stretches of one robot's nodes that nothing else can interrupt.
+"""Segments of a run: stretches of one robot's nodes without synchronization inside.
 
-A segment waits for others only before its first node, and others wait for nothing within it but its
-last. Whoever executes a segment when all that it comes after are complete keeps to the temporal plan
-graph, whatever the delays. Robots that keep to limits of acceleration have points of what was
+A segment waits for others only before its first node, and others wait only for its last. Executing each
+segment after all its predecessors satisfies the temporal plan graph, whatever the delays. Robots that
+keep to limits of acceleration have points of what was
 executed, at a rate, with speeds and accelerations, and while they stand none but the first and the last
 of it. Other points are timed by the nominal durations, and velocities are left to the controller; where
 they would be closer than the rate allows, what follows is later, which is safe whatever the plan. So no
@@ -35,13 +35,13 @@ CONTROLLER_RATES_HZ = (125.0, 1000.0)
 """Points a second that controllers take [Hz]."""
 
 CONTROLLER_RATE_HZ = 250.0
-"""How many they get unless somebody asks for others [Hz]."""
+"""Default rate of points [Hz]."""
 
 STILL = 1e-9
 """What moves by less between two rows at which it stands is moved by rounding [rad or m]."""
 
 Span = tuple[int, int]
-"""From when to when [ns]; -1 for what did not happen."""
+"""Start and end [ns]; -1 if it did not happen."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Predecessor:
 
 @dataclass(frozen=True)
 class SegmentHandling:
-    """An object that changes hands within a segment.
+    """Transfer of an object within a segment.
 
     Attributes:
         object: its name.
@@ -82,11 +82,11 @@ class Segment:
         joint_names: of the robot.
         task: that the nodes belong to.
         nodes: the first and the last of them.
-        after: what must be complete before it starts.
+        after: segments that must be complete before it starts.
         nominal: when it happens if everything takes as long as planned.
         executed: when it happened in this run.
         motion: from when to when of this run the points are, None where they are those of the plan.
-        handlings: objects that change hands.
+        handlings: transfers of objects.
         t_ns: times of the points from the start of the segment, shape (points,) [ns].
         q: configurations, shape (points, n) [rad or m].
         v: joint speeds, likewise, None where they are left to the controller.
@@ -137,7 +137,7 @@ def segments(run: RunResult, rate_hz: float) -> Iterator[Segment]:
 
 
 def _after(found: Contraction) -> dict[tuple[int, int], list[Predecessor]]:
-    """Return the segments of other robots that each segment has to wait for."""
+    """Return the predecessors of each segment among other robots."""
     out: dict[tuple[int, int], list[Predecessor]] = defaultdict(list)
     chains = found.tpg.chains
     for edge, cause in zip(
@@ -268,7 +268,7 @@ def _period_ns(rate_hz: float) -> int:
 
 
 def _slowed(t_ns: Nanoseconds, q: Array, period: int) -> tuple[Nanoseconds, Indices]:
-    """Return times of points that come no closer than a period [ns], and the points that are kept.
+    """Return times of points at least a period apart [ns], and the points kept.
 
     Left out is what neither lasts nor moves.
 
@@ -304,7 +304,7 @@ def _sample_times(
 
 
 def _stands(motion: Trajectory, begin: int, end: int) -> Iterator[Span]:
-    """Yield when a robot stands between two times, in order [ns]."""
+    """Yield the standstills of a robot between two times, in order [ns]."""
     assert motion.v is not None
     assert motion.a is not None
     low = int(np.searchsorted(motion.t_ns, begin, side="right"))

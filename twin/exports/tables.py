@@ -1,6 +1,6 @@
-"""The tables of a run as CSV and Parquet: what happened, where robots were, where objects were.
+"""The tables of a run as CSV and Parquet: events, trajectories, object placements.
 
-CSV is that of RFC 4180: a header line, SI units, empty fields where there is nothing.
+CSV follows RFC 4180: a header line, SI units, empty fields for missing values.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
 """Fits of distributions to measured durations, ranked and tested.
 
-Imports durations, host and run.folder; commands import it.
+Imports durations, host and runs.folder; commands import it.
 """

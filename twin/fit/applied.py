@@ -1,4 +1,4 @@
-"""A scenario file with fitted durations in place of those that it had."""
+"""Scenario files with fitted durations in place of the old ones."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NOTE = "Durations of skills: "
 
 
 def require_skills(samples: Sequence[FitSample]) -> None:
-    """Refuse samples of which it is not known what they are of.
+    """Refuse samples without a known skill.
 
     Raises:
         RequestError: there is such a sample.
@@ -37,11 +37,10 @@ def require_skills(samples: Sequence[FitSample]) -> None:
 def apply_fits(
     source: Path, target: Path, fits: Sequence[Fit], note: str
 ) -> tuple[str, ...]:
-    """Write a scenario in which skills take as long as was fitted.
+    """Write a scenario with the fitted durations of skills.
 
-    What the source says of other skills, robots and objects stays, and so do its comments, but
-    for those within its execution section. Durations that no distribution fits go into CSV files
-    beside the new scenario.
+    Durations of other skills, robots and objects are kept, and comments outside the execution section.
+    Samples that no distribution fits go into CSV files next to the new scenario.
 
     Args:
         source: the scenario.
@@ -50,7 +49,7 @@ def apply_fits(
         note: where the durations come from, for a comment.
 
     Returns:
-        Exceptions of the source that beat what was fitted for their skill, in words.
+        Messages on exceptions of the source that override fitted durations.
 
     Raises:
         InvalidScenarioError: the source is not valid, or would not be any more.
@@ -99,7 +98,7 @@ def apply_fits(
 
 
 def _require_same_files(source: Path, target: Path, scenario: Scenario) -> None:
-    """Refuse a target from whose folder relative paths name other files."""
+    """Refuse a target folder in which relative paths would name other files."""
     bases = source.parent, target.parent
     if bases[0].resolve() == bases[1].resolve():
         return
@@ -119,9 +118,9 @@ def _key(item: dict[str, Any]) -> tuple[str, str | None, str | None]:
 
 
 def _with_execution(text: str, content: dict[str, Any], note: str) -> str:
-    """Return the text of a scenario with another execution section, else as it was.
+    """Return the text of a scenario with its execution section replaced.
 
-    Where that cannot be cut out, as from a scenario in one pair of braces, all is written anew.
+    Where the section cannot be cut out, as in flow style, the whole file is rewritten.
     """
     note = f"{_NOTE}{note}"
     block = scenario_text({"execution": content["execution"]}, note)

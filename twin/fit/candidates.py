@@ -1,7 +1,4 @@
-"""Candidate distributions of one sample: fitted, tested and ranked.
-
-Picture of a fit: histogram with densities, and quantiles against quantiles.
-"""
+"""Candidate distributions of one sample: fitted, tested and ranked."""
 
 from __future__ import annotations
 
@@ -59,7 +56,7 @@ class Candidate:
     Attributes:
         family: the family.
         theta: its parameters, shape (p,).
-        section: the same as a scenario says it.
+        section: its scenario section.
         aicc: Akaike's information criterion, corrected for small samples; less is better.
         anderson_darling: A**2, how far the sample is from the distribution.
         p_value: probability of an A**2 as great when the family is right.
@@ -101,7 +98,7 @@ def fit_candidates(
         values: durations, shape (n,), at least 6 [s].
         resamples: bootstrap samples a family.
         seed: of the bootstrap.
-        progress: told how many families are done.
+        progress: receives the number of finished families.
 
     Returns:
         The candidates, best first; none where all durations are the same, but for less than

@@ -25,7 +25,7 @@ def draw_fit(path: Path, fit: Fit) -> None:
 
     Args:
         path: of the picture, replaced when it exists.
-        fit: what to draw.
+        fit: the fit to draw.
 
     Raises:
         OutputError: the picture cannot be written.

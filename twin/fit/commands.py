@@ -170,7 +170,7 @@ def fit(
 def _columns(
     column: str | None, start: str | None, end: str | None
 ) -> str | tuple[str, str] | None:
-    """Return the columns that options name, None where they name none."""
+    """Return the columns named by options, None without any."""
     if start is None and end is None:
         return column
     if start is None or end is None or column is not None:
@@ -179,7 +179,7 @@ def _columns(
 
 
 def _target(apply: Path | None, into: Path | None) -> Path:
-    """Return the path of the scenario to write, whatever where none is asked for."""
+    """Return the path of the scenario to write."""
     if apply is None:
         if into is not None:
             raise RequestError(f"-o {into} is the scenario that --apply SCENARIO makes")
@@ -251,7 +251,7 @@ def _parameters(section: Any) -> str:
 
 
 def _hint(files: Sequence[Path], by: Sequence[str]) -> None:
-    """Say so when the files tell groups apart that were fitted as one."""
+    """Print a hint if labels in the files separate groups that were fitted as one."""
     from twin.fit.samples import is_log, unused_labels
 
     if is_log(files[0]):

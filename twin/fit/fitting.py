@@ -1,4 +1,4 @@
-"""Fits of several samples, and the lines of a scenario file that draw durations so."""
+"""Fits of several samples, and the scenario lines with their durations."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class Fit:
 
     @property
     def is_empirical(self) -> bool:
-        """True if nothing fits, so that the durations themselves are drawn from."""
+        """True if nothing fits and the empirical distribution is used."""
         return bool(self.candidates) and self.best is None
 
     @property
     def csv(self) -> str:
-        """Name of the file of the durations themselves, where nothing fits."""
+        """Name of the file of measured durations, where nothing fits."""
         return f"{self.sample.name}.csv"
 
     def section(self, prefix: str = "") -> dict[str, Any]:
@@ -64,7 +64,7 @@ def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> str:
         source: how many there are and where they come from, for the comment on top.
 
     Returns:
-        The lines of a scenario, with a comment that says where they come from.
+        The lines of a scenario, with a comment on their source.
 
     Raises:
         OutputError: a file cannot be written.
@@ -86,7 +86,7 @@ def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> str:
 
 
 def write_sample(path: Path, fit: Fit) -> None:
-    """Write the durations that were fitted as a CSV file; OutputError if that fails."""
+    """Write the durations of a sample as a CSV file; OutputError if that fails."""
     lines = "".join(f"{value!r}\n" for value in fit.sample.values_s.tolist())
     write_text(path, f"duration_s\n{lines}")
 

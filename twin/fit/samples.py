@@ -32,10 +32,10 @@ from twin.runs.folder import EVENTS, require_recorded_hashes
 from twin.trial.plan_result import plan_of_run
 
 LABELS = ("skill", "robot", "object")
-"""Columns that can tell groups apart."""
+"""Columns that define groups."""
 
 FEWEST = 10
-"""Fewer durations say too little to tell distributions apart."""
+"""Least number of durations to discriminate distributions."""
 
 DURATION = "duration_s"
 """Column of durations where none is named."""
@@ -52,7 +52,7 @@ _Rows = Iterator[tuple[tuple[str, ...], float]]
 
 
 class LoggedSkill(NamedTuple):
-    """A skill that was done: which, by whom, to a type of objects ("" for none), for how long."""
+    """An executed skill: name, robot, type of object ("" for none), duration."""
 
     skill: str
     robot: str
@@ -61,7 +61,7 @@ class LoggedSkill(NamedTuple):
 
 
 def is_log(path: Path) -> bool:
-    """Tell whether a path is that of a run's folder or event log."""
+    """Return whether a path is that of a run's folder or event log."""
     return path.is_dir() or path.suffix == ".jsonl"
 
 
@@ -69,7 +69,7 @@ def logged_skills(path: Path) -> list[LoggedSkill]:
     """Return the skills of a run, as ``skills_in_log`` does.
 
     Args:
-        path: the log, or the folder of the run; the plan is beside the log.
+        path: the log, or the folder of the run; the plan is next to the log.
 
     Raises:
         OutputError: log or plan cannot be read.
@@ -82,11 +82,11 @@ def logged_skills(path: Path) -> list[LoggedSkill]:
 
 
 def skills_in_log(log: Path, tpg: TemporalPlanGraph) -> list[LoggedSkill]:
-    """Return the skills that were done in a run, in the order in which they were completed.
+    """Return the executed skills of a run in the order of completion.
 
     A skill took from the start of each of its nodes to its completion, without the time for
     which its robot stood still meanwhile (stalls, breakdowns, stops) and without attempts that
-    failed. So what is fitted and then drawn again is not counted twice.
+    failed. So standstills and retries, drawn separately, are not counted twice.
 
     Args:
         log: events of the run.
@@ -118,7 +118,7 @@ def skills_in_log(log: Path, tpg: TemporalPlanGraph) -> list[LoggedSkill]:
 
 
 def _busy_nodes(log: Path, tpg: TemporalPlanGraph) -> Iterator[tuple[int, int]]:
-    """Yield the task of each skill node that was completed, and how long it took [ns]."""
+    """Yield task and duration of each completed skill node [ns]."""
     chains = {chain.robot: chain for chain in tpg.chains}
     robots = {name: RobotProgress(name, len(chain)) for name, chain in chains.items()}
     for number, line in enumerate(read_log(log), start=1):
@@ -145,7 +145,7 @@ def _event(log: Path, number: int, line: str) -> Event:
 
 @dataclass(frozen=True)
 class FitSample:
-    """Durations that belong together.
+    """A sample of measured durations.
 
     Attributes:
         labels: skill, robot and object, as far as known.
@@ -157,7 +157,7 @@ class FitSample:
 
     @property
     def name(self) -> str:
-        """Name of the group that can be that of a file."""
+        """Name of the group, valid as a file name."""
         text = "-".join(self.labels.values()) or "durations"
         return "".join(c if c.isalnum() or c in "._-" else "_" for c in text)
 
@@ -177,7 +177,7 @@ def read_samples(
         columns: of the durations in CSV files, or of the stamps at which they start and end;
             by default ``duration_s`` or with another unit, or two that are named so.
         by: columns whose values make the groups, names from LABELS; in logs always by skill.
-        skill: what all rows are of where no column says it; by default the name of the file
+        skill: skill of all rows where no column gives it; by default the name of the file
             where it is that of a skill.
         unit: of the numbers in CSV files whose columns' names have none.
 
@@ -232,12 +232,12 @@ def read_samples(
 
 
 def _is_skill(name: str) -> bool:
-    """Tell whether a skill may have a name: a packaged one, or a process of a scenario."""
+    """Return whether a name is that of a packaged skill, or may be a process of a scenario."""
     return re.fullmatch(NAME, name) is not None and name not in (TRANSIT, STRAIGHT)
 
 
 def _skill_of_names(paths: Sequence[Path]) -> str | None:
-    """Return the skill that all files are named after, None where there is none."""
+    """Return the skill that all files are named after, None without one."""
     names = {path.stem for path in paths}
     return names.pop() if len(names) == 1 and names <= set(SKILLS) else None
 
@@ -258,10 +258,10 @@ def unit_notes(
     columns: Columns | None,
     unit: str | None,
 ) -> Iterator[str]:
-    """Yield which unit the durations of CSV files were read in, and which are implausible.
+    """Yield notes on the units of CSV files, and on implausible durations.
 
     Args:
-        paths: of the files; nothing is said of the units of logs.
+        paths: paths of the files; logs have no notes.
         samples: read from them.
         columns, unit: as for read_samples.
     """
@@ -314,7 +314,7 @@ def _sample(
 def unused_labels(
     paths: Sequence[Path], by: Sequence[str]
 ) -> dict[str, tuple[str, ...]]:
-    """Return the values of the columns that tell groups apart and were not asked to."""
+    """Return the values of columns that separate groups but were not used."""
     rows = [row for path in paths for row in csv_rows(path)]
     out = {}
     for name in LABELS:

@@ -105,7 +105,7 @@ def follow(
 
 
 def _viewer(*, web: bool) -> str:
-    """Start a viewer, and return where to send what it shows."""
+    """Start a viewer, and return its stream."""
     from twin.recorders.rerun.viewer import live_viewer, web_viewer
 
     if not web:
@@ -116,7 +116,7 @@ def _viewer(*, web: bool) -> str:
 
 
 def _shown(run: FollowedRun, title: str, *, json: bool) -> Callable[[News], None]:
-    """Return what tells of news: JSON for programs, sentences, or a picture on a terminal."""
+    """Return the output of news: JSON for programs, sentences, or a terminal display."""
     from twin.follow.display import TerminalDisplay, news_to_json, news_to_sentence
 
     words = news_to_json if json else news_to_sentence

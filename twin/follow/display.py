@@ -27,14 +27,14 @@ _MOST_VIOLATIONS = 5
 """Forbidden events, and unreadable lines, that are shown."""
 
 _SILENT_S = 5.0
-"""Silence that is told of [s]."""
+"""Silence that is reported [s]."""
 
 _PAUSE_S = 0.1
 """Least time between two drawings [s]."""
 
 
 def news_to_json(news: News) -> str:
-    """Return news as an object of JSON; empty where nothing is to be said."""
+    """Return news as a JSON object; empty for nothing to report."""
     content: dict[str, Any]
     match news:
         case ForbiddenEvent():
@@ -93,7 +93,7 @@ def news_to_json(news: News) -> str:
 
 
 def news_to_sentence(news: News) -> str:
-    """Return news in words, for people; empty where nothing is to be said."""
+    """Return news as a sentence; empty for nothing to report."""
     match news:
         case ForbiddenEvent():
             return f"FORBIDDEN {news.text}"
@@ -120,7 +120,7 @@ def news_to_sentence(news: News) -> str:
 
 
 def _ends(forecast: Forecast) -> str:
-    """Return when a run will end; empty where it does not."""
+    """Return a text on the forecast end of a run; empty if it does not end."""
     p50, p90 = forecast.quantile(0.5), forecast.quantile(0.9)
     return "" if math.isnan(p50) else f"ends at {p50:.1f} s (P50), {p90:.1f} s (P90)"
 
@@ -131,7 +131,7 @@ def _failing(forecast: Forecast) -> str:
 
 
 class TerminalDisplay:
-    """Draws the state of a run again whenever it has changed, ten times a second at most."""
+    """Redraws the state of a run after changes, at most ten times a second."""
 
     def __init__(self, run: FollowedRun, title: str, console: Console) -> None:
         """Begin to draw."""
@@ -147,7 +147,7 @@ class TerminalDisplay:
         self._live.start()
 
     def __call__(self, news: News) -> None:
-        """Show what has changed; at the end leave the last picture and a sentence on the terminal."""
+        """Show changes; at the end leave the last picture and a sentence on the terminal."""
         match news:
             case UnreadableLine():
                 self._unreadable.append(news_to_sentence(news))
@@ -203,7 +203,7 @@ class TerminalDisplay:
 
 
 def _state(run: FollowedRun, k: int, robot: RobotProgress) -> tuple[Text, int]:
-    """Return what a robot does, and since when [ns], -1 where that does not matter."""
+    """Return the state of a robot and its start [ns], -1 where irrelevant."""
     node = robot.under_way
     if robot.failed:
         return Text(f"failed: {_label(run, k, robot.completed)}", style="bold red"), -1

@@ -1,8 +1,9 @@
-"""Drift: what a robot has lately taken longer for, or less long, than it was planned to take.
+"""Drift: detection of systematic changes in the durations of a robot's skills and motions.
 
-Every skill of every robot, and its motions, are held against futures of the same plan: a time is worth the
-normal score of its rank among them, so that no distribution has tails that look like a change. The sum over
-the last so many of them has a spread among the futures, whatever is common to them; one too far off is no accident. How many of the last ones are looked at is chosen by what stands out most, so that a change in the
+Durations of every skill of every robot, and of its motions, are compared with simulated futures of the
+same plan: each gets the normal score of its rank among them, so that heavy tails do not look like a
+change. The sum of the last scores is compared with its spread among the futures; a large deviation is
+significant. The number of last scores is chosen by the largest deviation, so that a change in the
 middle of a run is found, and dated.
 """
 
@@ -34,10 +35,10 @@ _STRANGE = 4.5
 """Spreads by which their sum is off its mean; sums are tried of many lengths, again and again."""
 
 _SAME, _SAME_NS = 0.005, 30_000_000
-"""Times that differ by less, as a share and by itself [ns], are the same: messages of real cells take time."""
+"""Relative and absolute [ns] tolerance of times, for message latencies of real cells."""
 
 _LEAST = 0.01
-"""A change below this share of what was planned is not told."""
+"""Least relative change that is reported."""
 
 _MOST_FUTURES, _MOST_NODES = 200, 400_000
 """Futures, and their nodes together where robots keep to limits: these take a run each."""
@@ -45,14 +46,14 @@ _MOST_FUTURES, _MOST_NODES = 200, 400_000
 
 @dataclass(frozen=True)
 class Drift:
-    """Something takes longer than it was planned to, or less long.
+    """A change in durations of a robot.
 
     Attributes:
-        what: the skill, what a tool does (``close``, ``open``), or ``motions``.
+        what: the skill, the tool action (``close``, ``open``), or ``motions``.
         robot: whose.
         since_ns: when the first of those began that it is seen in [ns].
         count: how many there were since.
-        ratio: what they took together, of what they were planned to take in the mean.
+        ratio: total duration over its planned mean.
         low, high: interval that covers the true ratio with 95 %, by how much they differ among each other.
     """
 
@@ -66,7 +67,7 @@ class Drift:
 
     @property
     def words(self) -> str:
-        """Say it in words."""
+        """Return a sentence about it."""
         more = "longer" if self.ratio > 1.0 else "less long"
         per_cent = sorted(abs(100.0 * (r - 1.0)) for r in (self.low, self.high))
         verb = "take" if self.what == MOTIONS else "takes"
@@ -78,14 +79,14 @@ class Drift:
 
 
 class _Series(NamedTuple):
-    """One thing that a robot does again and again.
+    """Repeated work of a robot.
 
     Attributes:
-        what: it is.
+        what: the kind of work.
         chain: of the robot.
-        nodes: of each time, in order.
-        futures: what each of them took in each future, shape (n, samples) [ns].
-        scores: what each of these is worth, same shape.
+        nodes: nodes of each repetition, in order.
+        futures: duration of each in each future, shape (n, samples) [ns].
+        scores: normal scores of these, same shape.
     """
 
     what: str
@@ -96,10 +97,10 @@ class _Series(NamedTuple):
 
 
 class DriftWatch:
-    """Finds what drifts in a run in progress.
+    """Detects drifts in a run in progress.
 
     Args:
-        tpg: what is executed.
+        tpg: the executed plan.
         model: how it is executed.
         seed: names the futures.
     """
@@ -129,7 +130,7 @@ class DriftWatch:
                 self._series.append(_Series(what, k, tuple(own), each, scores))
 
     def look(self, run: FollowedRun) -> tuple[Drift, ...]:
-        """Return what drifts by now, what is furthest off its plan first.
+        """Return the current drifts, the largest first.
 
         Args:
             run: its state.
@@ -181,7 +182,7 @@ class DriftWatch:
 def _futures(
     tpg: TemporalPlanGraph, model: ExecutionModel, seed: int
 ) -> Iterator[tuple[Nanoseconds, ...]]:
-    """Yield how long nodes take in one future after another, without standstills, one array a chain [ns].
+    """Yield node durations of each future, without standstills, one array per chain [ns].
 
     Where robots keep to limits, they brake for each other, which a run shows.
     """

@@ -35,13 +35,13 @@ _PIECE = 1 << 20
 def lines_of_growing_file(
     path: Path, *, wait: bool = True, poll_s: float = POLL_S
 ) -> Iterator[str | None]:
-    """Yield the lines of a file as they are written; None whenever there is no more yet.
+    """Yield the lines of a growing file; None whenever there is no new one.
 
     A line counts once its newline is there, so a torn one is waited for.
 
     Args:
         path: the file; with ``wait`` it need not exist yet.
-        wait: go on when the end is reached; otherwise that is the end.
+        wait: continue at the end of the file; otherwise stop there.
         poll_s: how often to look for more [s].
 
     Raises:
@@ -72,7 +72,7 @@ def lines_of_growing_file(
 
 
 def _read_from(path: Path, position: int, inode: int) -> tuple[bytes, int]:
-    """Return the next piece of a file and its inode, which must be the one of before if any."""
+    """Return the next piece of a file and its inode, which must not change."""
     with open_regular(path) as file:
         about = os.fstat(file.fileno())
         if position and about.st_ino != inode:
@@ -84,7 +84,7 @@ def _read_from(path: Path, position: int, inode: int) -> tuple[bytes, int]:
 
 
 def lines_of_pipe(stream: Iterable[bytes]) -> Iterator[str | None]:
-    """Yield the lines that come through a pipe; None whenever there is no more yet.
+    """Yield the lines of a pipe; None whenever there is no new one.
 
     What is left without a newline at the end was torn, and is dropped.
 
@@ -113,7 +113,7 @@ def lines_of_pipe(stream: Iterable[bytes]) -> Iterator[str | None]:
 
 
 def lines_of_server(address: str) -> Iterator[str | None]:
-    """Yield the lines that a server passes on; None whenever there is no more yet.
+    """Yield the lines of a server; None whenever there is no new one.
 
     Args:
         address: such as ``http://127.0.0.1:8321/events.jsonl``, of the page of a run.
@@ -141,14 +141,14 @@ def lines_of_server(address: str) -> Iterator[str | None]:
 
 
 class UnreadableLine(NamedTuple):
-    """A line of the log, counted from 1, that is no event."""
+    """A line of the log, counted from 1, that is not an event."""
 
     number: int
     error: EventLogError
 
 
 class Silence(NamedTuple):
-    """For how long there has been no event [s]."""
+    """Time since the last event [s]."""
 
     seconds: float
 
@@ -174,10 +174,10 @@ def follow(
     run's time; what drifts is told with it, once, and again where it has left its interval. While there is nothing to read, the run's time goes on with the clock.
 
     Args:
-        lines: of the event log; None stands for nothing to read yet.
-        run: its state, which is kept equal to the events.
+        lines: lines of the event log; None if there is no new one.
+        run: its state, updated by the events.
         forecaster: of the same plan; of another version of it where one takes over.
-        listeners: told of everything.
+        listeners: receive all news.
         every_s: time of the run between forecasts [s].
         clock: a clock of seconds.
     """

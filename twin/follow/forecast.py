@@ -1,7 +1,7 @@
 """Monte-Carlo forecasts of the end of a run in progress.
 
-What is done is known. What is under way is drawn on condition that it takes longer than it has
-taken already. The rest is drawn as for any run. Everything then follows from the graph.
+Completed nodes have known times. Current ones are drawn conditional on their elapsed time. The rest is
+drawn as for any run. Node times then follow from the graph.
 """
 
 from __future__ import annotations
@@ -63,18 +63,18 @@ class Forecast:
 
     @property
     def t_s(self) -> float:
-        """Time of the run at which this was foreseen [s]."""
+        """Time of the forecast in the run [s]."""
         return self.t_ns / NANOSECONDS
 
     def quantile(self, p: float) -> float:
-        """Return the makespan that is kept with a probability [s]; NaN when none is."""
+        """Return a quantile of the makespan [s]; NaN without one."""
         if len(self.makespan_s) == 0:
             return float("nan")
         return float(np.quantile(self.makespan_s, p))
 
 
 class Forecaster:
-    """Forecasts one run again and again.
+    """Makes repeated forecasts of one run.
 
     The same futures are drawn every time, so that a forecast changes for what happens and not
     by chance. Stops at times of the run's clock that have not begun are not foreseen.
@@ -86,8 +86,8 @@ class Forecaster:
         """Draw the futures.
 
         Args:
-            tpg: what is executed.
-            model: how it is executed, and what varies.
+            tpg: the executed plan.
+            model: execution model, with disturbances.
             samples: futures to draw.
         """
         self._tpg = tpg
@@ -108,13 +108,13 @@ class Forecaster:
         self._model, self._asked = model, samples
 
     def of(self, tpg: TemporalPlanGraph) -> Forecaster:
-        """Return a forecaster of the plan that is executed by now; this one where it is still the same."""
+        """Return a forecaster of the current plan; this one if it is unchanged."""
         if tpg is self._tpg:
             return self
         return Forecaster(tpg, self._model, samples=self._asked)
 
     def drifts(self, run: FollowedRun) -> tuple[Drift, ...]:
-        """Return what drifts in a run by now, what is furthest off its plan first."""
+        """Return the current drifts of a run, the largest first."""
         # Making the watch takes a while, in which a run may just have begun.
         return self._watch.look(run) if run.nodes_done >= FEWEST else ()
 
@@ -160,7 +160,7 @@ class Forecaster:
         )
 
     def _adapt_task(self, k: int, robot: RobotProgress, busy: Nanoseconds) -> None:
-        """Let a motion go on at the pace that its task has shown so far."""
+        """Scale a motion by the pace of its task so far."""
         pace = self._pace(k, robot)
         if pace is None:
             return
@@ -172,7 +172,7 @@ class Forecaster:
         busy[rows] = moving[:, None] + self._stall[rows]
 
     def _rest(self, k: int, robot: RobotProgress, now: int) -> Nanoseconds:
-        """Return how much longer the node under way takes in every future [ns]."""
+        """Return the remaining time of the current node in every future [ns]."""
         chain, node = self._tpg.chains[k], robot.under_way
         worked = robot.worked_ns(now)
         row = int(self._graph.first[k]) + node
@@ -189,7 +189,7 @@ class Forecaster:
         return np.asarray(rest + self._retries(k, robot, node), dtype=np.int64)
 
     def _pace(self, k: int, robot: RobotProgress) -> float | None:
-        """Return observed over planned time of the motions done in a task, None for none."""
+        """Return observed over planned time of a task's completed motions, None without any."""
         chain, node = self._tpg.chains[k], robot.completed
         low = int(np.searchsorted(chain.task, chain.task[node]))
         done = np.arange(low, node)[~chain.skill[low:node]]
@@ -200,7 +200,7 @@ class Forecaster:
         return float(took.sum()) / NANOSECONDS / planned
 
     def _skill_total(self, k: int, node: int, worked: int) -> Nanoseconds | None:
-        """Draw the duration of a skill node that has taken some time already [ns]."""
+        """Draw the duration of a started skill node [ns]."""
         chain = self._tpg.chains[k]
         what, model, share = self._drawn.get((k, node), ("", None, 0.0))
         if model is None or share <= 0:
@@ -211,7 +211,7 @@ class Forecaster:
         return np.asarray(np.maximum(to_nanoseconds(seconds * share), least))
 
     def _retries(self, k: int, robot: RobotProgress, node: int) -> Nanoseconds:
-        """Return what further attempts at the skill under way will cost [ns]."""
+        """Return the time of further attempts at the current skill [ns]."""
         task = self._tpg.tasks[int(self._tpg.chains[k].task[node])]
         if task.kind not in self._disturbances.failures:
             return np.zeros(self._samples, dtype=np.int64)
@@ -226,7 +226,7 @@ class Forecaster:
         return np.array([sum(own[robot.attempts :]) for own in costs], dtype=np.int64)
 
     def _standstill(self, robot: RobotProgress, now: int) -> Nanoseconds:
-        """Draw for how much longer a robot stands [ns]."""
+        """Draw the remaining standstill of a robot [ns]."""
         stood_s = max(now - robot.since_ns, 0) / NANOSECONDS
         u = self._uniforms(robot.name, -1, robot.standing, "standstill")
         model = self._standing_model(robot)
@@ -255,7 +255,7 @@ class Forecaster:
         return Fixed(value_s=0.0)
 
     def _fails(self, k: int, robot: RobotProgress) -> Array:
-        """Return in which futures a task of a robot that is not done yet fails for good."""
+        """Return the futures in which a remaining task of a robot fails for good."""
         if robot.failed:
             return np.ones(self._samples, dtype=bool)
         return np.array([f.failed[k] >= robot.completed for f in self._futures])
@@ -266,7 +266,7 @@ def _joined(rows: Sequence[Nanoseconds]) -> Nanoseconds:
 
 
 def conditional_quantiles(model: DurationModel, least_s: float, u: Array) -> Array:
-    """Return the quantiles of a duration on condition that it is longer than something.
+    """Return the quantiles of a duration conditional on a lower bound.
 
     Args:
         model: of the duration.

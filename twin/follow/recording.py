@@ -1,4 +1,4 @@
-"""A followed run as a Rerun recording, written while the run goes on."""
+"""A followed run as a Rerun recording, written during the run."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ _QUANTILES = {"P50": (0.5, (47, 111, 178)), "P90": (0.9, (206, 54, 48))}
 
 
 class LiveRecording:
-    """Keeps a followed run: motion, objects, events, forecasts, what should not have happened.
+    """Records a followed run: motion, objects, events, forecasts, violations.
 
     A robot is shown to have moved once it has completed a node.
     """
@@ -94,7 +94,7 @@ class LiveRecording:
         self._begin()
 
     def _speak_of_plan(self) -> None:
-        """Take tasks, nodes and objects from the plan that is executed by now."""
+        """Take tasks, nodes and objects from the current plan."""
         tpg = self._tpg = self._run.tpg
         in_slots = self._run.policy == "synchronous"
         self._words = PlanWords(with_barriers(tpg) if in_slots else tpg)
@@ -105,7 +105,7 @@ class LiveRecording:
         self._objects = {item.name: item for item in tpg.cell.objects}
 
     def _take_version(self) -> None:
-        """Go on with the version of the plan that has taken over, and draw what it adds to the cell."""
+        """Continue with a plan revision, and draw its additions to the cell."""
         known = self._objects.keys()
         self._speak_of_plan()
         for chain in self._tpg.chains:
@@ -128,7 +128,7 @@ class LiveRecording:
         }
 
     def __call__(self, news: News) -> None:
-        """Keep what is new; what was held back is written when something is forecast or nothing comes."""
+        """Record news; buffered rows are written at a forecast or a silence."""
         match news:
             case Event():
                 self._keep(news)
@@ -156,15 +156,15 @@ class LiveRecording:
                 self._rec.disconnect()
 
     def _at(self, t_ns: int) -> None:
-        """Let what follows be of a time [ns]."""
+        """Set the time of following rows [ns]."""
         self._rec.set_time(TIMELINE, duration=np.timedelta64(t_ns, "ns"))
 
     def _say(self, name: str, text: str, level: str) -> None:
-        """Keep a sentence among the events."""
+        """Record a sentence among the events."""
         self._rec.log(f"{entities.EVENTS}/{name}", rr.TextLog(text, level=level))
 
     def _keep(self, event: Event) -> None:
-        """Keep an event and what it says about motion and objects."""
+        """Record an event with its motion and objects."""
         if event.kind == "replanned" and self._tpg is not self._run.tpg:
             self._take_version()
         waits = self._waits(event)
@@ -198,7 +198,7 @@ class LiveRecording:
             raise OutputError(f"{path}: cannot be written: {error}") from error
 
     def _begin(self) -> None:
-        """Draw the cell as it is before the run."""
+        """Draw the cell before the run."""
         tpg, rec = self._tpg, self._rec
         draw_fixtures(rec, tpg.cell)
         self._events = EventBacklog()
@@ -239,7 +239,7 @@ class LiveRecording:
         return self._words.state(state, event.task) if state else ""
 
     def _waits(self, event: Event) -> str:
-        """Return what a robot waits for that says it waits, in words; else nothing."""
+        """Return the cause of a wait event as text; empty for other events."""
         chain = self._chain.get(event.robot)
         waits = event.kind == "waiting" and self._run.policy != "open-loop"
         if chain is None or not waits:
@@ -250,14 +250,14 @@ class LiveRecording:
         )
 
     def _moved(self, k: int) -> None:
-        """Keep the motion of the nodes that a robot has completed."""
+        """Record the motion of a robot's completed nodes."""
         chain, robot = self._tpg.chains[k], self._run.robots[k]
         if chain.robot not in self._rows:
             return  # a machine, which is not drawn
         rows = self._rows[chain.robot]
         for node in range(self._shown[chain.robot], robot.completed):
             end = int(robot.end_ns[node])
-            # The clock of a whole node: where in it the robot stood is not told apart.
+            # Standstills are spread over the whole node.
             start = min(int(robot.start_ns[node] + robot.stood_ns[node]), end)
             own = slice(int(chain.first[node]), int(chain.first[node + 1]))
             passed = np.rint(chain.fraction[own] * (end - start)).astype(np.int64)
@@ -266,7 +266,7 @@ class LiveRecording:
         self._shown[chain.robot] = robot.completed
 
     def _handled(self, k: int, event: Event) -> None:
-        """Hang an object on what holds it now."""
+        """Attach an object to its parent."""
         item = self._handlings.get((event.object, k, event.node))
         if item is None:
             return
@@ -282,7 +282,7 @@ class LiveRecording:
         self._names.take(placement)
 
     def _flush(self, *, ended: bool = False) -> None:
-        """Send what has been collected, besides waits that may still become long ones."""
+        """Send the buffered rows, except waits of unknown length."""
         self._events.send(self._rec, self._words, self._run.now_ns, ended=ended)
         self._names.send()
         for robot in self._tpg.cell.robots:

@@ -1,7 +1,7 @@
 """State of a run in progress from its events; violations of the TPG are flagged.
 
-A run that is planned anew is followed version by version: each event is held against the plan that was executed
-when it happened.
+A replanned run is followed revision by revision: each event is checked against the plan executed at
+that time.
 """
 
 from __future__ import annotations
@@ -53,17 +53,17 @@ class FollowedRun:
     """A run in progress.
 
     Attributes:
-        tpg: what is executed; replaced when a new version takes over.
+        tpg: the executed plan; replaced by each plan revision.
         policy: how nodes are released; ``synchronous`` adds the barriers of its slots.
         versions: returns the plans that take over; None where none does.
-        late: machines that bring late parts: nobody waits for them before such a part was missed.
+        late: machines that bring late parts: robots wait for them only after such a part was missed.
         speed: speed factors of the robots; the slower a robot, the longer it takes to brake.
         version: number of the plan that is executed.
         robots: progress of each chain.
         now_ns: time of the last event [ns].
         events: how many there were.
-        violations: what should not have happened, in order.
-        outcome: how the run ended, empty while it goes on.
+        violations: forbidden events, in order.
+        outcome: outcome of the run, empty until its end.
     """
 
     tpg: TemporalPlanGraph
@@ -85,7 +85,7 @@ class FollowedRun:
         self.robots = [RobotProgress(chain.robot, len(chain)) for chain in chains]
 
     def _hold_against(self, tpg: TemporalPlanGraph) -> None:
-        """Hold the events that follow against a plan, of which nothing has been executed yet."""
+        """Check following events against a plan, of which nothing has been executed yet."""
         self.tpg = tpg
         graph = with_barriers(self.tpg) if self.policy == "synchronous" else self.tpg
         self._graph = graph
@@ -107,14 +107,14 @@ class FollowedRun:
         return sum(robot.completed for robot in self.robots)
 
     def waits_for(self, chain: int) -> str:
-        """Return which nodes of others a robot's next node waits for in words, or nothing."""
+        """Return a text on the nodes that a robot's next node waits for, empty for none."""
         node = self.robots[chain].completed
         waits = self._waits(chain, node)
         names = [f"{self._node(r, u)})" for r, u in waits]
         return "waits for " + " and ".join(names) if names else ""
 
     def apply(self, event: Event) -> Sequence[ForbiddenEvent]:
-        """Take note of an event; return what it should not have been."""
+        """Apply an event; return its violations."""
         before = len(self.violations)
         if event.t_ns < self.now_ns:
             self._flag(event, f"comes after an event of {_seconds(self.now_ns)}")
@@ -133,7 +133,7 @@ class FollowedRun:
         return self.violations[before:]
 
     def _finish(self, event: Event) -> None:
-        """Take the end of the run; one that is called complete before every node is, is not."""
+        """Apply the end of the run; a premature completion is a violation."""
         left = sum(
             len(robot.start_ns) - robot.completed
             for k, robot in enumerate(self.robots)
@@ -145,7 +145,7 @@ class FollowedRun:
             self._flag(event, f"{left} nodes are not complete")
 
     def _take_version(self, event: Event) -> None:
-        """Go on with the next version of the plan; what has begun must be in it as it was."""
+        """Continue with the next plan revision, which must keep started nodes."""
         if self.versions is None:
             self._flag(event, "the versions of the plan are not known")
             return
@@ -178,7 +178,7 @@ class FollowedRun:
             self._flag(event, f"it has nodes 0 to {len(chain) - 1}")
             return
         if event.kind == "waiting" and self._is_left_out(event.task):
-            node = -1  # it waited for what was then planned anew
+            node = -1  # it waited for nodes that were then replanned
         if node >= 0 and event.task not in (-1, int(chain.task[node])):
             self._flag(event, f"node {node} is of task {int(chain.task[node])}")
         if event.kind == "failed" and node >= 0:
@@ -220,7 +220,7 @@ class FollowedRun:
         robot.take(event)
 
     def _still_moves(self, k: int, event: Event) -> bool:
-        """Tell whether a robot within limits may start a node though a stop has begun.
+        """Return whether a robot with limits may start a node while it brakes for a stop.
 
         A stop is a command: the robot brakes along its path, for at most its ramp from full speed to rest, and
         passes borders of nodes at speed meanwhile. What it executes is a lag behind its commands, so it also
@@ -241,7 +241,7 @@ class FollowedRun:
         return since_ns < lag or (passes and since_ns <= lag + drive.ramp[node] + 1.0)
 
     def _least_factor(self, k: int) -> float:
-        """Return the least share of planned speed at which a robot may execute its stretches."""
+        """Return the least speed override of a robot's stretches."""
         speed = self.speed.model_of(self.robots[k].name)
         if speed is None:
             return 1.0
@@ -266,7 +266,7 @@ class FollowedRun:
         self._dispatcher.observe(k, node)
 
     def _waits(self, k: int, node: int) -> list[tuple[int, int]]:
-        """Return the nodes of others that a node still waits for."""
+        """Return the incomplete predecessors of a node in other chains."""
         return [
             (r, u)
             for r, u in self._dispatcher.waits_for(k, node)
@@ -274,7 +274,7 @@ class FollowedRun:
         ]
 
     def _check_edges(self, k: int, event: Event) -> None:
-        """Flag an event of a node that still waits for other robots."""
+        """Flag an event of a node with incomplete predecessors."""
         waits = self._waits(k, event.node)
         if not waits:
             return
@@ -289,7 +289,7 @@ class FollowedRun:
         )
 
     def _node(self, chain: int, node: int) -> str:
-        """Return a node in words, with a bracket that is still open."""
+        """Return a node as text, with an unclosed bracket."""
         task = self._graph.tasks[int(self._graph.chains[chain].task[node])]
         return f"node {node} of {self.robots[chain].name} ({task.label}"
 

@@ -30,7 +30,7 @@ _MOST_SHOWN = 60
 
 
 def checks_arguments(function: Callable[P, T]) -> Callable[P, T]:
-    """Make a function raise ArgumentError for arguments that it does not have, or of a wrong type."""
+    """Make a function raise ArgumentError for unknown arguments, or of a wrong type."""
     signature = inspect.signature(function)
     hints = cache(lambda: get_type_hints(function, localns=_Names(function)))
 
@@ -56,14 +56,14 @@ def checks_arguments(function: Callable[P, T]) -> Callable[P, T]:
 
 
 class _ByName(type):
-    """Class of classes that are known by name alone: they are imported by type checkers only."""
+    """Metaclass of placeholders for types that only type checkers import."""
 
     def __instancecheck__(cls, value: object) -> bool:
         return cls.__name__ in {base.__name__ for base in type(value).__mro__}
 
 
 class _Names(dict[str, Any]):
-    """What the names in the type hints of a function stand for."""
+    """Namespace of the type hints of a function."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(vars(builtins) | function.__globals__)
@@ -73,7 +73,7 @@ class _Names(dict[str, Any]):
 
 
 def _fits(hint: Any, value: Any) -> bool:
-    """Tell whether a value is of a type; of what is iterated over once, items are not looked at."""
+    """Return whether a value has a type; items of one-time iterators are not checked."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         return any(_fits(item, value) for item in inner)
@@ -102,7 +102,7 @@ def _fits(hint: Any, value: Any) -> bool:
 
 
 def _words(hint: Any) -> str:
-    """Return in words which values a type has."""
+    """Return a description of the values of a type."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         names = list(dict.fromkeys(_words(item) for item in inner))

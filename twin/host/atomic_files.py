@@ -23,5 +23,5 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def finite_or_none(value: float) -> float | None:
-    """Return a number as JSON can hold it: None for NaN and infinity."""
+    """Return a number valid in JSON: None for NaN and infinity."""
     return value if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Packages that only some of the program needs, and that are installed as extras."""
+"""Optional packages, installed as extras."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ def extra_module(
     needs: str,
     error: type[TwinError] = RequestError,
 ) -> Any:
-    """Return a module of a package that is an extra.
+    """Return a module of an optional package.
 
     Args:
         module: its name.
-        package: what is installed for it.
+        package: the package to install.
         extra: of this program that does so.
-        needs: who needs it, for people, such as ``"a cluster"``.
+        needs: the feature that needs it, for people, such as ``"a cluster"``.
         error: that is raised without it.
 
     Raises:
-        TwinError: it is not installed; says what to do.
+        TwinError: it is not installed; names the remedy.
     """
     try:
         return import_module(module)

@@ -1,4 +1,4 @@
-"""Exit codes of commands, and what they print: errors become messages, never tracebacks."""
+"""Exit codes and error output of commands: messages, never tracebacks."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _INPUTS = (
 )
 
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
-"""What the system says where there is no more room."""
+"""System error numbers of a full disk."""
 
 P = ParamSpec("P")
 
@@ -51,8 +51,8 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
     """Wrap a command so that every error ends in a message and an exit code.
 
     Errors in the user's input, such as ScenarioError, InfeasibleStepError and ConstructionError
-    (what is asked for cannot be built) end with 2, any other TwinError with 1, so does a disk that
-    is full, an interrupt with 130. Whatever else is raised is an error of the program: one line, a report file, and 70. A
+    (the assembly cannot be built) end with 2, any other TwinError and a full disk with 1, an interrupt
+    with 130. Other exceptions are errors of the program: one line, a report file, and 70. A
     command may return its own code.
     """
 
@@ -121,13 +121,13 @@ def print_error(message: str) -> None:
 
 
 def _has_place(line: str) -> bool:
-    """Tell whether a line starts with file:line:column, which editors jump to."""
+    """Return whether a line starts with file:line:column, which editors jump to."""
     parts = line.split(":")
     return len(parts) > 3 and parts[1].isdigit() and parts[2].isdigit()
 
 
 def write_error_report(error: BaseException) -> Path | None:
-    """Write what a maintainer needs to know about an error; None where nothing can be written.
+    """Write an error report for maintainers; None if it cannot be written.
 
     The file goes to the system's folder for temporary files and names the command, versions
     and the traceback.
@@ -149,7 +149,7 @@ def write_error_report(error: BaseException) -> Path | None:
 
 
 def report_unforeseen_error(error: BaseException) -> str:
-    """Return what is told of an error that nobody foresaw, with the path of its report."""
+    """Write a report of an unforeseen error; return the message with its path."""
     what = f"{type(error).__name__}: {error}".rstrip(": ").splitlines()[0][:200]
     path = write_error_report(error)
     where = f"the report is in {path}" if path else "no report could be written"

@@ -46,14 +46,14 @@ _ROW_IN = 0.19
 
 
 def new_picture(width: float, height: float, *, dpi: int = 120) -> Figure:
-    """Return a picture of a size [in] whose parts make room for each other."""
+    """Return a figure of a size [in] with constrained layout."""
     return Figure(
         figsize=(width, height), dpi=dpi, facecolor="white", layout="constrained"
     )
 
 
 def style_axes(axes: Axes, *, grid: Literal["x", "y", "both"] = "both") -> None:
-    """Give axes a quiet grid behind what is drawn, and no frame but where values are read."""
+    """Style axes: a light grid behind the data, a frame only along value axes."""
     axes.set_axisbelow(True)
     axes.grid(axis=grid, color=GRID, linewidth=0.8)
     axes.tick_params(colors=INK, labelsize=9)
@@ -64,10 +64,9 @@ def style_axes(axes: Axes, *, grid: Literal["x", "y", "both"] = "both") -> None:
 
 
 def wrap_name(text: str, width: float, size: float, *, lines: int) -> str:
-    """Return a name in as few lines as it takes to fit a width; empty where it does not fit.
+    """Wrap a name to a width in as few lines as possible; empty where it does not fit.
 
-    Lines end behind what parts words in names, between a word and a number, and within words that are too
-    long for a line.
+    Lines break behind separators, between a word and a number, and within words longer than a line.
 
     Args:
         text: the name.
@@ -89,7 +88,7 @@ def wrap_name(text: str, width: float, size: float, *, lines: int) -> str:
 
 
 def save_png(picture: Figure, path: Path) -> None:
-    """Write a picture, replacing what is there; OutputError when that cannot be done."""
+    """Write a figure as PNG, replacing an old file; OutputError on failure."""
     with replace_atomically(path) as temporary:
         picture.savefig(temporary, format="png")
 
@@ -118,9 +117,9 @@ def bar_chart(names: Sequence[str], row: float) -> tuple[Figure, Axes]:
 
 
 def legend_below(axes: Axes) -> None:
-    """Put the legend under the chart, whole: the picture grows by its rows.
+    """Put the legend under the chart and enlarge the figure by its rows.
 
-    Names are laid out in as many columns as fit beside each other.
+    Names are laid out in as many columns as fit the width.
     """
     handles, labels = axes.get_legend_handles_labels()
     if not labels:

@@ -42,9 +42,9 @@ class StageWatch:
     """Measures and reports the stages of planning.
 
     Attributes:
-        report: told how far each stage has come.
+        report: receives the progress of each stage.
         seconds: seconds that each stage took; a stage entered again adds up.
-        clock: tells the time, by default by the wall [s].
+        clock: returns the time, by default wall-clock [s].
     """
 
     report: Report = report_nothing
@@ -75,13 +75,13 @@ class StageDisplay:
 
     Args:
         enabled: show anything.
-        columns: what stands behind the bar of a stage; by default a share and the time it took.
+        columns: columns after the bar of a stage; by default a share and the elapsed time.
     """
 
     def __init__(
         self, *, enabled: bool = True, columns: Sequence[ProgressColumn] = ()
     ) -> None:
-        """Show nothing yet."""
+        """Prepare the display; nothing is shown yet."""
         share = (TaskProgressColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn())
         self._live = enabled and sys.stderr.isatty()
         self._stages: dict[str, TaskID] = {}
@@ -101,7 +101,7 @@ class StageDisplay:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Take the lines away again."""
+        """Remove the lines."""
         self._progress.stop()
 
     def say(self, text: str) -> None:
@@ -109,7 +109,7 @@ class StageDisplay:
         self._progress.console.print(text, highlight=False)
 
     def count(self, what: str, so_far: int, *, done: bool) -> None:
-        """Show how many there are of something, nobody knows of how many; hide it when done."""
+        """Show a counter without a total; hide it when done."""
         if not self._live:
             return
         if what not in self._stages:
@@ -119,7 +119,7 @@ class StageDisplay:
         )
 
     def __call__(self, stage: str, done: float, total: float) -> None:
-        """Show how far a stage has come; the first call of a stage adds its line.
+        """Show the progress of a stage; the first call of a stage adds its line.
 
         A stage that was done and starts again keeps its line and starts its clock again.
         """
@@ -136,13 +136,13 @@ class StageDisplay:
 def show_compilation(
     display: StageDisplay, *, silent: bool
 ) -> Iterator[Callable[[], int]]:
-    """Show how many kernels are compiled meanwhile, as a first run has to wait for them.
+    """Show the number of kernels compiled meanwhile, which delay a first run.
 
     Meshes that are cut into convex pieces for the first time are named, too.
 
     Args:
         display: where they are counted.
-        silent: whether nothing is said of them.
+        silent: whether to show nothing.
 
     Yields:
         What returns their number so far; those that are cached are only loaded.

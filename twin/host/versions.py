@@ -1,7 +1,4 @@
-"""Versions of Python and of the packages that results depend on.
-
-Atomic writing of files: they are there whole or not at all.
-"""
+"""Versions of Python and of the packages that results depend on."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Plans of others: read from a neutral file, replayed under delays, and judged by the audit."""
+"""External plans: read from a neutral file, replayed under delays, and audited."""

@@ -1,4 +1,4 @@
-"""``twin judge``: what is wrong with a plan that somebody else made, and how it does under delays."""
+"""``twin judge``: violations of an external plan, and its performance under delays."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Delays of plans: how much later than planned motions are, and when each then happens.
+"""Delays of plans: random durations of motions, and the resulting times.
 
-A plain rollout of its own: it shares no code with the engines of the twin, and draws by names, so that two
-planners have the same luck with the same work.
+An independent rollout: it shares no code with the engines of the twin, and keys draws by name, so that
+two planners get the same delays for the same work.
 """
 
 from __future__ import annotations
@@ -21,9 +21,7 @@ _STILL = 1e-9
 """A motion whose joints are slower than this at its end comes to rest there [rad/s or m/s]."""
 
 Stretch = Callable[[str, OpenMotion, float], float | None]
-"""Returns how many times as long as planned work takes at a quantile; None for a plain move.
-
-Its arguments are whose it is, a motion of it, and the quantile.
+"""Returns the stretch factor of work at a quantile; None for a plain move. Arguments: robot or machine, a motion, and the quantile.
 """
 
 
@@ -41,11 +39,11 @@ class CircularWaitsError(TwinError):
 
 @dataclass(frozen=True)
 class DelayModel:
-    """How late things are. Nothing is ever sooner than planned.
+    """Model of delays; durations are never shorter than planned.
 
     Attributes:
         slower: a move takes up to so many times as long as planned, evenly drawn.
-        stalls_per_h: how often a robot stands in an hour of planned motion, before it goes on.
+        stalls_per_h: number of standstills of a robot per hour of planned motion.
         stall_s: for how long then, from and to, evenly drawn [s].
     """
 
@@ -61,7 +59,7 @@ DELAYS = DelayModel()
 def delayed_spans(
     plan: OpenPlan, stretch: Stretch, seed: int, model: DelayModel = DELAYS
 ) -> dict[str, MotionSpan]:
-    """Return when the motions of a plan happen under delays, by id.
+    """Return the times of a plan's motions under delays, by id.
 
     Where the plan waits, a motion begins as soon as the one before it and those that it waits for
     are over. Where it goes by the clock, at its planned time, or as soon as the robot is done with
@@ -90,7 +88,7 @@ def delayed_spans(
 
 
 def nominal_spans(plan: OpenPlan) -> dict[str, MotionSpan]:
-    """Return when motions happen that take as long as planned, each as soon as it may.
+    """Return the earliest times of motions with planned durations.
 
     Raises:
         CircularWaitsError: motions wait for each other.
@@ -139,7 +137,7 @@ def _by_waits(
 
 
 def _runs(some: Sequence[OpenMotion]) -> Iterator[list[OpenMotion]]:
-    """Yield the motions of a robot, together where it does not come to rest between them."""
+    """Yield the motions of a robot, grouped where it does not stop in between."""
     run: list[OpenMotion] = []
     for motion in some:
         run.append(motion)
@@ -153,7 +151,7 @@ def _runs(some: Sequence[OpenMotion]) -> Iterator[list[OpenMotion]]:
 def _draws(
     plan: OpenPlan, stretch: Stretch, seed: int, model: DelayModel
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Return how many times as long each motion takes, and for how long its robot stands before it [s]."""
+    """Return the stretch factor of each motion, and the standstill before it [s]."""
     factors: dict[str, float] = {}
     stalls: dict[str, float] = {}
     for name, some in plan.motions.items():
@@ -181,7 +179,7 @@ def _draws(
 
 
 def _stalls(seed: int, name: str, model: DelayModel) -> Iterator[tuple[float, float]]:
-    """Yield after how much planned motion a robot stands, and for how long [s]."""
+    """Yield the stalls of a robot: planned motion before each, and its duration [s]."""
     at, low, high, number = 0.0, *model.stall_s, 0
     while True:
         number += 1
@@ -194,7 +192,7 @@ def _stalls(seed: int, name: str, model: DelayModel) -> Iterator[tuple[float, fl
 
 
 def _uniform(seed: int, what: str, number: int) -> float:
-    """Return a number in (0, 1) that belongs to a name."""
+    """Return a uniform draw in (0, 1) keyed by a name."""
     text = f"{seed}\n{what}\n{number}".encode()
     word = int.from_bytes(hashlib.sha256(text).digest()[:8], "big") >> 11
     return (word + 0.5) / 2.0**53

@@ -1,4 +1,4 @@
-"""An execution of an open plan at any times of its motions, as the audit reads executions."""
+"""Execution of an open plan at given motion times, in the form of the audit."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _TICK = 1e-9
 """Times that differ by less are the same: digits of files [s]."""
 
 _JUMP_S = 1e-6
-"""A robot that is elsewhere all at once gets there in this time, so that all in between is looked at [s]."""
+"""Time given to a jump of a robot, so that the path in between is checked [s]."""
 
 
 @dataclass(frozen=True)
 class MotionSpan:
-    """When a motion is executed.
+    """Interval in which a motion is executed.
 
     Attributes:
         begin: [s].
@@ -41,7 +41,7 @@ class MotionSpan:
     factor: float = 1.0
 
     def at(self, motion: OpenMotion, t: float) -> float:
-        """Return when what is planned for a time happens [s]."""
+        """Map a planned time to its execution time [s]."""
         return self.begin + (t - motion.t_s[0]) * self.factor
 
     def end(self, motion: OpenMotion) -> float:
@@ -63,7 +63,7 @@ def makespan_s(plan: OpenPlan, spans: Mapping[str, MotionSpan]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ForeignChange:
-    """An object that changes hands in an execution.
+    """Transfer of an object in an execution.
 
     Attributes:
         t: when [s].
@@ -88,7 +88,7 @@ class ForeignChange:
 
 @dataclass(frozen=True, eq=False)
 class ForeignExecution:
-    """What is executed.
+    """Execution of an open plan.
 
     Attributes:
         recording: for the audit.
@@ -170,7 +170,7 @@ def _rows(
 
 
 class _Table:
-    """Rows of a robot as they come, from standing at time 0.
+    """Collects rows of a robot, from rest at time 0.
 
     A row at the time of the one before and in the same place takes its stead: of a motion that goes on
     where another one ended, at speed or not, the speeds of the later one count.
@@ -182,7 +182,7 @@ class _Table:
         self.v, self.a = [still], [still]
 
     def stand_until(self, t: float) -> None:
-        """Add that the robot stands until a time [s]: it is in no node then, as the last one is over."""
+        """Add a standstill until a time [s], outside nodes."""
         if t > self.t[-1] + _TICK:
             still = np.zeros((1, len(self.q[0])))
             self.add(np.array([t]), self.q[-1][None], still, still, -1)
@@ -203,7 +203,7 @@ class _Table:
             self.node.append(node)
 
     def rows(self, *, smooth: bool) -> RobotRows:
-        """Return them, with speeds and accelerations or without."""
+        """Return the rows, with or without speeds and accelerations."""
         rates = [np.array(self.v), np.array(self.a)] if smooth else []
         return RobotRows(
             np.array(self.t), np.array(self.q), np.array(self.node), *rates
@@ -240,7 +240,7 @@ class _Whereabouts:
 
 @dataclass(eq=False)
 class _Hands:
-    """Where objects are, as they change hands.
+    """Object places, updated by transfers.
 
     Attributes:
         world: knows where flanges are.
@@ -268,7 +268,7 @@ class _Hands:
                 self.rows.append(ObjectRow(0.0, tool.name, tool.robot, tool.mount))
 
     def change(self, t: float, name: str, motion: OpenMotion, event: OpenEvent) -> None:
-        """Take over an event."""
+        """Apply an event."""
         verb, thing = event.verb, event.object
         place = self._places.get(thing)
         wrong = "" if place is None else self._wrong(name, event, place)
@@ -300,7 +300,7 @@ class _Hands:
             self._places[thing] = _Whereabouts(holder, pose)
 
     def _wrong(self, name: str, event: OpenEvent, place: _Whereabouts) -> str:
-        """Return what is wrong with an event, empty if nothing is."""
+        """Return the fault of an event, empty if valid."""
         if event.verb in ("put", "give") and place.holder != name:
             return (
                 f"is in the hand of {place.holder}" if place.holder else "is in no hand"

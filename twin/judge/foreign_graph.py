@@ -1,7 +1,6 @@
-"""An open plan as a graph that the audit knows: a node a motion.
+"""Conversion of an open plan to a graph for the audit: one node per motion.
 
-Nothing of a node is worked out: it says whose it is and what work it belongs to. What waits for what is looked at
-by the judge, which can name motions as the file does.
+Nodes only have robot and task. Waits are checked by the judge, which names motions as the file does.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ def cell_for(
 
 
 def _misfits(plan: OpenPlan, cell: Workcell) -> Found:
-    """Yield the names in a plan that are none of the cell."""
+    """Yield names of a plan that are not in the cell."""
     robots = {robot.name: robot for robot in cell.robots}
     machines = {item.name for item in cell.machines}
     named = (*(o.name for o in cell.objects), *(f.name for f in cell.fixtures))
@@ -91,7 +90,7 @@ def _misfits(plan: OpenPlan, cell: Workcell) -> Found:
 
 
 def joint_columns(plan: OpenPlan, robot: PlacedRobot) -> list[int]:
-    """Return where in the rows of a plan the joints of a robot are, in the order of the robot."""
+    """Return the columns of a plan's rows with a robot's joints, in the robot's order."""
     own = plan.robots[robot.name].joints
     return [own.index(name) for name in robot.model.joint_names]
 

@@ -1,7 +1,7 @@
-"""Contacts that a plan means to make, read off what changes hands in it and what it says it touches.
+"""Intended contacts of an open plan, from its transfers and declared contacts.
 
 - A hand touches what it holds, from the work in which it takes it to the work in which it gives it away.
-- What is taken or put down touches what it lies on or beside, in that work.
+- A picked or placed object touches its neighbours, in that work.
 - A tool touches what a motion says that it does; bricks at rest it may graze while it works.
 
 How deep all that may be is the audit's: see ``twin.audits.contacts``.
@@ -34,12 +34,12 @@ def intended_contacts(
     planned: ForeignExecution,
     wanted: Expectations,
 ) -> tuple[AllowedContact, ...]:
-    """Return the contacts that may be, and during which tasks.
+    """Return the allowed contacts, with their tasks.
 
     Args:
         plan: says what tools touch.
         graph: of it: knows the tasks.
-        world: measures what lies beside what.
+        world: measures distances of neighbours.
         planned: the plan as it is executed at its own times.
         wanted: says what keeps objects at rest.
     """
@@ -78,7 +78,7 @@ def intended_contacts(
 
 
 class _Work:
-    """Which tasks are under way when, at the times of the plan."""
+    """Tasks in progress at the times of the plan."""
 
     def __init__(self, plan: OpenPlan, graph: TemporalPlanGraph) -> None:
         self._plan = plan
@@ -101,7 +101,7 @@ class _Work:
         return int(self._task[name][k])
 
     def around(self, name: str, motion: OpenMotion, t: float) -> set[int]:
-        """Return the tasks in which something happens: two where a motion ends and the next begins."""
+        """Return the tasks at a time: two at a border."""
         _, k = self._number[motion.id]
         near = {k}
         if t <= motion.t_s[0] + _TICK and k > 0:
@@ -130,7 +130,7 @@ def _held(
     changes: Sequence[ForeignChange],
     hands: dict[str, list[str]],
 ) -> None:
-    """Add the contacts of hands with what they hold."""
+    """Add the contacts of hands with held objects."""
     taken: dict[str, float] = {}
 
     def add(robot: str, thing: str, some: Iterable[int]) -> None:
@@ -164,7 +164,7 @@ def _beside(
     world: AuditWorld,
     touch: float,
 ) -> None:
-    """Add the contacts of what is taken or put down with what is beside it there."""
+    """Add the contacts of picked or placed objects with their neighbours."""
     neighbours = _Neighbours(world, touch)
     for item in world.cell.objects:
         if not item.later:
@@ -189,7 +189,7 @@ def _beside(
 
 
 class _Neighbours:
-    """What is at rest, and what is near something there."""
+    """Objects at rest, with a search for neighbours."""
 
     def __init__(self, world: AuditWorld, touch: float) -> None:
         self._world, self._touch = world, touch
@@ -197,15 +197,15 @@ class _Neighbours:
         self._poses = {item.name: item.pose for item in world.cell.fixtures}
 
     def rest(self, name: str, pose: Transform) -> None:
-        """Note where something lies."""
+        """Add an object at rest."""
         self._poses[name] = pose
 
     def leave(self, name: str) -> None:
-        """Note that something does not lie anywhere any more."""
+        """Remove an object."""
         self._poses.pop(name, None)
 
     def of(self, name: str, pose: Transform) -> Iterator[str]:
-        """Yield what is near something at a pose."""
+        """Yield the neighbours of an object at a pose."""
         own = self._boxes(name, pose)
         for other, at in self._poses.items():
             if other == name:

@@ -1,4 +1,4 @@
-"""Judgement of a plan that somebody else made: the audit, of the plan at its times and under delays."""
+"""Judgement of an external plan: audits at its planned times and under delays."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class DelayedRun:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the judge says of a plan.
+    """Result of judging a plan.
 
     Attributes:
         scenario: name of the task.
@@ -101,7 +101,7 @@ class Judgement:
 
     @property
     def clean(self) -> bool:
-        """Whether nothing is wrong with it, at its own times and under delays."""
+        """Whether it has no violations, at its own times and under delays."""
         return not self.findings and not any(run.findings for run in self.delayed)
 
     @property
@@ -111,7 +111,7 @@ class Judgement:
 
     @property
     def p95_s(self) -> float | None:
-        """So long the plan takes under delays at most in 95 of 100 cases [s]."""
+        """95th percentile of the makespan under delays [s]."""
         return float(np.quantile(self._makespans, 0.95)) if self.delayed else None
 
     @property
@@ -150,14 +150,14 @@ def judge(
     engine: Engine | None = None,
     progress: Report = report_nothing,
 ) -> Judgement:
-    """Judge an open plan, whoever made it.
+    """Judge an open plan of any planner.
 
     Args:
         plan: its file.
         scenario: its task; by default the one that the file names.
         seeds: how many executions under delays are looked at.
         engine: to measure with; by default PyBullet where it is installed, else coal.
-        progress: told how far it has come.
+        progress: receives the progress.
 
     Raises:
         InvalidScenarioError: the file is no open plan, or does not fit its scenario.
@@ -207,7 +207,7 @@ def named_scenario(content: OpenPlan, path: Path) -> Path:
 
 
 class JudgedPlan:
-    """An open plan with all that it is judged by.
+    """An open plan with the data for judging it.
 
     Args:
         plan: the plan.
@@ -254,13 +254,13 @@ class JudgedPlan:
         self._graph = replace(bare, allowed=allowed)
 
     def executed(self, spans: Mapping[str, MotionSpan]) -> ForeignExecution:
-        """Return what is executed where motions happen at some times."""
+        """Return the execution with given times of motions."""
         return build_foreign_execution(self.plan, self.world, self._wanted.tools, spans)
 
     def look(
         self, spans: Mapping[str, MotionSpan], progress: Report = report_nothing
     ) -> tuple[tuple[Violation, ...], float]:
-        """Return what is wrong with an execution, by time, and the least distance of two robots [m]."""
+        """Return the violations of an execution, by time, and the least distance of two robots [m]."""
         done = self.executed(spans)
         own = [*done.violations, *self.rules.violations(self.plan, spans)]
         taken = {
@@ -279,7 +279,7 @@ class JudgedPlan:
                 wanted=self._wanted,
                 spans=taken,
             )
-        except OutputError as error:  # nobody can look at what is as fast as that
+        except OutputError as error:  # too fast to be sampled
             words = error.message
             end = done.recording.end
             own.append(Violation(0.0, end, "plan", "", 0.0, words, "joint-speed"))
@@ -296,7 +296,7 @@ class JudgedPlan:
 
 
 class WorkRules:
-    """How fast and for how long robots work by a scenario.
+    """Speeds and durations of work by a scenario.
 
     Args:
         scenario: says so.
@@ -312,7 +312,7 @@ class WorkRules:
             self._sum = scenario.planning.l1_rad_s
 
     def stretch(self, name: str, motion: OpenMotion, u: float) -> float | None:
-        """Return how many times as long as planned work takes at a quantile; None for a plain move."""
+        """Return the stretch factor of work at a quantile; None for a plain move."""
         model = next(iter(self._works(name, [motion]).values()), None)
         if model is None or model.mean <= 0.0:
             return None
@@ -321,7 +321,7 @@ class WorkRules:
     def violations(
         self, plan: OpenPlan, spans: Mapping[str, MotionSpan]
     ) -> Iterator[Violation]:
-        """Yield motions that are too fast, work that is too short, and who does not wait.
+        """Yield motions that are too fast, work that is too short, and missed waits.
 
         Args:
             plan: what is executed.
@@ -347,7 +347,7 @@ class WorkRules:
     def _works(
         self, name: str, group: Sequence[OpenMotion]
     ) -> dict[str, DurationModel]:
-        """Return what a piece of work consists of, by skill: what it is called, and what changes hands."""
+        """Return the skills of a piece of work, with names and transfers."""
         found: dict[str, DurationModel] = {}
         for motion in group:
             done = [(motion.skill, motion.object)]

@@ -1,4 +1,4 @@
-"""Open plans: the file in which anybody's plan of a team of robots is handed in.
+"""Open plans: the file format for robot team plans of any planner.
 
 Trajectories of all robots, what each takes and gives when, and what waits for what; see "Open plan"
 of docs/reference/formats.md. Nothing in it depends on a planner.
@@ -43,13 +43,13 @@ VERBS = ("take", "put", "give", "appear", "leave")
 """What can happen to an object."""
 
 _MOST_ERRORS, _MOST_PROBLEMS = 1000, 100
-"""Most errors of the schema that are told one by one, and most other problems."""
+"""Largest numbers of schema errors and of other problems that are listed."""
 
 _MOST_COMPARED = 1000
 """Most ids that an unknown one is compared with."""
 
 _QUOTED = 400_000
-"""Characters up to which a file is read a second time, slowly, for the lines of what is wrong in it."""
+"""File size in characters up to which problems get line numbers, by a second, slow reading."""
 
 
 class OpenEvent(Section):
@@ -88,7 +88,7 @@ class OpenEvent(Section):
 
     @property
     def verb(self) -> str:
-        """What happens."""
+        """The verb of the event."""
         return next(verb for verb in VERBS if getattr(self, verb) is not None)
 
     @property
@@ -190,7 +190,7 @@ class OpenPlan(Section):
 
 
 def read_open_plan(path: Path) -> OpenPlan:
-    """Read an open plan, and check what can be said of it without its scenario.
+    """Read an open plan, and check it as far as possible without its scenario.
 
     Raises:
         InvalidScenarioError: with all that is wrong, each with its place in the file.
@@ -225,7 +225,7 @@ def read_open_plan(path: Path) -> OpenPlan:
 
 
 def require_no_faults(path: Path, problems: Found) -> None:
-    """Refuse a file of which something is wrong.
+    """Refuse a file with faults.
 
     Raises:
         InvalidScenarioError: with the first problems.
@@ -256,7 +256,7 @@ def _document(path: Path, text: str, places: Iterable[KeyPath]) -> YamlDocument:
 
 
 def _problems(plan: OpenPlan) -> Found:
-    """Yield what does not fit within the plan: lengths, times, ids."""
+    """Yield inconsistencies of the plan: lengths, times, ids."""
     for name in plan.machines.keys() & plan.robots.keys():
         yield ("machines", name, "[key]"), "is the name of a robot, too"
     ids: dict[str, str] = {}
@@ -298,7 +298,7 @@ def _problems(plan: OpenPlan) -> Found:
 
 
 def _own_problems(plan: OpenPlan, at: KeyPath, motion: OpenMotion) -> Found:
-    """Yield what does not fit within a motion."""
+    """Yield inconsistencies within a motion."""
     times, rows = motion.t_s, len(motion.t_s)
     for k in range(1, rows):
         if times[k] < times[k - 1]:

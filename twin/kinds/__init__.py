@@ -1,4 +1,4 @@
-"""Kinds of assembly: of each the section of a scenario, how it is planned, and what is checked and drawn of it.
+"""Kinds of assembly: scenario section, planning, checks and pictures of each.
 
 Data and methods of a kind, which know no scenarios, are in the folder of the same name in ``planning``.
 """

@@ -1,1 +1,1 @@
-"""Robots that somebody else moves: the plan is executed by drivers, which the dispatcher tells how far they are cleared."""
+"""Robots moved by drivers, which execute the nodes that the dispatcher clears."""

@@ -1,4 +1,4 @@
-"""The end of a session at the driver: takes commands that may be late, doubled or lost, and reports; and what carries both."""
+"""Driver's end of a session: receives commands that may be late, duplicated or lost, and sends reports."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from twin.live.messages import Command, Report
 from twin.live.wire_format import MOST_SAMPLES
 
 _AGAIN_S = 0.5
-"""After so long, samples that have not been heard of are told again [s]."""
+"""Time after which unacknowledged samples are resent [s]."""
 
 _MOST = 50_000
-"""Samples that are kept for a dispatcher that does not answer."""
+"""Largest number of buffered unacknowledged samples."""
 
 Deliver = Callable[[Report], None]
 """Is given every report; it may be called from any thread."""
 
 
 class UnacknowledgedSamples:
-    """Samples, numbered from 0 on, that are told until they have been heard of."""
+    """Samples, numbered from 0 on, that are sent until acknowledged."""
 
     def __init__(self) -> None:
         self.kept = 0
@@ -38,13 +38,13 @@ class UnacknowledgedSamples:
         self._again_s = -math.inf
 
     def add(self, samples: Iterable[Sample]) -> None:
-        """Take further ones."""
+        """Append samples."""
         self._samples += samples
         while len(self._samples) > _MOST:
             self._drop()
 
     def heard(self, count: int) -> None:
-        """Drop those that have been heard of; a dispatcher that has heard of none is told all that are left.
+        """Drop acknowledged samples; without an acknowledgement all kept ones are sent.
 
         Args:
             count: the number of the next one that it wants.
@@ -55,7 +55,7 @@ class UnacknowledgedSamples:
             self._drop()
 
     def to_tell(self, now_s: float) -> tuple[int, tuple[Sample, ...]]:
-        """Return the number of the first of those that are to be told now, and them."""
+        """Return the samples to send now, with the number of the first."""
         if now_s - self._again_s >= _AGAIN_S:
             self._told, self._again_s = self.kept, now_s
         first = max(self._told, self.kept)
@@ -70,12 +70,12 @@ class UnacknowledgedSamples:
 
 
 class DriverEnd:
-    """What a driver knows of its session.
+    """State of a session at the driver.
 
     Args:
         driver: the robot.
         robot: its name in the plan.
-        instance: greater whenever this is started anew, such as the time.
+        instance: number that increases with every restart, such as the time.
         clock: returns the time, counted from anywhere [s].
     """
 
@@ -97,16 +97,16 @@ class DriverEnd:
 
     @property
     def left(self) -> bool:
-        """Whether nothing more will come."""
+        """Whether the session has ended."""
         return self._left
 
     def receive(self, command: Command) -> None:
-        """Do what a command says, unless it is another robot's or session's, or overtaken by a later one."""
+        """Execute a command, unless it is for another robot or session, or outdated."""
         with self._turn:
             self._receive(command)
 
     def _receive(self, command: Command) -> None:
-        # What was sent before this driver was heard of may be older than what it is to know.
+        # Commands sent before this driver connected may be outdated.
         meant = (command.robot, command.instance) == (self._robot, self._instance)
         if not meant or self.left:
             return
@@ -129,7 +129,7 @@ class DriverEnd:
             self._driver.leave()
 
     def _take(self, command: Command) -> None:
-        """Take the nodes that it has not got yet, if none is missing before them."""
+        """Accept new nodes, if none is missing before them."""
         failed = self._look().failed
         if failed >= 0:
             # What was to come after it is of a graph that is not executed any more.
@@ -143,7 +143,7 @@ class DriverEnd:
             self._version = max(self._version, command.version)
 
     def _look(self) -> DriverState:
-        """Return how far the robot is; its samples are told of in the next report."""
+        """Return the state of the robot; its samples go into the next report."""
         state = self._driver.state()
         if self._session:
             alone = Sample(self._clock(), state.q, state.begun, state.done)
@@ -151,7 +151,7 @@ class DriverEnd:
         return state
 
     def report(self) -> Report:
-        """Return what is to be told now; it is worth telling often, as a sign of life."""
+        """Return the current report, which is also a heartbeat."""
         with self._turn:
             return self._report()
 
@@ -177,23 +177,23 @@ class DriverEnd:
 
 
 class Wire(Protocol):
-    """Carries messages between dispatcher and one driver; any of them may be lost."""
+    """Transport of messages between dispatcher and one driver; messages may be lost."""
 
     def open(self, deliver: Deliver) -> None:
-        """Begin to carry reports."""
+        """Start to transport reports."""
         ...
 
     def send(self, command: Command) -> None:
-        """Carry a command, if that can be; it returns at once."""
+        """Send a command without blocking, if connected."""
         ...
 
     def close(self) -> None:
-        """Carry no more."""
+        """Close the transport."""
         ...
 
 
 class LocalWire:
-    """Carries messages to and from a driver in this process, which reports again and again.
+    """Transport to a driver in this process, which reports periodically.
 
     Args:
         end: of the driver.
@@ -206,7 +206,7 @@ class LocalWire:
         self._thread: threading.Thread | None = None
 
     def open(self, deliver: Deliver) -> None:
-        """Begin to report, in a thread of its own."""
+        """Start to report, in a thread of its own."""
 
         def report() -> None:
             while not self._over.wait(self._every):
@@ -216,16 +216,16 @@ class LocalWire:
         self._thread.start()
 
     def send(self, command: Command) -> None:
-        """Tell the driver."""
+        """Pass a command to the driver."""
         self._end.receive(command)
 
     def close(self) -> None:
-        """Report no more."""
+        """Stop reporting."""
         self._over.set()
         if self._thread is not None:
             self._thread.join()
 
 
 def new_instance_number() -> int:
-    """Return an instance of a driver that is greater than those of others that were started before."""
+    """Return an instance number greater than those of drivers started earlier."""
     return time.time_ns()

@@ -1,4 +1,4 @@
-"""The executor of runs whose robots are moved by drivers."""
+"""Executor of runs whose robots are moved by drivers."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from twin.trial.plan_result import PlanResult
 
 @dataclass(frozen=True)
 class LiveExecutor:
-    """Executes plans with drivers that move the robots, and plans anew what fails.
+    """Executes plans with drivers that move the robots, and replans after failures.
 
     Attributes:
         session: the drivers.
-        says: answers for a person who is asked then; see twin.operate.
-        history: what has happened by the log, of a run that is continued.
+        says: answers for a person; see twin.operate.
+        history: events of the log, of a run that is continued.
     """
 
     session: Session
@@ -43,7 +43,7 @@ class LiveExecutor:
         """Return the executor of a run that has begun.
 
         Raises:
-            ResumeError: somebody answered questions in it.
+            ResumeError: a person answered questions in it.
         """
         require_unanswered(header, folder)
         assert header.session is not None
@@ -51,7 +51,7 @@ class LiveExecutor:
 
     @property
     def entries(self) -> Mapping[str, Any]:
-        """Entries of the header of a run by which its executor is found again."""
+        """Entries of a run's header that identify its executor."""
         return {
             "operated": True,
             "answered": self.says is not None,
@@ -80,10 +80,10 @@ class LiveExecutor:
     def continued(
         self, plan: PlanResult, folder: Path, log: Sequence[str]
     ) -> LiveExecutor:
-        """Return who continues a run, from what its drivers and its log say of it.
+        """Return an executor that continues a run from the state of its drivers and its log.
 
         Raises:
-            ResumeError: something was planned anew in it.
+            ResumeError: it was replanned.
         """
         try:
             history = history_of(plan.tpg, list(map(parse_event, log)))

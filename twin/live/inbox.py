@@ -1,4 +1,4 @@
-"""The reports that wait for the dispatcher, a bounded number of each robot."""
+"""Queue of reports for the dispatcher, bounded per robot."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _MOST_WEIGHT = 50_000
 
 
 class Inbox:
-    """A queue of reports that drops what a robot sends faster than it is heard.
+    """A queue of reports that drops a robot's reports beyond a bound.
 
-    A report says how a robot is as a whole, and samples are told again until they have been heard of: so nothing is
-    lost by a report that is dropped.
+    A report has the whole state of a robot, and samples are sent until acknowledged: so a dropped
+        report loses nothing.
     """
 
     def __init__(self) -> None:
@@ -29,14 +29,14 @@ class Inbox:
         self._left: int | None = None
 
     def put(self, report: Report) -> None:
-        """Append a report, unless too much of its robot waits; it returns at once."""
+        """Append a report without blocking, unless its robot's bound is reached."""
         with self._turn:
             if self._weight[report.robot] < _MOST_WEIGHT:
                 self._weight[report.robot] += _weight(report)
                 self._queue.put(report)
 
     def get(self, timeout: float) -> Report:
-        """Return the report that has waited longest.
+        """Return the oldest report.
 
         Args:
             timeout: how long to wait for one [s].
@@ -52,9 +52,10 @@ class Inbox:
         return report
 
     def is_behind(self) -> bool:
-        """Tell whether reports wait that are to be heard before anything else.
+        """Return whether reports are waiting that must be processed first.
 
-        Those are all that wait once this was false; what comes meanwhile is heard after it was false again.
+        Those are all reports waiting after this was false; later ones are processed after it is false
+        again.
         """
         if self._left is None:
             self._left = self._queue.qsize()

@@ -1,4 +1,4 @@
-"""The end of a session at the dispatcher, one a robot: what its driver is told, and what is believed of it."""
+"""Dispatcher's end of a session, one per robot: commands to its driver, and validated reports of it."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ _SAME_CLOCK_S = 1.0
 """A clock on this machine that is so near to that of the dispatcher is the same one [s]."""
 
 _CLOCK_JUMP_S = 10.0
-"""A clock that gains or loses more than this on that of the dispatcher was set anew, or stands still [s]."""
+"""Clock change relative to the dispatcher that counts as a jump or standstill [s]."""
 
 _EARLY_S = 0.1
 """A node may be reported as done so long before its end is passed as planned [s]."""
 
 _MOST_TOLD = 5
-"""So many jumps of the clock of a driver are told of."""
+"""Largest number of reported clock jumps of a driver."""
 
 _BLOCK = 1000
 """So many samples are compared with their path at a time."""
@@ -44,12 +44,12 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class AwaitedActuation:
-    """A node that a robot passes once another one's tool has closed or opened.
+    """A node that a robot enters after another robot's tool has closed or opened.
 
     Attributes:
         node: its number among those of the robot.
         robot: whose tool it is.
-        order: what that is to do.
+        order: the action of the other tool.
     """
 
     node: int
@@ -59,13 +59,13 @@ class AwaitedActuation:
 
 @dataclass
 class Link:
-    """What is known of one driver, and what it is to know.
+    """State of the connection to one driver, and its commands.
 
     Attributes:
         session, robot: names of the run and the robot.
         start: where the plan has the robot stand at the beginning, shape (n,).
         lease_s: without a report for so long, nothing more is cleared to it [s].
-        repeat_s: what a driver has not got is told again after so long, and at least so often there is a
+        repeat_s: unacknowledged commands are resent after this time, and at least this often there is a
             sign of life [s].
         number: of the last command.
         done: nodes that are through.
@@ -75,10 +75,10 @@ class Link:
             they are the same [s].
         near: whether its driver may be on this machine; where it then has the same clock, that is seen by its
             first report.
-        awaited: what tools of other robots are to have done before further nodes are told.
+        awaited: tool actions of other robots required before further nodes are sent.
         tool: the last order of its own tool, None for none.
-        held, leave: whether it is to stand; whether nothing more will come.
-        state: what it said last, None before it has.
+        held, leave: whether the robot shall stop; whether the session ends.
+        state: its last report, None before the first.
         problem: why a report of its was impossible, None where none was: it is not relied on any more.
         lower, upper: range of each joint, shape (n,) [rad or m].
         begun: nodes that it has reported as begun.
@@ -126,7 +126,7 @@ class Link:
     _news: bool = True
 
     def go_on(self, starts: int, done: int) -> None:
-        """Take up what a dispatcher before this one knew.
+        """Restore the state of an earlier dispatcher.
 
         Args:
             starts: how many there were.
@@ -136,18 +136,18 @@ class Link:
         self.done = self.begun = done
 
     def samples(self, report: Report) -> tuple[Sample, ...] | None:
-        """Return the samples of a report that has been believed which have not come before.
+        """Return the new samples of an accepted report.
 
         None where some before them are still to come.
         """
         if report.seen <= self._base:
-            return None  # it does not know yet what this dispatcher has heard of
+            return None  # it has no acknowledgement of this dispatcher yet
         if self._taken is None:
             self._taken = report.first
         self._taken = max(self._taken, report.kept)
         skip = self._taken - report.first
         if skip < 0:
-            return None  # what is missing before them is told again
+            return None  # missing earlier ones are sent again
         own = report.state.samples[skip:]
         self._taken += len(own)
         if not own and not self._taken:
@@ -155,13 +155,13 @@ class Link:
         return tuple(self._in_one_clock(sample, report.at_s) for sample in own)
 
     def state_alone(self, report: Report) -> tuple[Sample, ...]:
-        """Return the state of a report as a sample: of a driver that tells no samples, that is what is known."""
+        """Return the state of a report as a sample, for drivers that send no samples."""
         state = report.state
         own = Sample(report.at_s, state.q, state.begun, state.done)
         return (self._in_one_clock(own, report.at_s),)
 
     def _in_one_clock(self, sample: Sample, reported_s: float) -> Sample:
-        """Return a sample whose time is by the driver's clock as it would be had nobody set it back."""
+        """Return a sample with its time corrected for resets of the driver's clock."""
         before, shift = self._shifts_s
         was_before = sample.at_s > reported_s + _SAME_CLOCK_S
         if not shift and not was_before:
@@ -170,16 +170,16 @@ class Link:
         return replace(sample, at_s=min(at_s, self._at_s or at_s))
 
     def alive(self, now_s: float) -> bool:
-        """Tell whether its driver has given a sign of life, and can be relied on."""
+        """Return whether the driver's heartbeat is recent and its reports were valid."""
         heard = self._heard_s is not None and now_s - self._heard_s <= self.lease_s
         return heard and self.problem is None
 
     def silent_s(self, now_s: float) -> float | None:
-        """Return for how long nothing has been heard of it [s], None where nothing ever was."""
+        """Return the time since the last report [s], None before the first."""
         return None if self._heard_s is None else now_s - self._heard_s
 
     def when(self, at_s: float) -> float:
-        """Return a time by the clock of the driver in that of the dispatcher [s].
+        """Convert a time of the driver's clock to the dispatcher's clock [s].
 
         As far as is known: no report was quicker than the quickest one, and nothing was measured after it was
         reported.
@@ -188,12 +188,12 @@ class Link:
         return when_s if self._heard_s is None else min(when_s, self._heard_s)
 
     def clear(self, nodes: Sequence[ClearedNode]) -> None:
-        """Let the robot pass more nodes."""
+        """Clear further nodes."""
         self.cleared += nodes
         self._news = True
 
     def swap(self, version: int, count: int) -> None:
-        """Go on with another graph, in which it may pass so many nodes."""
+        """Continue with another graph, with a number of nodes cleared."""
         self.version = version
         if self._stuck and count == self.failed + 1:
             # The robot stands where the skill began, which counts as done.
@@ -209,21 +209,21 @@ class Link:
         self._news = True
 
     def order(self, order: ToolOrder) -> None:
-        """Have its tool close or open."""
+        """Order its tool to close or open."""
         if self.tool != order:
             self.tool, self._news = order, True
             self.orders.add(order.name)
 
     @property
     def is_acting(self) -> bool:
-        """Whether its tool has not done what was ordered last; one at fault has done nothing."""
+        """Whether its last tool order is not done; a robot at fault counts as not done."""
         state, acted = self.state, ""
         if state is not None and state.mode != "fault":
             acted = state.acted
         return self.tool is not None and acted != self.tool.name
 
     def rests(self, count: int, tolerance: float) -> bool:
-        """Tell whether its robot rests, or comes to rest by itself, at the end of what it was cleared for.
+        """Return whether its robot rests, or will come to rest, at its last cleared node.
 
         Args:
             count: nodes that it was cleared for.
@@ -235,33 +235,33 @@ class Link:
         return count > 0 and count == (self.state.begun if silent else self.state.done)
 
     def is_due(self, awaited: AwaitedActuation) -> bool:
-        """Tell whether its robot stands where another one's tool is to act next."""
+        """Return whether its robot stands where another robot's tool acts next."""
         return self.done >= awaited.node
 
     def go_on_after(self, awaited: AwaitedActuation) -> None:
-        """Tell of the nodes from one on in which another tool was awaited."""
+        """Send the nodes from one on that awaited another tool."""
         self.awaited.remove(awaited)
         self._news = True
 
     def has(self, node: int) -> bool:
-        """Tell whether its driver has said that it knows a node."""
+        """Return whether its driver has acknowledged a node."""
         return self._have is not None and self._have > node
 
     def hold(self, held: bool) -> None:
-        """Let the robot stand, or go on."""
+        """Stop the robot, or let it continue."""
         self.held, self._news = held, True
 
     def say_leave(self) -> None:
-        """Let the robot come to rest for good."""
+        """End the session: the robot comes to rest for good."""
         self.leave, self._news = True, True
 
     # Messages
 
     def receive(self, report: Report, now_s: float) -> DriverState | None:
-        """Return what a report says, None where it is to be left aside: foreign, doubled or overtaken.
+        """Validate a report; None for a foreign, duplicate or outdated one.
 
         Args:
-            report: what has arrived.
+            report: the received report.
             now_s: the time [s].
         """
         order = (report.instance, report.number)
@@ -275,7 +275,7 @@ class Link:
             return None
         before, (self._instance, self._report) = self._instance, order
         if report.instance != before:
-            # What it was told last may be old: it knows less than is known of it.
+            # Its last command may be old: it knows less than the dispatcher.
             self._have = self._taken = self._last = self._at_s = self._begins_at = None
             self._least = self.done
             self._shifts_s = 0.0, 0.0
@@ -287,14 +287,14 @@ class Link:
         self._compare_clocks(report.at_s, now_s)
         self._heard_s = now_s
         if not report.session:
-            # It has been started anew, or has not been told yet.
+            # It has been restarted, or has not received the order yet.
             self._news, self._have = True, None
             return None
         self.begun = max(self.begun, begun_nodes(report))
         self._have, self._last = known_nodes(report), report
         state = report.state
         if state.failed >= self.done:
-            # Until there is a graph that goes on from there, nothing comes after it.
+            # Until a graph continues from there, nothing follows it.
             self.failed, self._stuck = state.failed, True
         off, words = max(state.off, self._off(report)), plain_text(state.words)
         self.state = state = replace(state, off=off, words=words)
@@ -302,12 +302,12 @@ class Link:
         return state
 
     def _refuse(self, fault: ReportFault) -> None:
-        """Rely on the driver no more, and let its robot stand."""
+        """Distrust the driver from now on, and stop its robot."""
         self.problem = fault
         self.hold(True)
 
     def _clearance(self, report: Report) -> Clearance:
-        """Return what bounds a report."""
+        """Return the bounds for the next report."""
         lower, upper = (np.zeros_like(self.start) + k for k in (self.lower, self.upper))
         return Clearance(
             lower,
@@ -325,21 +325,21 @@ class Link:
         )
 
     def _most(self, version: int) -> int | None:
-        """Return of how many nodes its driver was told by a version of the graph, None for one of which of none.
+        """Return the number of nodes sent by a version of the graph, None for an unknown version.
 
-        Of what a dispatcher before this one told, only what was cleared is known.
+        Of an earlier dispatcher's messages, only the clearances are known.
         """
         if not 0 <= version <= self.version:
             return None
         if self._base:
             most: int | None = len(self.cleared)
         else:
-            # One that was started anew has done nodes, and none of its own.
+            # A restarted driver has completed nodes, but none by itself.
             most = self._told.get(version) if version else self.done
         return min(most, self.failed + 1) if most and self._stuck else most
 
     def _compare_clocks(self, at_s: float, now_s: float) -> None:
-        """Estimate how far the clock of the driver is behind, anew where that clock was set or stands still."""
+        """Estimate the offset of the driver's clock, reset after a jump or standstill of that clock."""
         told_s = at_s + self._shifts_s[1]
         behind_s = now_s - told_s
         if self._at_s is not None:
@@ -361,11 +361,11 @@ class Link:
             self.ahead_s = min(self.ahead_s, behind_s)
 
     def _off(self, report: Report) -> float:
-        """Return the greatest distance of a joint from the path, in a report and its samples [rad or m].
+        """Return the largest joint deviation from the path in a report and its samples [rad or m].
 
-        The path goes from where the robot stands after the nodes that it says are done, or shortly before, as a
-        corner may be cut, to the end of the next node but one, as a border may be noticed late. A driver that was
-        started anew has to find itself first: anywhere on what is left.
+        The path reaches from the end of the last completed node, or shortly before, as a corner may be
+        cut, to the end of the next node but one, as a border may be reported late. A restarted driver
+        may be anywhere on the rest of the path.
         """
         state, most = report.state, self._most(report.version) or 0
         if self._begins_at is None:
@@ -385,7 +385,7 @@ class Link:
         return off
 
     def _before(self, count: int) -> Array:
-        """Return the end of the path of so many nodes, as far as it is passed in a short time, shape (k, n)."""
+        """Return the last part of the path of some nodes, passed in a short time, shape (k, n)."""
         if not count:
             return self.start[None]
         node = self.cleared[count - 1]
@@ -396,15 +396,15 @@ class Link:
         return np.vstack([begin, corners[seconds > begin_s], corners[-1:]])
 
     def _stands_at(self, count: int) -> Array:
-        """Return where the robot stands after so many nodes, shape (n,)."""
+        """Return the configuration after a number of nodes, shape (n,)."""
         return self.cleared[count - 1].waypoints[-1] if count else self.start
 
     def command(self, now_s: float) -> Command | None:
-        """Return what is to be sent now, None for nothing."""
+        """Return the command to send now, None for none."""
         late = self._sent_s is None or now_s - self._sent_s >= self.repeat_s
         if not self._news and not late:
             return None
-        # A driver that has said nothing yet is told from where it may have to begin.
+        # A driver without any report yet is told its possible start.
         have = self.done if self._have is None else self._have
         self._news, self._sent_s = False, now_s
         self.number += 1
@@ -429,7 +429,7 @@ class Link:
 
 
 def sync_tool_commands(links: Mapping[str, Link]) -> list[tuple[str, int]]:
-    """Order what robots that stand ready for it await of others' tools, and let them go on after it.
+    """Order awaited tool actions for robots in position, and continue them afterwards.
 
     Args:
         links: of all robots, by name.

@@ -1,8 +1,9 @@
-"""What a run has come to by its log, from where a dispatcher that was started anew goes on, and by what was measured.
+"""State of a run from its log, from which a restarted dispatcher continues, and its measured samples.
 
-``measured.csv`` has every sample of every robot as it came, so that a kill loses none of them. Where samples were
-lost, as after a driver was killed, where a robot was is known only from what it was cleared for: it can have followed
-its path, and stood. A straight line between two samples would cut the corners of that path, through whatever they
+``measured.csv`` has every sample of every robot as received, so that a kill loses none of them. Where
+samples were lost, as after a driver was killed, a robot's position is inferred from its clearances: it
+followed its path, and stood. A straight line between two samples would cut the corners of that path,
+through whatever they
 lead around.
 """
 
@@ -32,13 +33,13 @@ from twin.runs.execution_record import Measured
 from twin.runs.folder import LARGEST_RESULT
 
 _BEGIN = "#begin"
-"""First column of the line that says when the run began."""
+"""First column of the line with the start of the run."""
 
 _LONGEST_LINE = 1 << 16
 """Most bytes of a line."""
 
 _UNSEEN_NS = 100_000_000
-"""Samples that are farther apart than this are taken to have others between them that were lost [ns]."""
+"""Interval between samples above which others count as lost [ns]."""
 
 _LATER_S = 1e-6
 """How much later than the one before each of them was measured, by the clock of the driver [s]."""
@@ -46,13 +47,13 @@ _LATER_S = 1e-6
 
 @dataclass
 class MeasuredRows:
-    """What has been measured of a robot: rows while it moves, and both ends of each time for which it stands.
+    """Measured rows of a robot: all while it moves, and both ends of each standstill.
 
     Attributes:
         t_ns, q, node: see ``Measured``; where it stands, the first row is of the node before, the last one of
             that which it then begins.
         begin_ns, end_ns: when it began each of its nodes, and was through with it.
-        cleared_ns: when it was cleared for them; whatever its clock says, it began none before.
+        cleared_ns: clearance times of its nodes; by any clock, none began earlier.
         last: the last sample, and when it was taken in the run [ns]; None before the first.
     """
 
@@ -66,9 +67,9 @@ class MeasuredRows:
     _stood: tuple[int, Array] | None = None
 
     def is_new(self, state: Sample) -> bool:
-        """Tell whether a sample comes after all those that have been taken note of.
+        """Return whether a sample is later than all recorded ones.
 
-        A driver that was started anew may have another clock, but it does not undo nodes.
+        A restarted driver may have another clock, but its completed nodes never decrease.
         """
         if self.last is None:
             return True
@@ -76,7 +77,7 @@ class MeasuredRows:
         return (state.done, state.begun, state.at_s) > (own.done, own.begun, own.at_s)
 
     def add(self, t_ns: int, state: Sample) -> bool:
-        """Take note of a sample, and return whether that had not been done before."""
+        """Record a sample; return whether it is new."""
         if not self.is_new(state):
             return False
         begun = self.cleared_ns[state.begun - 1 : state.begun]
@@ -98,7 +99,7 @@ class MeasuredRows:
         return True
 
     def note(self, t_ns: int, begun: int, done: int) -> None:
-        """Take note of nodes that are begun and through at a time [ns], none before the node before is."""
+        """Record nodes begun and completed at a time [ns], in the order of the chain."""
         begin, end = self.begin_ns, self.end_ns
         begin += [max([t_ns, *begin[-1:], *end[-1:]])] * (begun - len(begin))
         end += [max([t_ns, *begin[done - 1 : done]])] * (done - len(end))
@@ -115,7 +116,7 @@ class MeasuredRows:
         self.node.append(node)
 
     def measured(self) -> Measured:
-        """Return all of it."""
+        """Return the measured motion."""
         return Measured(np.array(self.t_ns), np.array(self.q), np.array(self.node))
 
 
@@ -133,7 +134,7 @@ class MeasuredLog:
         self._last: dict[str, str] = {}
 
     def begin_s(self) -> float | None:
-        """Return when the run began, by the clock of the machine [s]; None where nothing says so."""
+        """Return the start of the run by the machine's clock [s]; None if unknown."""
         for first, *rest in self._lines():
             with suppress(ValueError, IndexError):
                 if first == _BEGIN:
@@ -143,10 +144,10 @@ class MeasuredLog:
     def before(
         self, known: Mapping[str, tuple[int, int]]
     ) -> Iterator[tuple[str, int, Sample]]:
-        """Yield what is in the file: robot, time in the run [ns], and sample; rows that are none are left out.
+        """Yield the rows of the file: robot, time in the run [ns], sample; invalid rows are skipped.
 
         Args:
-            known: number of joints, and of nodes that were released, of each robot.
+            known: numbers of joints and of released nodes of each robot.
 
         Raises:
             OutputError: the file cannot be read, or is too large.
@@ -166,7 +167,7 @@ class MeasuredLog:
                     yield robot, time_ns, own
 
     def _lines(self) -> Iterator[list[str]]:
-        """Yield the columns of every line; one that was not written to its end is left out."""
+        """Yield the columns of every complete line."""
         if self._path is None or not self._path.exists():
             return
         try:
@@ -183,12 +184,12 @@ class MeasuredLog:
             raise OutputError(f"{self._path}: cannot be read: {error}") from error
 
     def begin(self, begin_s: float) -> None:
-        """Write when the run begins, by the clock of the machine [s]."""
+        """Write the start of the run by the machine's clock [s]."""
         self._append(f"{_BEGIN},{begin_s!r}")
         self.flush()
 
     def write(self, robot: str, t_ns: int, own: Sample) -> None:
-        """Append a sample of a robot at a time in the run [ns]; of those of a standstill, the first and the last."""
+        """Append a sample of a robot at a time in the run [ns]; only first and last of a standstill."""
         first, q = self._first.get(robot), ",".join(map(repr, own.q.tolist()))
         line = f"{robot},{t_ns},{own.at_s!r},{own.begun},{own.done},{q}"
         if first is not None and _stands(first, own):
@@ -218,13 +219,13 @@ class MeasuredLog:
                 self._file.close()
 
     def flush(self) -> None:
-        """Hand over to the operating system what was written."""
+        """Flush the file to the operating system."""
         if self._file is not None:
             self._file.flush()
 
 
 def _stands(first: Sample, own: Sample) -> bool:
-    """Tell whether a robot stands since a sample: between two nodes, or where it was in the middle of one."""
+    """Return whether a robot has stood since a sample: between two nodes, or at the same point of one."""
     if (first.begun, first.done) != (own.begun, own.done):
         return False
     return own.begun == own.done or np.array_equal(first.q, own.q)
@@ -240,7 +241,7 @@ def samples_between(
     """Return the corners of a robot's path between two samples, passed as fast as planned.
 
     Args:
-        before, after: both samples, and when they were taken in the run [ns].
+        before, after: both samples with their times in the run [ns].
         nodes: all that it was cleared for, from its first one on.
         cleared_ns: when it was cleared for each [ns]; it passes no corner of a node before.
         start: where the first one begins, shape (n,).
@@ -280,7 +281,7 @@ def samples_between(
 
 
 def _passed(nodes: Sequence[ClearedNode], sample: Sample, start: Array) -> float:
-    """Return how far into the node that it is in a robot is, by where it stands [s]."""
+    """Return the planned time into the current node at the robot's position [s]."""
     k = sample.done
     if sample.begun == k:
         return 0.0
@@ -293,15 +294,15 @@ def _passed(nodes: Sequence[ClearedNode], sample: Sample, start: Array) -> float
 
 @dataclass
 class History:
-    """What has happened in a run.
+    """History of a run.
 
     Attributes:
-        cleared_ns, start_ns, end_ns: when each node of each chain was released, begun and complete, as far
+        cleared_ns, start_ns, end_ns: release, start and end of each node of each chain, as far
             as they were, one entry a chain [ns].
         finished: chains that have come to their end.
-        holders: who holds each object that is held.
-        handled: number of handlings of each node that are in the log, by chain and node.
-        held: robots that a person lets stand.
+        holders: robot that holds each held object.
+        handled: number of logged handlings of each node, by chain and node.
+        held: robots stopped by a person.
         starts: how often the dispatcher was started.
         since_ns: how late it is in the run [ns].
     """
@@ -318,14 +319,14 @@ class History:
 
 
 def history_of(tpg: TemporalPlanGraph, events: Sequence[Event]) -> History:
-    """Return what has happened by a log.
+    """Return the history in a log.
 
     Args:
         tpg: the plan.
         events: the log.
 
     Raises:
-        TwinError: something was planned anew, which cannot be made again from what happened.
+        TwinError: the run was replanned, which cannot be reconstructed from the log.
     """
     chains = tpg.chain_index
     cleared, begun, done = (list[list[int]]() for _ in range(3))

@@ -1,8 +1,8 @@
-"""Messages between dispatcher and driver, whatever carries them.
+"""Messages between dispatcher and driver, independent of transport.
 
-Both say how things are to be, or are, as a whole: what arrives twice changes nothing, what is lost comes again
-with the next one, and what is overtaken on its way is left aside by its number. Only nodes are not repeated
-once the driver has them.
+Both carry the whole target or actual state: duplicates change nothing, lost content comes again with
+the next message, and outdated messages are dropped by number. Only nodes are not repeated after
+acknowledgement.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from twin.drivers.driver import ClearedNode, DriverState, ToolOrder
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What a driver is told.
+    """Command to a driver.
 
     Attributes:
         session: name of the run; a driver serves one at a time.
-        robot: who is meant.
-        instance: of the driver that is meant, the last one that was heard of; 0 where none was.
-        number: greater than of all before, also after the dispatcher was started anew.
+        robot: the addressed robot.
+        instance: of the addressed driver, the last that reported; 0 without one.
+        number: increasing, also across restarts of the dispatcher.
         start: where the plan has the robot stand after ``done`` nodes, shape (n,).
-        done: nodes that a driver that was started anew need not do.
+        done: nodes that a restarted driver shall skip.
         version: number of the graph that ``nodes`` are from, from 1.
         nodes: that the robot is cleared for, one after another; none where it has all.
         heard: how many samples have come, counted from the driver's first one on.
-        held: whether it is to stand.
+        held: whether the robot shall stop.
         leave: whether nothing more will come.
         tool: the last order of its tool, None for none.
     """
@@ -48,20 +48,20 @@ class Command:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What a driver says.
+    """Report of a driver.
 
     Attributes:
-        session: that it serves, empty before it was told.
-        robot: who it is.
-        instance: greater whenever the driver is started anew.
+        session: its session, empty before the first command.
+        robot: its robot.
+        instance: increases with every restart of the driver.
         number: greater than of all before of this instance.
         at_s: when, by the clock of its samples [s].
-        seen: number of the last command that it has taken note of.
+        seen: number of the last command processed.
         version: number of the graph that its last nodes are from, 0 before the first.
         have: how many nodes it knows, from the robot's first one on.
-        state: how far it is; its samples are new, and now and then all that have not been heard of.
+        state: state of the driver; its samples are new, and now and then all unacknowledged ones.
         first: number of the first of the samples.
-        kept: number of the oldest sample that it can tell again.
+        kept: number of the oldest sample that it can resend.
     """
 
     session: str

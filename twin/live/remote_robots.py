@@ -1,7 +1,7 @@
-"""Robots that drivers move: the dispatcher clears nodes to them, and events happen when they report them.
+"""Robots moved by drivers: the dispatcher clears nodes, and drivers report events.
 
-The simulation's own clock is kept in step with the time that passes. Whatever belongs to no driver, such as
-a person who brings a part, takes the time that the twin says.
+The simulation's clock follows real time. Anything without a driver, such as a person who brings a part,
+is simulated.
 """
 
 from __future__ import annotations
@@ -39,21 +39,21 @@ _TICK_S = 0.02
 """How long messages are waited for at most, before links are looked at again [s]."""
 
 _MOST_SLOWER = 10.0
-"""A node may take so many times as long as planned, and as a driver may be silent, until it counts as stuck."""
+"""Factor on the planned duration and on the allowed silence after which a node counts as stuck."""
 
 
 class _Trouble(NamedTuple):
-    """Reason not to rely on a driver: its kind, and the words for it."""
+    """Reason to distrust a driver: its kind and text."""
 
     kind: Literal["fault", "unheard", "report", "silent"]
     words: str
 
 
 class RemoteRobots(RobotPort):
-    """Robots that drivers move; the execution must have a replanner.
+    """Robots moved by drivers; the execution must have a replanner.
 
     Attributes:
-        nodes: what drivers have reported.
+        nodes: nodes reported by drivers.
         written: see the arguments.
         silent: robots whose drivers show no sign of life.
 
@@ -61,12 +61,12 @@ class RemoteRobots(RobotPort):
         execution: the run.
         links: state of the protocol of each driver, by robot.
         wires: carries messages to it.
-        written: sees to it that all events so far are on the disk; called before a driver is cleared for more.
+        written: flushes all events to the disk; called before further nodes are cleared.
         out_s: a robot whose driver has been silent for so long is out of service [s].
         tolerance: farthest that a joint may be from its path [rad or m]; beyond it all stop.
         pace: how many times as fast as the clock the run's time goes.
         measured: where samples are written; None for nowhere.
-        history: events of the log, where the dispatcher was started anew.
+        history: history of the log, where the dispatcher was restarted.
         clock: returns the time, counted from anywhere [s].
         inbox: reports that have arrived.
     """
@@ -111,7 +111,7 @@ class RemoteRobots(RobotPort):
         return replanner
 
     def begin(self) -> None:
-        """Wait until all drivers are there.
+        """Wait until all drivers have connected.
 
         Raises:
             RequestError: a driver is not there at the beginning.
@@ -134,7 +134,7 @@ class RemoteRobots(RobotPort):
             self._stop_off_path(name, state)
 
     def close(self) -> None:
-        """Tell all drivers to stand; nobody waits for them."""
+        """Stop all drivers without waiting for them."""
         self.nodes.correct_times()
         with ExitStack() as stack:
             stack.callback(self.nodes.log.close)
@@ -147,11 +147,11 @@ class RemoteRobots(RobotPort):
         return self.nodes.execute(chain, node)
 
     def extended(self) -> None:
-        """Let drivers forget what they were cleared for beyond what is committed."""
+        """Withdraw clearances of drivers beyond the committed prefix."""
         self.nodes.extended()
 
     def node_times(self) -> NodeTimes:
-        """Return how long nodes took."""
+        """Return node durations."""
         return self.nodes.node_times()
 
     def measured(self) -> dict[str, Measured]:
@@ -165,7 +165,7 @@ class RemoteRobots(RobotPort):
             self._wires[name].send(replace(last, nodes=()))
 
     def _gather(self) -> None:
-        """Wait until all drivers have been heard of; the run's time begins then.
+        """Wait for a report of every driver; the run's time begins then.
 
         Those of a run that was over by its log may have left.
         """
@@ -195,14 +195,14 @@ class RemoteRobots(RobotPort):
             self.nodes.log.begin(self.nodes.begin_s)
 
     def _meet(self, report: Report) -> None:
-        """Take note of a report that comes before the run's time begins."""
+        """Handle a report before the start of the run's time."""
         if (state := self._heard(report)) is not None:
             self._states[report.robot] = state
             if self.nodes.history is not None:
                 self.nodes.note(report, state)
 
     def _heard(self, report: Report) -> DriverState | None:
-        """Return what a report says, None where it is to be left aside."""
+        """Validate a report; None if it is to be ignored."""
         link = self._links.get(report.robot)
         return None if link is None else link.receive(report, self._wall_s())
 
@@ -229,7 +229,7 @@ class RemoteRobots(RobotPort):
                 self._take(self._inbox.get(timeout=max(wait, 0.0)))
 
     def _end(self, code: EndingCode, robot: str, words: str) -> None:
-        """End the session with its first cause, and with what all robots wait for where none has caused it."""
+        """End the session with its first cause, or else with the waits of all robots."""
         if self._cell.ended is None:
             pending = self._pending()
             waits = "; ".join(node.words() for node in pending)
@@ -237,7 +237,7 @@ class RemoteRobots(RobotPort):
             self._cell.ended = Ending(code, robot, words, pending)
 
     def _end_if_nothing_comes(self, due_ns: float, now_s: float) -> None:
-        """End a session in which no event is due and nobody is to act, or no robot makes progress for very long."""
+        """End a session without pending events or actors, or without progress for very long."""
         links = self._links
         attended = self._cell.audience is not None
         acting = {name for name in links if self._may_act(name, now_s)}
@@ -263,12 +263,12 @@ class RemoteRobots(RobotPort):
             self._end("no-progress", "", f"no progress for {stuck_s:.4g} s")
 
     def _may_act(self, name: str, now_s: float) -> bool:
-        """Return whether a driver, or a person at its robot, may still bring something about.
+        """Return whether a driver, or a person at its robot, may still cause an event.
 
-        A driver that stands between two nodes has reported all that it was cleared for, or does not go on.
+        A driver that stands between two nodes has reported all cleared nodes, or does not continue.
         """
         if name in self.silent and name not in self._replanner.out:
-            return True  # it is given up once it is silent for too long
+            return True  # it is excluded after too long a silence
         link, state = self._links[name], self._states.get(name)
         old = now_s - self._believed_s.get(name, -math.inf) > self._out_s
         if old or state is None or state.mode == "fault":
@@ -298,7 +298,7 @@ class RemoteRobots(RobotPort):
         return tuple(found)
 
     def _take(self, report: Report) -> None:
-        """Take note of a report, as something that happens now in the simulation."""
+        """Process a report as an event of the present simulation time."""
         if (state := self._heard(report)) is None:
             return
         self.nodes.note(report, state)
@@ -324,7 +324,7 @@ class RemoteRobots(RobotPort):
             self._cell.dispatch_again()
 
     def _stop_off_path(self, name: str, state: DriverState) -> None:
-        """Stop all where a robot is too far off its path; one at fault is given up with its own cause."""
+        """Stop all robots if one is too far off its path; one at fault is excluded with its own cause."""
         if state.off <= self._tolerance or state.mode == "fault" or self._cell.ended:
             return
         # What was planned to be free is not known to be so any more.
@@ -337,7 +337,7 @@ class RemoteRobots(RobotPort):
             link.hold(True)
 
     def _look_at_links(self, now_s: float) -> None:
-        """Execute orders of people, send commands to drivers, and check that they are there."""
+        """Execute orders of people, send commands to drivers, and check their heartbeats."""
         audience = self._cell.audience
         if audience is not None:
             audience.obey()
@@ -356,7 +356,7 @@ class RemoteRobots(RobotPort):
             audience.look(now_s)
 
     def _why_out(self, name: str, now_s: float) -> _Trouble | None:
-        """Return why a driver is not to be relied on any more, None where it is."""
+        """Return why a driver cannot be relied on, None if it can."""
         link, state = self._links[name], self._states.get(name)
         if state is not None and state.mode == "fault":
             return _Trouble("fault", state.words or "is at fault")
@@ -369,7 +369,7 @@ class RemoteRobots(RobotPort):
         )
 
     def record_driver(self, name: str, words: str) -> None:
-        """Record that a robot has stopped, with the reason in words, or that it resumes, without any."""
+        """Record that a robot has stopped, with the reason, or that it resumes, without one."""
         if self._cell.narrator is not None and name in self._cell.tpg.chain_index:
             kind: EventKind = "stopped" if words else "resumed"
             self._cell.narrator.emit(
@@ -377,7 +377,7 @@ class RemoteRobots(RobotPort):
             )
 
     def _give_up_driver(self, name: str, words: str) -> None:
-        """Go on without a robot that stands at a border; where it stands elsewhere, end the run."""
+        """Continue without a robot that stands at a border; if it stands elsewhere, end the run."""
         if name in self._replanner.out or self._cell.ended is not None:
             return
         link, k = self._links[name], self._cell.tpg.chain_index.get(name)
@@ -389,7 +389,7 @@ class RemoteRobots(RobotPort):
     def _send(self, name: str) -> None:
         command = self._links[name].command(self._wall_s())
         if command is not None:
-            self.nodes.log.flush()  # what a driver is told to have been heard, it forgets
+            self.nodes.log.flush()  # a driver drops acknowledged samples
             if command.nodes:
                 self.written()
             self._wires[name].send(command)
@@ -397,9 +397,9 @@ class RemoteRobots(RobotPort):
     # Planning
 
     def compute(self, work: Callable[[], T]) -> Generator[simpy.Event, Any, T]:
-        """Return the result of a computation in a thread: drivers are heard meanwhile, and orders obeyed.
+        """Return the result of a computation in a thread; reports and orders are processed meanwhile.
 
-        Until it is there nothing more is cleared, as nobody knows yet which nodes will be replaced.
+        Meanwhile no further node is cleared, as replaced nodes are unknown.
         """
         self._settled = False
         made: Future[T] = Future()
@@ -414,12 +414,12 @@ class RemoteRobots(RobotPort):
         while not made.done():
             yield self._cell.env.timeout(round(_TICK_S * self._pace * NANOSECONDS))
         self._settled = True
-        # Who cannot be planned for before a question is answered goes on as far as the plan goes.
+        # Robots whose plan depends on an open question continue to the end of their plan.
         self._cell.dispatch_again()
         return made.result()
 
     def _may_release(self, chain: int) -> bool:
-        """Return whether a safe node may be cleared: no plan is being made, and its driver is alive."""
+        """Return whether a safe node may be cleared: no replanning in progress, driver alive."""
         link = self.nodes.link(chain)
         if not self._settled:
             return False

@@ -1,7 +1,7 @@
-"""Validation of the reports of a driver against what that driver was cleared for, before a report has any effect.
+"""Validation of a driver's reports against its clearances, before they have any effect.
 
-A driver is a program of somebody else: every field of its reports is input that may be wrong. A report that breaks
-a rule is impossible: nothing of it is used, and its robot is not relied on any more.
+Drivers are external programs: every field of a report is untrusted input. A report that breaks a rule
+is rejected as a whole, and its robot is distrusted from then on.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def plain_text(text: str, most: int = 300) -> str:
 
 @dataclass(frozen=True)
 class ReportFault:
-    """Why a report is impossible.
+    """Reason why a report is impossible.
 
     Attributes:
         code: the rule that it breaks.
@@ -83,20 +83,20 @@ class ReportFault:
 
 @dataclass(frozen=True)
 class Clearance:
-    """What bounds the next report of a driver.
+    """Bounds of the next report of a driver.
 
     Attributes:
         lower, upper: range of each joint, shape (n,) [rad or m].
-        most: nodes that the driver was told of by the report's version of the graph, None where it was never told
+        most: nodes sent to the driver by the report's version of the graph, None if never sent
             of that version.
         nodes: that the robot is cleared for, from its first one on.
         commands: number of the last command that was sent.
         orders: names of all orders that its tool was given.
         last: the last report of the same instance that was used, None before the first.
-        taken: number of the next sample that is wanted, None before the first.
+        taken: number of the next expected sample, None before the first.
         done, begun: nodes that it has reported as done, and as begun, in any report or sample.
-        least: nodes that were done when its instance was first heard of, which it was told it need not do.
-        failed: the node that it has reported as failed, until there is a graph that goes on from there; -1 for none.
+        least: nodes completed before its instance connected, which it skips.
+        failed: the node that it reported as failed, until a graph continues from there; -1 for none.
     """
 
     lower: Array
@@ -118,7 +118,7 @@ def report_fault(report: Report, known: Clearance) -> ReportFault | None:
 
     Args:
         report: any report, as it was read.
-        known: what the driver was cleared for and has reported.
+        known: clearances and earlier reports of the driver.
     """
     state = report.state
     if state.mode not in _MODES:
@@ -132,18 +132,18 @@ def report_fault(report: Report, known: Clearance) -> ReportFault | None:
 
 
 def known_nodes(report: Report) -> int:
-    """Return how many nodes a driver knows; beyond the first one of a skill that has failed none count."""
+    """Return the number of nodes known to a driver, up to the first node of a failed skill."""
     failed = report.state.failed
     return report.have if failed < 0 else min(report.have, failed + 1)
 
 
 def begun_nodes(report: Report) -> int:
-    """Return how many nodes a driver has begun by a report and its samples."""
+    """Return the number of nodes begun by a report and its samples."""
     return max(report.state.begun, *(own.begun for own in report.state.samples), 0)
 
 
 def _bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
-    """Yield the bounds of all fields, each of which may rely on those before it."""
+    """Yield the bounds of all fields; each may depend on earlier ones."""
     state, most = report.state, LARGEST_NUMBER
     yield "out-of-range", "samples", len(state.samples), 0, MOST_SAMPLES
     yield "out-of-range", "at_s", report.at_s, -most, most
@@ -151,7 +151,7 @@ def _bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
     for sample in state.samples:
         yield "out-of-range", "samples.at_s", sample.at_s, -most, most
     if not report.session:
-        return  # the driver has not been told anything, and of its report only the clock is used
+        return  # no command was sent yet, and of its report only the clock is used
     everywhere = np.full(len(known.lower), most)
     yield from _joint_bounds("dq", state.dq, -everywhere, everywhere)
     limits = known.lower - _MARGIN, known.upper + _MARGIN
@@ -176,7 +176,7 @@ def _joint_bounds(field: str, q: Array, lower: Array, upper: Array) -> Iterator[
 
 
 def _node_bounds(report: Report, most: int) -> Iterator[_Bound]:
-    """Yield bounds of how far the robot is; it is in one node at a time."""
+    """Yield bounds of the robot's progress; it is in one node at a time."""
     state, have = report.state, known_nodes(report)
     yield "beyond-clearance", "have", have, 0, most
     yield "beyond-clearance", "begun", state.begun, 0, most
@@ -203,7 +203,7 @@ def _failure_bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
     yield "beyond-clearance", "failed", node, 0, (known.most or 0) - 1
     first = node == 0 or nodes[node - 1].task != nodes[node].task
     done = known.done if node != known.failed else node
-    # Where samples are still to come, so may be what says that it was begun.
+    # Where samples are missing, one of them may have its start.
     whole = known.taken is not None and report.first <= known.taken
     begun = max(known.begun, begun_nodes(report)) if whole else node + 1
     high = min(state.done, begun - 1)
@@ -213,7 +213,7 @@ def _failure_bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
 
 
 def _lower_bounds(report: Report, last: Report, taken: int | None) -> Iterator[_Bound]:
-    """Yield bounds of what does not go back while a driver is not started anew."""
+    """Yield bounds of fields that do not decrease without a restart of the driver."""
     state, most, fails = report.state, np.inf, report.state.failed >= 0
     yield "went-back", "seen", report.seen, last.seen, most
     yield "went-back", "version", report.version, last.version, most

@@ -1,4 +1,4 @@
-"""Nodes of an execution that drivers begin and complete, by their reports, and what was measured meanwhile."""
+"""Nodes of an execution begun and completed by drivers' reports, with measured samples."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from twin.runs.execution_record import Measured
 from twin.uncertainty.node_times import NodeTimes
 
 _SAME_CLOCK_S = 60.0
-"""The age of a log tells so well when its run began; further off, the machine's clock began anew [s]."""
+"""Accuracy of a run's start from the age of its log; beyond, the machine's clock was reset [s]."""
 
 _MISSING_S = 2.0
-"""Samples that a report says are still to come are waited for at most so long [s]."""
+"""Longest wait for announced samples of a report [s]."""
 
 
 class ReportedNodes:
@@ -34,9 +34,9 @@ class ReportedNodes:
     Attributes:
         links: state of the protocol of each driver, by robot.
         states: the last report of each.
-        news: events that the next report of each triggers.
+        news: events triggered by the next report of each.
         log: file of samples.
-        history: events of the log, where the dispatcher was started anew.
+        history: history of the log, where the dispatcher was restarted.
         wall_s: returns the time, counted from anywhere [s].
         pace: how many times as fast as the clock the run's time goes.
         begin_s: when the run began, by that clock [s].
@@ -71,7 +71,7 @@ class ReportedNodes:
             self._remember(history)
 
     def _remember(self, history: History) -> None:
-        """Take up the state that a log tells of."""
+        """Restore the state of a log."""
         for k, chain in enumerate(self._cell.tpg.chains):
             cleared, done = history.cleared_ns[k], history.end_ns[k]
             self._cell.released[k] = len(cleared)
@@ -117,9 +117,9 @@ class ReportedNodes:
             self._cell.narrator.held_by(history.holders)
 
     def correct_times(self) -> None:
-        """Let samples say when nodes of the log began and ended, which has when the dispatcher heard of it.
+        """Correct node times of the log by samples; the log has the times of the reports.
 
-        Samples that were not on the disk come again after the dispatcher was started anew.
+        Samples that were not on the disk are resent after a restart of the dispatcher.
         """
         for k, chain in enumerate(self._cell.tpg.chains):
             if (rows := self._rows.get(chain.robot)) is not None:
@@ -130,7 +130,7 @@ class ReportedNodes:
                     told[: len(own)] = map(min, told, own)
 
     def node_times(self) -> NodeTimes:
-        """Return how long nodes took."""
+        """Return node durations."""
         took = []
         for k, planned in enumerate(self._cell.times.motion):
             start, end = np.array(self._cell.start[k]), np.array(self._cell.end[k])
@@ -139,13 +139,13 @@ class ReportedNodes:
         return replace(self._cell.times, motion=tuple(took), stood=stood)
 
     def measured(self) -> dict[str, Measured]:
-        """Return where robots were, as their drivers have measured it."""
+        """Return the positions of robots measured by their drivers."""
         return {n: rows.measured() for n, rows in self._rows.items() if rows.t_ns}
 
     # Time and samples
 
     def passed_ns(self) -> int:
-        """Return how late it is in the run [ns]."""
+        """Return the current time of the run [ns]."""
         return self._run_ns(self.wall_s())
 
     def _run_ns(self, at_s: float) -> int:
@@ -163,7 +163,7 @@ class ReportedNodes:
         self._keep_samples(
             name, link.state_alone(report) if samples is None else samples
         )
-        # Of what no sample tells, as the driver was started anew, only that it has happened is known.
+        # Without samples, as after a restart of the driver, only the event is known, not its time.
         begun = max(state.begun, link.failed + 1)
         self._rows[name].note(self.passed_ns(), begun, state.done)
 
@@ -195,7 +195,7 @@ class ReportedNodes:
     def _clear(
         self, link: Link, chain: int, node: int, *, passed: bool = False
     ) -> None:
-        """Let a robot pass a node, once the tool of another one has done what it does there."""
+        """Clear a node, after the tool action of another robot in it."""
         about = self._cell.tpg, chain, node, self._acts[chain]
         if (other := tool_order_of_node(*about)) is not None and not passed:
             link.awaited.append(AwaitedActuation(node, *other))
@@ -204,9 +204,9 @@ class ReportedNodes:
         link.clear([cleared_node(*about)])
 
     def see_to_tools(self) -> None:
-        """Let skills go on whose other robot's tool has acted."""
+        """Continue skills after the tool action of the other robot."""
         for name, node in sync_tool_commands(self.links):
-            # The skill goes on while another robot's tool acts, as planned.
+            # The skill continues while another robot's tool acts, as planned.
             self._rows[name].note(self.passed_ns(), node + 1, 0)
 
     def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
@@ -237,13 +237,13 @@ class ReportedNodes:
         return False
 
     def _go_on_with(self, chain: int, node: int) -> Steps:
-        """Execute the rest of a node without a driver that began before the dispatcher was started anew."""
+        """Execute the rest of a node without a driver that began before the dispatcher's restart."""
         end_ns = self._simulated.motion_end(chain, node, self._cell.start[chain][node])
         yield self._cell.env.timeout(max(end_ns - self._cell.now_ns, 0))
         self._conclude(chain, node)
 
     def _conclude(self, chain: int, node: int) -> None:
-        """Report a node complete, with those of its handlings that are not in the log yet."""
+        """Report a node complete, with its handlings that are not logged yet."""
         if self._cell.narrator is not None:
             known = self.history.handled[chain, node] if self.history else 0
             handled = self._cell.narrator.handlings.get((chain, node), ())
@@ -253,13 +253,13 @@ class ReportedNodes:
         self._cell.complete(chain, node)
 
     def _reached(self, name: str, node: int, *, through: bool = False) -> bool:
-        """Tell whether a robot has begun a node, or is through with it, or has failed there."""
+        """Return whether a robot has begun, completed or failed a node."""
         rows, failed = self._rows[name], self.links[name].failed == node
         times = rows.end_ns if through else rows.begin_ns
         return len(times) > node or (failed and len(rows.begin_ns) > node)
 
     def extended(self) -> None:
-        """Let drivers forget what they were cleared for beyond what is committed."""
+        """Withdraw clearances of drivers beyond the committed prefix."""
         cell = self._cell
         self._acts = actuation_nodes(cell.tpg)
         for name, link in self.links.items():

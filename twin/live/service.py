@@ -1,4 +1,4 @@
-"""The service at which drivers in other processes, and in any language, ask for their robots' nodes (gRPC); and one that asks."""
+"""gRPC service for drivers in other processes, in any language; and its client."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _MOST_STREAMS = 64
 """So many streams may be open; further ones are refused."""
 
 _MOST_REFUSED = 5
-"""So many messages of a stream that are none are told of."""
+"""Largest number of reported invalid messages of a stream."""
 
 _log = logging.getLogger(__name__)
 
@@ -72,7 +72,7 @@ def grpc_module() -> Any:
 
 
 def require_private(address: str, certificates: Certificates | None) -> None:
-    """Refuse to listen where others can reach it and need no certificate.
+    """Refuse to listen on a public address without certificates.
 
     Raises:
         RequestError: they could.
@@ -85,7 +85,7 @@ def require_private(address: str, certificates: Certificates | None) -> None:
 
 
 class ServiceWire:
-    """Carries messages to and from the driver that has asked for a robot last.
+    """Transport to the driver that connected last for a robot.
 
     Args:
         service: where it asks.
@@ -99,42 +99,42 @@ class ServiceWire:
         self._turn = threading.Lock()
 
     def open(self, deliver: Deliver) -> None:
-        """Begin to carry reports."""
+        """Start to transport reports."""
         self._deliver = deliver
         self._service.start()
 
     def send(self, command: Command) -> None:
-        """Carry a command, if somebody has asked for the robot."""
+        """Send a command, if a driver is connected."""
         outbox = self._outbox
         if outbox is not None and outbox.qsize() < _MOST_WAITING:
             outbox.put(command)
 
     def close(self) -> None:
-        """Carry no more, once what was sent is under way."""
+        """Close the transport after pending messages are sent."""
         self.connect(None)
         self._service.stop()
 
     def connect(self, outbox: queue.Queue[Command | str | None] | None) -> None:
-        """Let somebody have what is sent from now on; who had it before gets no more."""
+        """Connect a new driver's stream in place of the earlier one."""
         with self._turn:
             before, self._outbox = self._outbox, outbox
         if before is not None:
             before.put(None)
 
     def deliver(self, report: Report) -> None:
-        """Hand on a report."""
+        """Pass on a report."""
         self._deliver(report)
 
 
 @dataclass(eq=False)
 class _DriverStream:
-    """A stream that somebody has opened.
+    """A stream opened by a driver.
 
     Attributes:
         context: of the call.
         heard_s: when the last report came in it, or when it was opened [s].
         robot: that it has named, empty before.
-        outbox: what is to be sent; a text closes the stream with that cause, None closes it without.
+        outbox: messages to send; a text closes the stream with that cause, None without.
         refused: messages in it that were none.
     """
 
@@ -195,26 +195,26 @@ class Service:
         return int(self._server.add_secure_port(address, secure))
 
     def wire(self, robot: str, joints: int) -> ServiceWire:
-        """Return what carries messages to the driver of a robot."""
+        """Return the transport to the driver of a robot."""
         own = self._wires[robot] = ServiceWire(self, joints)
         return own
 
     def start(self) -> None:
-        """Begin to listen; nothing happens where it does."""
+        """Start to listen, unless already listening."""
         if not self._running:
             self._server.start()
             threading.Thread(target=self._close_silent, daemon=True).start()
         self._running += 1
 
     def stop(self) -> None:
-        """Stop once nobody needs it any more."""
+        """Stop when no session uses it."""
         self._running -= 1
         if self._running <= 0:
             self._over.set()
             self._server.stop(1.0).wait()
 
     def _drive(self, asked: Iterator[bytes], context: Any) -> Iterator[bytes]:
-        """Serve one driver: take its reports, and yield what it is told."""
+        """Serve one driver: receive its reports, and yield its commands."""
         stream = _DriverStream(context)
         self._make_room(stream)
         try:
@@ -265,7 +265,7 @@ class Service:
     def _next(
         self, asked: Iterator[bytes], stream: _DriverStream, joints: int = 0
     ) -> Report | None:
-        """Return the next report, None where there is no more; what is none is left aside."""
+        """Return the next report, None at the end; invalid messages are skipped."""
         try:
             for content in asked:
                 try:
@@ -283,7 +283,7 @@ class Service:
         return None
 
     def _make_room(self, stream: _DriverStream) -> None:
-        """Take a stream in; of those that have not named a robot, the oldest make room for it."""
+        """Admit a stream, closing the oldest unnamed ones beyond the limit."""
         with self._turn:
             self._streams.append(stream)
             unnamed = [own for own in self._streams if not own.robot]
@@ -291,7 +291,7 @@ class Service:
             own.context.cancel()
 
     def _close_silent(self) -> None:
-        """Close streams in which nothing comes, until the service stops."""
+        """Close idle streams, until the service stops."""
         while not self._over.wait(_SILENT_S / 10.0):
             with self._turn:
                 streams = list(self._streams)
@@ -341,7 +341,7 @@ def drive_remotely(
     patience_s: float = 60.0,
     over: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Serve a cell until it says that nothing more will come.
+    """Drive a robot for a cell until the session ends.
 
     Args:
         end: of the driver.
@@ -349,7 +349,7 @@ def drive_remotely(
         certificates: of both sides; None for a cell on this machine.
         every_s: time between reports [s].
         patience_s: how long it asks for a cell that is not there [s].
-        over: tells whether to end before.
+        over: returns whether to end early.
 
     Raises:
         RequestError: the cell refuses it, or is not there.

@@ -1,4 +1,4 @@
-"""A session: the drivers of all robots of a plan, and the execution that they take part in."""
+"""A session: the drivers of all robots of a plan, and the ports of their execution."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Session:
 
     Attributes:
         name: of the run.
-        drivers: who moves each robot.
+        drivers: driver of each robot.
         folder: where relative paths of the drivers file start.
     """
 
@@ -47,7 +47,7 @@ class Session:
     folder: Path = Path()
 
     def content(self) -> dict[str, Any]:
-        """Return what a manifest says of it."""
+        """Return its entry in a manifest."""
         folder = str(self.folder.resolve())
         return {"drivers": self.drivers.model_dump(mode="json"), "folder": folder}
 
@@ -64,13 +64,13 @@ class Session:
         measured: Path | None = None,
         history: History | None = None,
     ) -> Ports:
-        """Return the ports of the run: robots that drivers move.
+        """Return the ports of the run: robots moved by drivers.
 
         Args:
             cell: with the robots.
-            written: sees to it that all events so far are on the disk.
+            written: flushes all events to the disk.
             measured: file to which samples are written.
-            history: what has happened by the log, where the dispatcher is started anew.
+            history: history of the log, where the dispatcher is restarted.
         """
         links, wires = {}, dict[str, Wire]()
         service = self._service()
@@ -102,10 +102,10 @@ class Session:
         return Ports(robots)
 
     def require_servable(self) -> None:
-        """Refuse to serve drivers beyond this process as the drivers file says, before anything takes long.
+        """Check early that drivers in other processes can be served as configured.
 
         Raises:
-            RequestError: says why.
+            RequestError: they cannot; the message says why.
         """
         if self._serves:
             from twin.live.service import certificates_of, grpc_module, require_private
@@ -116,11 +116,11 @@ class Session:
 
     @property
     def _serves(self) -> bool:
-        """Whether there are drivers beyond this process."""
+        """Whether there are drivers in other processes."""
         return any(isinstance(d, ServiceDriver) for d in self.drivers.robots.values())
 
     def _service(self) -> Service | None:
-        """Return where drivers beyond this process ask, None where there are none."""
+        """Return the service for drivers in other processes, None without any."""
         if not self._serves:
             return None
         from twin.live.service import Service, certificates_of
@@ -129,7 +129,7 @@ class Session:
         return Service(self.drivers.listen, held)
 
     def driver(self, robot: PlacedRobot) -> Driver:
-        """Return who moves a robot from within this process."""
+        """Return the driver of a robot in this process."""
         chosen = self.drivers.driver_of(robot.name)
         name = chosen.name if isinstance(chosen, RegisteredDriver) else chosen.kind
         if name in DRIVERS:

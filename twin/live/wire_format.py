@@ -82,7 +82,7 @@ def command_bytes(command: Command) -> bytes:
 
 
 def read_command(content: bytes) -> Command:
-    """Return the command that some bytes are.
+    """Parse a command.
 
     Raises:
         MessageError: they are none.
@@ -150,7 +150,7 @@ def report_bytes(report: Report) -> bytes:
 
 
 def read_report(content: bytes, joints: int = 0) -> Report:
-    """Return the report that some bytes are; whether it is possible is for ``report_fault`` to say.
+    """Parse a report, without the checks of ``report_fault``.
 
     Args:
         content: the bytes.
@@ -195,7 +195,7 @@ def read_report(content: bytes, joints: int = 0) -> Report:
 
 
 def _first(values: Sequence[float], count: int) -> Array:
-    """Return the first so many numbers, and one more where there is one."""
+    """Return the first numbers up to a count, and one more if there is one."""
     return np.array(values[: count + 1], dtype=float)
 
 

@@ -1,1 +1,1 @@
-"""The closed loop: dispatcher, planner and cell at once; plans are cut and extended while robots work (`twin operate`)."""
+"""The closed loop of dispatcher, planner and cell: plans are cut and extended while robots work (`twin operate`)."""

@@ -1,4 +1,4 @@
-"""Operating a cell: its plan is executed, and what fails is planned anew."""
+"""Operation of a cell: execution of its plan, with replanning after failures."""
 
 from __future__ import annotations
 
@@ -44,32 +44,32 @@ def operate(
     begun: Begun | None = None,
     progress: Report = report_nothing,
 ) -> RunResult:
-    """Operate a cell: execute its plan in the twin, and plan anew whatever fails.
+    """Operate a cell: execute its plan in the twin, and replan after failures.
 
-    A skill that fails for good is done again with what is left, by another robot or with another object of
-    its kind; what nobody can do any more is given up with all that rests on it, and the rest goes on.
+    A skill that fails for good is retried, by another robot or with another object of its kind;
+    infeasible steps are abandoned with all dependent ones, and the rest continues.
 
     Args:
         scenario: a scenario, or the path of its file.
         out: folder for the results; by default ``logs/<scenario>-<UTC time>``.
-        failures: probability that an attempt at any skill fails, of which a fifth loses what is handled,
-            where the scenario says nothing of that skill.
+        failures: probability that an attempt at any skill fails, a fifth of which lose the object;
+            for skills without a rate in the scenario.
         recording: write ``run.rrd`` for the viewer.
-        audit: check what was executed with code of its own.
-        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
+        audit: check the executed motions with independent code.
+        audit_engine: collision engine of the audit, pybullet or coal; by default PyBullet where it
             is installed, else coal.
-        says: answers whether somebody helps, given what a person is asked before anything is given up, in
+        says: answers questions to a person before a step is abandoned, in
             place of what is drawn; such a run cannot be resumed.
-        drivers: file that says who moves the robots, in place of the twin.
-        page: with drivers, a port of this machine at which a page shows what goes on to who stands beside the
-            cell, with buttons, and with what is asked by ``recovery.ask``; 0 for any port that is free.
-        opened: told of the address of that page.
-        begun: told of the check and of the folder, before anything that takes long.
-        progress: told how far each stage has come.
+        drivers: file of the drivers that move the robots, in place of the twin.
+        page: with drivers, a port of this machine for a page that shows the run next to the cell,
+            with buttons and the questions of ``recovery.ask``; 0 for any free port.
+        opened: receives the address of that page.
+        begun: receives the check and the folder before planning starts.
+        progress: receives the progress of each stage.
 
     Raises:
         InvalidScenarioError: the file is not valid, or the check of the cell finds an error.
-        RequestError: the scenario cannot be planned anew while it is executed, or there is no page.
+        RequestError: the scenario cannot be replanned while it is executed, or there is no page.
         TwinError: there is no plan, or the run broke off; see ``twin.plan``.
     """
     if page is not None and drivers is None:
@@ -113,15 +113,15 @@ def require_operable(
     names: Sequence[str],
     variants: Sequence[Variant],
 ) -> None:
-    """Refuse a study of what cannot be planned anew while it is executed.
+    """Refuse a study of operations that cannot be replanned during execution.
 
     Args:
-        plan, case: what is to be studied, and its scenario.
-        names: policies that are asked for.
-        variants: values of what is varied.
+        plan, case: the plan to study, and its scenario.
+        names: requested policies.
+        variants: values of the varied keys.
 
     Raises:
-        RequestError: says why.
+        RequestError: replanning is impossible; the message says why.
     """
     if isinstance(plan, PlanResult) and (
         plan.made_of is None or plan.made_of.work is None
@@ -156,14 +156,14 @@ def operated_plan(
     failures: float | None,
     progress: Report,
 ) -> PlanResult:
-    """Return the plan that is operated in a study, with the scenario that says what fails.
+    """Return the plan that a study operates, with its scenario of failures.
 
     Args:
-        plan: what is to be studied.
-        variants: values of what is varied.
+        plan: the plan to study.
+        variants: values of the varied keys.
         shortcuts: most that are tried, in place of the scenario's.
-        failures: probability that an attempt fails where the scenario says nothing of the skill.
-        progress: told how far each stage has come.
+        failures: probability that an attempt fails, for skills without a rate in the scenario.
+        progress: receives the progress of each stage.
 
     Raises:
         RequestError: a part is late that cannot be.

@@ -1,4 +1,4 @@
-"""``twin operate``: execute in the twin, and plan anew whatever fails."""
+"""``twin operate``: execute in the twin, with replanning after failures."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def operate(
 
 
 def _answer(question: Question) -> bool:
-    """Return what somebody answers at the keyboard; who breaks off there breaks off the run."""
+    """Ask a person at the terminal; an interrupt there interrupts the run."""
     try:
         return typer.confirm(str(question), err=True)
     except typer.Abort:

@@ -27,7 +27,7 @@ class Failure:
     Attributes:
         chain, node: its first node.
         lost: whether its object is lost.
-        missing: whether it was not tried, as what it is about was not there.
+        missing: whether it was not attempted because its object was missing.
     """
 
     chain: int
@@ -38,15 +38,15 @@ class Failure:
 
 @dataclass(frozen=True)
 class ReplanTrigger:
-    """Trigger of a plan revision: all that has happened since the last plan.
+    """Trigger of a plan revision: all events since the last plan.
 
     Attributes:
         failures: skills that failed.
         out: robots that are out.
         unwanted: steps that are not wanted any more, by number.
-        released: how many nodes of each chain have been released.
+        released: number of released nodes of each chain.
         ago: how long ago the tasks ended that opened windows of time, by their index [s].
-        clock: what has been executed; None where there is no time.
+        clock: the execution so far; None without time.
         due: whether nothing has happened but that more is to be planned.
         more: products that have been ordered since the beginning.
         events: events from outside that can still occur, see ``termination``.
@@ -65,17 +65,17 @@ class ReplanTrigger:
 
 @dataclass(frozen=True)
 class PlanRevision:
-    """Revision of a plan, which takes the place of the graph that is executed.
+    """Revision of a plan, which replaces the executed graph.
 
     Attributes:
-        tpg: what was executed, is still, and what is new.
-        counts: how many nodes of each chain are not new.
+        tpg: the committed prefix and the new nodes.
+        counts: number of committed nodes of each chain.
         new: robots that have new nodes.
         times: of the new nodes, an entry for each of these robots.
         planning_ns: how long planning it takes in the simulation [ns].
         cpu_s: processor seconds that planning it took.
         cause: why, for people.
-        recovered: what becomes of each failure, for people; one entry each.
+        recovered: outcome of each failure, for people; one entry each.
     """
 
     tpg: TemporalPlanGraph
@@ -95,7 +95,7 @@ def cut_at(
     steps: bool = True,
     go_on: Sequence[float] = (),
 ) -> Counts:
-    """Return how many nodes of each chain are committed in what has happened, see ``cut_after``."""
+    """Return the number of committed nodes of each chain at a trigger, see ``cut_after``."""
     index = tpg.chain_index
     never = [(failure.chain, failure.node) for failure in trigger.failures]
     never += [
@@ -106,18 +106,18 @@ def cut_at(
 
 
 def executable_lengths(tpg: TemporalPlanGraph, trigger: ReplanTrigger) -> Counts:
-    """Return how many nodes of each chain can still be executed without a new plan."""
+    """Return the number of nodes of each chain that can be executed without a new plan."""
     return cut_at(tpg, trigger, go_on=[math.inf] * len(tpg.chains))
 
 
 @dataclass(frozen=True)
 class CutPolicy:
-    """Policy by which a plan is cut, and extended there.
+    """Policy of where a plan is cut and extended.
 
     Attributes:
         steps: whether robots bring their steps to an end before it; their tasks only otherwise.
-        aside: whether every robot goes HOME first with what it has to bring to an end, and comes back.
-        going: whether robots go on by the plan that there is while it is planned anew.
+        aside: whether every robot first finishes its task, goes HOME and returns.
+        going: whether robots continue the old plan during replanning.
     """
 
     steps: bool = False
@@ -127,7 +127,7 @@ class CutPolicy:
     def counts(
         self, tpg: TemporalPlanGraph, trigger: ReplanTrigger, planning_s: float
     ) -> Counts:
-        """Return how many nodes of each chain are committed; planning takes so long [s]."""
+        """Return the number of committed nodes of each chain, given the planning time [s]."""
         clock, go_on = trigger.clock, list[float]()
         if self.going and clock is not None:
             left = map(clock.left_s, tpg.chains, count(), trigger.released)
@@ -140,9 +140,9 @@ class TriageResult:
     """Decisions about failures.
 
     Attributes:
-        words: for people, one entry a failure.
-        changes: what becomes of the object of each.
-        reopened: steps that are begun anew, with the robots that have nothing to bring to an end in them.
+        words: for people, one entry per failure.
+        changes: change of the object of each.
+        reopened: steps that are started again, with the robots that have no task to finish in them.
     """
 
     words: tuple[str, ...]
@@ -162,7 +162,7 @@ class CommittedPrefix:
         tried: tasks of which all attempts have failed.
         out: robots that are out.
         unwanted: steps that are not wanted any more, unless they have begun.
-        triage: what is done about failures.
+        triage: decisions about failures.
         ago: how long ago the tasks ended that opened windows of time, by their index [s].
     """
 
@@ -178,11 +178,11 @@ class CommittedPrefix:
 
     @property
     def lengths(self) -> dict[str, int]:
-        """Number of committed nodes of each robot that has some."""
+        """Number of committed nodes of each robot that has any."""
         return {chain.robot: len(chain) for chain in self.committed.chains}
 
     def counts(self, union: TemporalPlanGraph) -> Counts:
-        """Return how many nodes of each chain of a longer graph are committed."""
+        """Return the number of committed nodes of each chain of a longer graph."""
         lengths = self.lengths
         return tuple(lengths.get(chain.robot, 0) for chain in union.chains)
 
@@ -193,7 +193,7 @@ def committed_at(
     trigger: ReplanTrigger,
     triage: TriageResult,
 ) -> CommittedPrefix:
-    """Return what is committed at a cut of a graph."""
+    """Return the committed prefix at a cut of a graph."""
     committed = committed_subgraph(tpg, counts)
     for failure, changes in zip(trigger.failures, triage.changes, strict=True):
         robot = tpg.chains[failure.chain].robot
@@ -215,7 +215,7 @@ def committed_at(
 
 
 def failed_task(tpg: TemporalPlanGraph, failure: Failure) -> Task:
-    """Return the task of which all attempts have failed."""
+    """Return the task whose attempts have all failed."""
     return tpg.task_at(failure.chain, failure.node)
 
 
@@ -225,13 +225,13 @@ def describe_cause(
     new: range,
     answers: Sequence[str] = (),
 ) -> str:
-    """Return why a graph is extended, for people.
+    """Return the reason for a revision, for people.
 
     Args:
         tpg: the graph.
-        trigger: what has happened.
+        trigger: the events since the last plan.
         new: steps that are planned for the first time.
-        answers: of a person who was asked.
+        answers: answers of a person to questions.
     """
     words = []
     for failure in trigger.failures:

@@ -1,4 +1,4 @@
-"""Times of the nodes of a graph that takes the place of another one while it is executed."""
+"""Node times of a revision that replaces an executed graph."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from twin.uncertainty.stop_times import Stops
 def continued_times(
     old: NodeTimes, revision: PlanRevision, end_ns: Sequence[Sequence[int]]
 ) -> NodeTimes:
-    """Return the times of all nodes of a revision, those of the committed ones as they are.
+    """Return the times of all nodes of a revision; those of committed nodes are unchanged.
 
     Args:
         old: of the graph whose place it takes.
-        revision: says which nodes are committed, and has the times of the others.
-        end_ns: when the nodes of each chain of the old graph ended, -1 for those that have not [ns].
+        revision: the revision, with committed nodes and times of the others.
+        end_ns: ends of the nodes of each chain of the old graph, -1 if not complete [ns].
     """
     new = revision.times
     place = {name: k for k, name in enumerate(revision.new)}
@@ -77,7 +77,7 @@ def continued_times(
 
 
 def _stops(old: NodeTimes, revision: PlanRevision) -> tuple[Stops, ...] | None:
-    """Return the stops by the clock of all chains, those of chains that are new as drawn for these."""
+    """Return the stops of all chains; new chains get newly drawn ones."""
     known, drawn = old.stops, revision.times.stops
     if known is None and drawn is None:
         return None

@@ -1,4 +1,4 @@
-"""The executor of cells that are operated: what fails is planned anew."""
+"""Executor of operations, which replans after failures."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from twin.uncertainty.disturbances import Disturbances
 
 @dataclass(frozen=True)
 class OperatedExecutor:
-    """Executes plans in the simulation, and plans anew what fails.
+    """Executes plans in the simulation, and replans after failures.
 
     Attributes:
-        says: answers for a person who is asked then; see twin.operate.
+        says: answers for a person; see twin.operate.
     """
 
     says: Says | None = None
@@ -38,14 +38,14 @@ class OperatedExecutor:
         """Return the executor of a run that has begun.
 
         Raises:
-            ResumeError: somebody answered questions in it.
+            ResumeError: a person answered questions in it.
         """
         require_unanswered(header, folder)
         return cls()
 
     @property
     def entries(self) -> Mapping[str, Any]:
-        """Entries of the header of a run by which its executor is found again."""
+        """Entries of a run's header that identify its executor."""
         return {"operated": True, "answered": self.says is not None}
 
     def execute(
@@ -65,14 +65,14 @@ class OperatedExecutor:
         return plan_again(case, folder)
 
     def continued(self, _plan: PlanResult, _folder: Path, _log: Sequence[str]) -> None:
-        """Tell that a run is executed again from its start."""
+        """Return None: a run is executed again from its start."""
 
 
 def require_unanswered(header: RunHeader, folder: Path) -> None:
-    """Refuse to resume a run in which somebody answered questions.
+    """Refuse to resume a run in which a person answered questions.
 
     Raises:
-        ResumeError: somebody did.
+        ResumeError: a person did.
     """
     if header.answered:
         raise ResumeError(
@@ -81,7 +81,7 @@ def require_unanswered(header: RunHeader, folder: Path) -> None:
 
 
 def plan_again(case: LoadedScenario, folder: Path) -> PlanResult:
-    """Return the plan with which a run began, made again with what other plans are made from.
+    """Plan the start of a run again, with the data that replanning needs.
 
     Raises:
         ResumeError: it is another one now.
@@ -99,19 +99,19 @@ def operate_plan(
     says: Says | None = None,
     ports: Ports | None = None,
 ) -> Executed:
-    """Execute a plan, and plan anew what fails; each version is kept in the folder.
+    """Execute a plan and replan after failures; each revision is saved in the folder.
 
     Args:
-        plan: what is executed.
+        plan: plan to execute.
         folder: of the run.
-        recorders: told of every event, then closed.
-        says: answers for a person who is asked.
-        ports: robots, and people beside the cell, where drivers move the robots; None for a simulation.
+        recorders: receive every event, then are closed.
+        says: answers for a person.
+        ports: robots and audience, where drivers move the robots; None for a simulation.
     """
     scenario, base = plan.scenario.sections, plan.scenario.folder
     model = scenario_execution(scenario, base)
     if ports is not None:
-        # What happens is what drivers report.
+        # Events come from drivers.
         model = replace(model, disturbances=Disturbances())
     done = operate(
         scenario,

@@ -1,4 +1,4 @@
-"""Triage of skills that have failed for good: again, the step anew, ask a person, or give up what nobody can do."""
+"""Triage of skills that have failed for good: retry, restart the step, ask a person, or abandon the step."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _NO_PROCESS = (
 
 
 class Fate(StrEnum):
-    """Outcome for the object of a skill that failed; the value words it."""
+    """Outcome for the object of a failed skill; the value is its text."""
 
     LOST = "is lost"
     SLIPPED = "has slipped in the hand"
@@ -65,13 +65,13 @@ class Fate(StrEnum):
 
 @dataclass(frozen=True)
 class FailureTriage:
-    """Decides how each failure is recovered from, and enters it into the ledger.
+    """Decides the recovery from each failure, and enters it into the ledger.
 
     Attributes:
-        section: says what may fail, and how often anything is tried.
-        ledger: what is known; it is written to.
-        person: who is asked before a step is given up.
-        allows: tells whether parts can be used where they were measured.
+        section: execution section: failures and number of retries.
+        ledger: state of the operation; it is updated.
+        person: answers questions before a step is abandoned.
+        allows: returns whether parts can be used at their measured poses.
     """
 
     section: ExecutionSection
@@ -80,7 +80,7 @@ class FailureTriage:
     allows: Callable[[Poses], bool] = lambda _: False
 
     def decide(self, tpg: TemporalPlanGraph, trigger: ReplanTrigger) -> TriageResult:
-        """Decide what is done about each failure, and what becomes of the object."""
+        """Decide the recovery from each failure, and the change of its object."""
         words, changes, reopened = [], [], dict[int, frozenset[str]]()
         for failure in trigger.failures:
             task = failed_task(tpg, failure)
@@ -112,7 +112,7 @@ class FailureTriage:
         return TriageResult(tuple(words), tuple(changes), reopened)
 
     def _sees_to(self, task: Task) -> bool:
-        """Ask a person to see to what has failed too often; return whether that helps."""
+        """Ask a person to fix a repeated failure; return whether that helps."""
         if task.step in self.ledger.undone:
             return False
         words = (
@@ -129,7 +129,7 @@ class FailureTriage:
     def _worked_at(
         self, tpg: TemporalPlanGraph, trigger: ReplanTrigger, task: Task
     ) -> list[Task]:
-        """Return the processes done to a part before another one, since it came to its place, in order of their steps.
+        """Return the processes done to a part at its place before another one, in order of steps.
 
         None of those that were done while the part was handled, as behind a door, which is shut once, nor of those
         before; and none of steps that are not done any more.
@@ -149,12 +149,12 @@ class FailureTriage:
         return [works[k] for k in sorted(works.keys() - self.ledger.undone)]
 
     def _then(self, task: Task) -> str:
-        """Return what is done about a process that has failed for good."""
+        """Return the configured reaction to a process that has failed for good."""
         said = self.section.failures.get(task.kind)
         return "again" if said is None else said.then
 
     def _fate(self, task: Task, *, held: bool) -> Fate:
-        """Return what has become of the object of a skill that failed."""
+        """Return the outcome for the object of a failed skill."""
         said = self.section.failures.get(task.kind)
         if said is None:
             return Fate.LOST
@@ -165,7 +165,7 @@ class FailureTriage:
         return Fate.BESIDE if beside else Fate.LOST
 
     def _draw(self, task: Task, what: str, index: int = 0) -> float:
-        """Return a number in [0, 1) that is drawn for the failure of a task."""
+        """Return the uniform draw in [0, 1) for the failure of a task."""
         number = task.step + self.ledger.tries[task.step, task.kind] * AGAIN
         mine = [self.person.replication]
         about = self.person.seed, mine, [task.kind], number, [what], "failure"
@@ -178,7 +178,7 @@ class FailureTriage:
         failure: Failure,
         task: Task,
     ) -> Handling | None:
-        """Return where a part is found beside its place; None where nothing can be done with it there."""
+        """Return the measured pose of a displaced part; None where it cannot be used there."""
         name = str(task.object)
         lay = self.ledger.measured.get(name, tpg.cell.object(name).start)
         offset = self.section.failures[task.kind].offset
@@ -191,7 +191,7 @@ class FailureTriage:
         committed = committed_subgraph(tpg, cut_at(tpg, trigger))
         there = with_attempt(committed, tpg, who, failure.node, (found,))
         try:
-            # Others go on by a plan in which it lies where it was said.
+            # The others continue a plan that has the part at its nominal pose.
             check_invariant(DerivedTpg(there))
         except PlanInvariantError:
             return None
@@ -205,14 +205,14 @@ class FailureTriage:
         failure: Failure,
         task: Task,
     ) -> tuple[tuple[Handling, ...], str]:
-        """Return what becomes of the object of a skill that failed, and in words where it is of no use any more."""
+        """Return the change of a failed skill's object, and a message if it is lost."""
         name = task.object
         if name is None or task.kind not in HANDLING:
             return (), ""
         if failure.missing:
             self.ledger.shunned.add(self.ledger.lost(name))
             return (), ""
-        # What it holds does not change any more before its robot goes on.
+        # The held object does not change until its robot continues.
         state = world_state_after(tpg, cut_at(tpg, trigger, steps=False))
         at = state.attachments.get(name)
         if not failure.lost or at is None:
@@ -238,14 +238,14 @@ class FailureTriage:
 
 
 def _brought(task: Task) -> tuple[Handling, ...]:
-    """Return what comes up once something has been picked."""
+    """Return the objects that appear once an object has been picked."""
     return tuple(
         replace(h, waypoint=1) for h in task.handlings if h.object != task.object
     )
 
 
 def _beside_words(said: Transform, found: Transform) -> str:
-    """Return how far a part lies beside its place, in words."""
+    """Return the displacement of a part from its place, as text."""
     mm = 1e3 * float(np.linalg.norm(found[:3, 3] - said[:3, 3]))
     turn = found[:3, :3] @ said[:3, :3].T
     deg = float(np.degrees(abs(np.arctan2(turn[1, 0], turn[0, 0]))))
@@ -260,14 +260,14 @@ def request_replacement(
     name: str,
     why: str,
 ) -> bool:
-    """Ask a person for another object in place of one that is lost; return whether anybody was asked.
+    """Ask a person for a replacement of a lost object; return whether a person was asked.
 
     Args:
-        ledger: what is known; it is written to.
-        person: who is asked.
+        ledger: state of the operation; it is updated.
+        person: answers the question.
         cell: with all objects that there are.
-        step: that lacks the object; it is given up where that does not help.
-        name: of what is lost.
+        step: step that lacks the object; abandoned if there is no replacement.
+        name: name of the lost object.
         why: reason to give it up.
     """
     words = f"step {step} lacks an object: will you bring one in place of {name}?"
@@ -283,7 +283,7 @@ def request_replacement(
 def interrupted_steps(
     ledger: OperationLedger, out: frozenset[str], world: World
 ) -> dict[int, frozenset[str]]:
-    """Return the steps in the middle of which a robot is out; what it holds is lost."""
+    """Return the steps interrupted by an outage of their robot, whose held object is lost."""
     ledger.gone |= {name for name, at in world.held() if at.holder in out}
     found = {}
     for number, step in world.begun().items():
@@ -304,15 +304,15 @@ def dependent_steps(
     chosen: TaskPlan,
     needs: Iterable[tuple[int, int]],
 ) -> Mapping[int, frozenset[int]]:
-    """Return the later steps that cannot be without a step, by number.
+    """Return the later steps that depend on a step, by number.
 
     In them something touches its object where that is put, or would fall without it.
 
     Args:
         tasks: of a plan.
-        allowed: what may touch in them.
+        allowed: allowed contacts in them.
         chosen: objects of steps that are not done are those of their choices.
-        needs: what would fall, see ``AssemblyWork``.
+        needs: supports without which parts fall, see ``AssemblyWork``.
     """
     tasks = tuple(tasks)
     placed = {choice.object: choice.step for choice in chosen.choices}
@@ -337,11 +337,11 @@ def dependent_steps(
 def find_infeasible_steps(
     work: AssemblyWork, now: ReplanningState, cell: Workcell
 ) -> tuple[AssemblyWork, dict[int, str]]:
-    """Return the work with spare objects where others are lost, and the steps that nobody can do any more.
+    """Return the work with lost objects replaced by spare ones, and the infeasible steps.
 
     Args:
         work: all candidates up to now.
-        now: what has become of the plan.
+        now: state of the operation.
         cell: its objects, where they were at the start.
 
     Returns:
@@ -363,7 +363,7 @@ def find_infeasible_steps(
 
 
 def _untouched(now: ReplanningState, cell: Workcell) -> set[str]:
-    """Return the objects that lie where they were at the start and that nobody has chosen."""
+    """Return the objects that are still at their start poses and not chosen by any step."""
     lie = {
         name: at.pose
         for name, at in now.world.state.attachments.items()
@@ -375,7 +375,7 @@ def _untouched(now: ReplanningState, cell: Workcell) -> set[str]:
 
 
 def _lost_or_out(problem: AssignmentProblem, step: int, now: ReplanningState) -> str:
-    """Return in words what a step lacks where that is the only thing that could do it, else nothing."""
+    """Return a message on the lost or unavailable object or robot that a step needs, else nothing."""
     own = [problem.primaries[k] for k in problem.primaries_of.get(step, ())]
     for names, words in (
         ({item.object for item in own}, "is lost"),

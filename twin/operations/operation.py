@@ -1,4 +1,4 @@
-"""One operation of a cell: execute, and plan anew whatever fails, until all is done or nothing more can be."""
+"""One operation of a cell: execution with replanning, until all is done or infeasible."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Operation:
-    """What came of operating a cell.
+    """Result of an operation.
 
     Attributes:
         tpg: all that was executed, and whatever is left of the last plan.
@@ -56,7 +56,7 @@ class Operation:
         given_up: steps that were not done, by number, with the reason.
         dropped: steps that were not wanted any more, and not done, likewise.
         out: robots that were out.
-        asks: what a person was asked, and the answers.
+        asks: questions to a person, and the answers.
         scrapped: products that were not made whole though they were wanted, of several.
         partial: whether there are steps of the scenario that were not done, or a robot that is out holds something.
         ended: why the execution ended before its plan was complete; None where no such cause is known.
@@ -75,16 +75,16 @@ class Operation:
 
     @property
     def finished(self) -> bool:
-        """Whether all that the scenario says was done, and everything is where it says."""
+        """Whether all steps of the scenario are done and all objects at their goals."""
         return self.record.outcome == "completed" and not self.partial
 
     @property
     def planning_s(self) -> tuple[float, ...]:
-        """Processor seconds that each of these graphs took."""
+        """Processor seconds of planning each of these graphs."""
         return tuple(version.cpu_s for version in self.versions)
 
     def content(self) -> dict[str, Any]:
-        """Return what ``summary.json`` says of it."""
+        """Return the entries of ``summary.json``."""
         return {
             "whole": self.finished,
             "versions": [
@@ -121,28 +121,27 @@ def operate(
     ports: Ports | None = None,
     keep: Keep | None = None,
 ) -> Operation:
-    """Execute a plan, and plan anew when something fails.
+    """Execute a plan, and replan after failures.
 
     Args:
-        scenario: says what may fail, and what is done then.
-        motions: what the plan was made of.
+        scenario: scenario with failures and recovery.
+        motions: base motions of the plan.
         tpg: the plan.
         model: how it is executed.
         seed, replication: name the random draws.
-        recorders: told of every event, then closed.
-        halting: let everybody stop after the task at hand, and go HOME once it is planned how to go on, as
-            without a graph that is extended: what this is compared with.
-        says: answers for the person who is asked, in place of what is drawn; then somebody is asked also
-            where the scenario names nobody.
-        held: the plan, held back for windows of time, where that is known.
-        ports: robots, and people beside the cell, where the run is not a simulation.
+        recorders: receive every event, then are closed.
+        halting: baseline: all robots stop after the current task during replanning, and go HOME first.
+        says: answers for the person, in place of drawn ones; a person is then asked even if the
+            scenario has none.
+        held: the plan with edges that hold back tasks for time windows, where known.
+        ports: robots and audience, where the run is not a simulation.
         keep: keeps each graph that takes the place of another one, and the first one if parts are late.
 
     Raises:
-        RequestError: robots of this kind of assembly, or under this policy, cannot be planned anew.
+        RequestError: this kind of assembly, or this policy, cannot be replanned.
     """
     require_rolling(scenario)
-    # With what fails that only the model knows, such as a peg that may miss its hole.
+    # With failures of the model itself, such as a peg that may miss its hole.
     fails = dict(model.disturbances.failures)
     execution = scenario.execution.changed(failures=fails)
     scenario = scenario.changed(execution=execution)
@@ -252,7 +251,7 @@ def operate(
 
 
 def _products_of(steps: Iterable[int], kind: AssemblyKind) -> set[int]:
-    """Return the products, from 1, that some steps are for; none where there is only one."""
+    """Return the products of some steps, from 1; empty for one product."""
     if (count := kind.products()) == 1:
         return set()
     return {(step - 1) // (kind.steps() // count) + 1 for step in steps}
@@ -261,7 +260,7 @@ def _products_of(steps: Iterable[int], kind: AssemblyKind) -> set[int]:
 def _with_products(
     executed: TemporalPlanGraph, kind: AssemblyKind, undone: Collection[int]
 ) -> TemporalPlanGraph:
-    """Return what was executed with the product that each task is for, 0 for those that are not whole."""
+    """Return the executed graph with the product of each task, 0 for incomplete products."""
     if kind.products() == 1:
         return executed
     left = _products_of(undone, kind)
@@ -271,7 +270,7 @@ def _with_products(
 
 
 def require_picked(motions: PlannedMotions, late: Sequence[str]) -> None:
-    """Refuse parts that are late and that nobody picks, or that something stands on.
+    """Refuse late parts that no robot picks, or that support others.
 
     Raises:
         RequestError: names the part.
@@ -297,7 +296,7 @@ def require_picked(motions: PlannedMotions, late: Sequence[str]) -> None:
 
 
 def _with_late(tpg: TemporalPlanGraph, late: Sequence[str]) -> TemporalPlanGraph:
-    """Return a graph in which parts are brought, each by a machine of its own."""
+    """Return a graph with late parts, each delivered by a machine of its own."""
     if not late:
         return tpg
     first = len(tpg.tasks)
@@ -311,10 +310,10 @@ def _with_late(tpg: TemporalPlanGraph, late: Sequence[str]) -> TemporalPlanGraph
 
 
 def require_rolling(scenario: Scenario) -> None:
-    """Refuse what cannot be planned anew while it is executed.
+    """Refuse scenarios that cannot be replanned during execution.
 
     Raises:
-        RequestError: says why.
+        RequestError: replanning is impossible; the message says why.
     """
     if (policy := scenario.execution.policy) != "asynchronous":
         raise RequestError(

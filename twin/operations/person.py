@@ -1,7 +1,7 @@
-"""What has become of steps and objects in an operation, and a person who is asked before something is given up.
+"""Ledger of steps and objects of an operation, and a person who answers questions before a step is abandoned.
 
-The answer is drawn when a plan is made: how long the person takes, and whether that helps. What helps is a
-task of the graph, in which the person brings an object of the kind that is lost, or sees to what failed.
+The answer is drawn when a plan is made: how long the person takes, and whether that helps. Help is a
+task of the graph, in which the person brings an object of the lost kind, or fixes the failure.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ PERSON = "person"
 """Name of the machine of a graph whose tasks a person does."""
 
 AGAIN = 2**32
-"""Added to the number of a step or task, by which draws are named, for each time that it is tried or asked for once more."""
+"""Offset added to the step or task number in draw keys for each retry or further question."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """What a person is asked.
+    """Question to a person.
 
     Attributes:
         step: for which step.
-        count: how often a person was asked for that step before.
+        count: number of earlier questions about that step.
         skill: kind of the task that failed, empty where an object is lacking.
         object: that is lacking, or that the task is about; None where there is none.
-        words: the question, for people; another wording is no other question.
+        words: the question, for people; not part of its identity.
     """
 
     step: int
@@ -51,11 +51,11 @@ class Question:
 
 
 Says = Callable[[Question], bool]
-"""Returns whether a person helps, given what is asked; raises ``UnansweredError`` while nobody has answered."""
+"""Returns whether a person helps, given a question; raises ``UnansweredError`` until it is answered."""
 
 
 class UnansweredError(Exception):
-    """Nobody has answered a question yet; it is no failure.
+    """A question is not answered yet; it is no failure.
 
     Attributes:
         question: the open question.
@@ -68,7 +68,7 @@ class UnansweredError(Exception):
 
 @dataclass(frozen=True)
 class Ask:
-    """What a person was asked, and the answer.
+    """A question to a person, and the answer.
 
     Attributes:
         step: for which step.
@@ -76,8 +76,8 @@ class Ask:
         label: of the person's task.
         seconds: how long the person takes [s].
         helps: whether that helps.
-        object: what was lost; None where the person only sees to the step.
-        fresh: name of what is brought in its place.
+        object: the lost object; None where the person only fixes the step.
+        fresh: name of the replacement.
     """
 
     step: int
@@ -99,12 +99,12 @@ class Ask:
 
 @dataclass(frozen=True)
 class Person:
-    """Who is asked.
+    """The person of an operation, simulated or real.
 
     Attributes:
-        section: says how long answers take, and whether they help; None where nobody is asked.
+        section: duration and chance of success of help; None without a person.
         seed, replication: name the random draws.
-        says: answers in place of what is drawn; it is asked once for each question, however often plans are made.
+        says: answers in place of drawn ones; called once per question, however often plans are made.
     """
 
     section: AskSection | None
@@ -119,12 +119,12 @@ class Person:
         question: Question,
         taken: Sequence[str] = (),
     ) -> Ask | None:
-        """Return what comes of asking; None where nobody is asked, or was often enough for that step.
+        """Return the answer to a question; None without a person, or beyond the limit for that step.
 
         Args:
-            before: what was asked before.
-            question: with as many asked before as there were.
-            taken: names of the objects that there are.
+            before: earlier questions.
+            question: the question.
+            taken: names already in use.
         """
         step, count = question.step, question.count
         name = None if question.skill else question.object
@@ -156,7 +156,7 @@ class Person:
 def with_human_help(
     tpg: TemporalPlanGraph, cell: Workcell, asks: Iterable[Ask]
 ) -> tuple[TemporalPlanGraph, Workcell]:
-    """Return a new graph with what a person does, and a cell with what that brings under its own name.
+    """Return a graph with the tasks of a person, and a cell with the delivered objects.
 
     Args:
         tpg: the graph.
@@ -176,19 +176,19 @@ def with_human_help(
 
 @dataclass
 class OperationLedger:
-    """What is known of the steps and objects of an operation at one time.
+    """State of the steps and objects of an operation at one time.
 
     Attributes:
         resting: the later steps that rest on each step, by number.
-        given_up: steps that nobody does any more, by number, with the reason.
+        given_up: abandoned steps, by number, with the reason.
         dropped: steps that are not wanted any more, or rest on one, by number, with the reason.
         gone: objects that are lost.
         shunned: objects that could not be picked, and are only tried again where there are no others.
-        closed: why no more steps come than are planned, as nobody can do the next one; empty where some may.
+        closed: why no further steps are planned, as the next one is infeasible; empty if some may be.
         more: products that have been ordered since the beginning.
         tries: how often all attempts at a skill of a step have failed.
-        asks: what a person was asked.
-        measured: where parts lie that were found beside where they were said to.
+        asks: questions to a person.
+        measured: measured poses of displaced parts.
     """
 
     resting: Mapping[int, frozenset[int]]
@@ -203,7 +203,7 @@ class OperationLedger:
     measured: dict[str, Transform] = field(default_factory=dict)
 
     def copy(self) -> OperationLedger:
-        """Return one that goes on independently."""
+        """Return an independent copy."""
         return replace(
             self,
             given_up=dict(self.given_up),
@@ -216,21 +216,21 @@ class OperationLedger:
 
     @property
     def undone(self) -> frozenset[int]:
-        """Steps that are not done any more, whatever the reason."""
+        """Steps that will not be done, whatever the reason."""
         return frozenset(self.given_up.keys() | self.dropped.keys())
 
     @property
     def fresh(self) -> dict[str, str]:
-        """Names in the graph of what a person has brought, by the names of what was lost, which plans go on with."""
+        """Graph names of replacements, by the names of lost objects, which plans keep using."""
         helpful = (ask for ask in self.asks if ask.helps)
         return {ask.object: ask.fresh for ask in helpful if ask.object and ask.fresh}
 
     def lost(self, name: str) -> str:
-        """Return the name with which plans know what has a name in the graph."""
+        """Return the plan's name of an object in the graph."""
         return next((old for old, own in self.fresh.items() if own == name), name)
 
     def pending(self, tasks: Iterable[Task]) -> list[Ask]:
-        """Return what a person is to do that is not among some tasks."""
+        """Return the pending help of a person that is not among given tasks."""
         done = Counter((task.step, task.object) for task in deliveries(tasks))
         fresh, found = {None, *self.fresh.values()}, []
         for ask in self.asks:
@@ -247,7 +247,7 @@ class OperationLedger:
         pending: Iterable[Ask],
         cell: Workcell,
     ) -> dict[str, Attachment]:
-        """Return where objects are, by the names with which plans know them; what is to be brought is there."""
+        """Return object placements by their plan names; pending replacements count as delivered."""
         found = {self.lost(name): own for name, own in attachments.items()}
         for ask in pending:
             if ask.object is not None:
@@ -255,31 +255,31 @@ class OperationLedger:
         return found
 
     def asked_for(self, step: int) -> int:
-        """Return how often a person was asked for a step."""
+        """Return the number of questions about a step."""
         return sum(ask.step == step for ask in self.asks)
 
     def answered(self, ask: Ask) -> bool:
-        """Take note of what came of asking; return whether it helps."""
+        """Record an answer; return whether it helps."""
         self.asks = (*self.asks, ask)
         if ask.helps and ask.object is not None:
             self.gone.discard(ask.object)
         return ask.helps
 
     def give_up(self, step: int, why: str) -> None:
-        """Give up a step with all that rests on it."""
+        """Abandon a step with all dependent ones."""
         for one, words in self._with_resting(step, why):
             if one not in self.dropped:
                 self.given_up.setdefault(one, words)
 
     def drop(self, step: int) -> None:
-        """Take note that a step is not wanted any more, so that all that rests on it cannot be done."""
+        """Drop a step that is no longer wanted; its dependent steps become infeasible."""
         for one, words in self._with_resting(step, "it is not wanted any more"):
             self.given_up.pop(one, None)
             if one == step or one not in self.dropped:
                 self.dropped[one] = words
 
     def leave_off(self, steps: Collection[int], whole: Sequence[int]) -> None:
-        """Begin nothing of what cannot be brought to its end.
+        """Abandon the unstarted steps of an object if one of its steps will not be done.
 
         Args:
             steps: those that are not begun.
@@ -291,7 +291,7 @@ class OperationLedger:
             told[step] = f"step {undone} is not done"
 
     def falls(self) -> bool:
-        """Take note of what rests on steps that are not done any more; return whether there is any."""
+        """Record dependents of steps that will not be done; return whether there are any."""
         before = self.undone
         for step, why in tuple(self.given_up.items()):
             self.give_up(step, why)
@@ -311,7 +311,7 @@ class OperationLedger:
             seen |= more
 
     def takes_what_is_there(self) -> bool:
-        """Try again what could not be picked before; return whether there is anything of that kind."""
+        """Retry objects that could not be picked before; return whether there are any."""
         there = bool(self.shunned)
         self.shunned.clear()
         return there

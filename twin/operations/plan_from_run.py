@@ -1,4 +1,4 @@
-"""Plans that begin where a run was at some time: RUN@T, read from what was executed."""
+"""Plans that begin in the state of a run at some time: RUN@T."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from twin.trial.run_moment import RunMoment
 from twin.trial.run_result import RunResult
 
 _AWAY = 0.02
-"""A robot that is further from where its plan has it at rest was moved by somebody else [rad or m]."""
+"""Largest deviation of a robot from its planned rest; beyond, it was moved externally [rad or m]."""
 
 
 def plan_from_run(
     case: LoadedScenario, moment: RunMoment, out: Collection[str], progress: Report
 ) -> PlanResult:
-    """Plan what is left of a run at a time.
+    """Plan the remainder of a run from a time on.
 
-    At that time every robot goes on to the first border at which it is at rest and within no skill; the plan
+    Every robot continues to the first border at which it is at rest and within no skill; the plan
     begins in the world there.
 
     Args:
-        case: what was built, planned and executed as it now says.
+        case: scenario of the remaining plan.
         moment: when.
         out: robots that do nothing any more from then on.
-        progress: told how far each stage has come.
+        progress: receives the progress of each stage.
 
     Raises:
-        RequestError: something cannot go on, or nothing is left.
+        RequestError: a robot cannot continue, or nothing is left.
         TwinError: the scenario has no plan; see ``twin.plan``.
     """
     require_rolling(case.sections)
@@ -95,7 +95,7 @@ def plan_from_run(
 
 
 def _undone(run: RunResult) -> dict[int, str]:
-    """Return the steps that were given up or dropped in a run, by number, with the reason."""
+    """Return the abandoned or dropped steps of a run, by number, with the reason."""
     told = run.summary.get("operation") or {}
     return {
         int(step): str(why)
@@ -107,7 +107,7 @@ def _undone(run: RunResult) -> dict[int, str]:
 def _first_rests(
     run: RunResult, moment: RunMoment
 ) -> tuple[Counts, tuple[Failure, ...], dict[str, float], dict[int, float]]:
-    """Return up to how many of its nodes each robot goes on from a time, to where it is at rest and in no skill.
+    """Return the number of nodes of each robot up to its first rest outside skills after a time.
 
     With them come the skills that had failed by then, at the begin of which their robots stand, and for how
     long machines are at work still when all robots are at rest, and how long before that tasks ended that opened
@@ -163,7 +163,7 @@ def _first_rests(
 
 
 def _to_rest(chain: NodeChain, count: int) -> int:
-    """Return after how many nodes, at least so many, a robot rests that may have passed corners at speed."""
+    """Return the first number of nodes, from a given one, after which a robot is at rest."""
     if chain.drive is None or count == 0:
         return count
     return count + int(np.argmax(chain.drive.rests[count - 1 :]))

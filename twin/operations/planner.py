@@ -34,20 +34,20 @@ _Skill = tuple[int, str]
 """Step and kind of a task."""
 
 Extension = tuple[TemporalPlanGraph, TemporalPlanGraph, CommittedPrefix]
-"""All of a longer graph, what is new only, and what is committed."""
+"""An extended graph, its new part, and the committed prefix."""
 
 
 @dataclass(frozen=True)
 class TaskSeeds:
     """Random-number keys per task attempt, so that replanned tasks reuse the draws of the original plan.
 
-    A task that is planned again before anybody has tried it keeps the key that it had in the first plan; one
-    that is tried once more has a key of its own. So what happens to a step does not depend on when or how often
-    others were planned, and strategies of recovery can be compared.
+    A task that is replanned before its first attempt keeps its key; one that is retried gets a new key.
+    So the draws of a step do not depend on when or how often others were planned, and recovery
+    strategies can be compared.
 
     Attributes:
         first: tasks of the first plan, by step and kind.
-        skills: step and kind of every task, by index: those of what failed or is left out, too.
+        skills: step and kind of every task, by index, failed and omitted ones included.
         names: keys of tasks that are not named by themselves, by index.
     """
 
@@ -57,7 +57,7 @@ class TaskSeeds:
 
     @classmethod
     def of(cls, tpg: TemporalPlanGraph) -> TaskSeeds:
-        """Return the keys of a first plan, whose tasks name their draws themselves."""
+        """Return the keys of an initial plan, whose tasks are their own keys."""
         first: dict[_Skill, tuple[Task, ...]] = {}
         for task in tpg.tasks:
             own = task.step, task.kind
@@ -65,7 +65,7 @@ class TaskSeeds:
         return cls(first, {t.index: (t.step, t.kind) for t in tpg.tasks}, {})
 
     def onward(self, tpg: TemporalPlanGraph, new: int) -> TaskSeeds:
-        """Return the names for a graph whose tasks from an index on are new."""
+        """Return the keys for a graph whose tasks from an index on are new."""
         before = [t.index for t in tpg.tasks[:new] if t.kind != LEFT_OUT]
         tries = Counter(self.skills[index] for index in before)
         skills = {index: self.skills[index] for index in range(new)}
@@ -83,12 +83,12 @@ class TaskSeeds:
 
 @dataclass(frozen=True)
 class RecoveryState:
-    """State of a plan from which it can be extended; nobody changes its ledger.
+    """Immutable state of a plan from which it can be extended.
 
     Attributes:
         tpg: its graph.
         seeds: random-number keys of its tasks.
-        ledger: what has become of steps and objects.
+        ledger: state of steps and objects.
         measure: bound on revisions still to come, see ``termination``; None before the run begins.
     """
 
@@ -102,12 +102,12 @@ State = TypeVar("State", bound=RecoveryState)
 
 
 class Planner(ABC, Generic[State]):
-    """Recovery of one kind of assembly: from a state and what has happened to a new state and a revision of the plan.
+    """Recovery of one kind of assembly: maps a state and a replan trigger to a new state and a plan revision.
 
     Attributes:
         scenario: its recovery section sets limits and times.
         draw: times of new nodes.
-        person: who is asked before something is given up.
+        person: answers questions before a step is abandoned.
         initial: state of the plan with which an operation begins.
     """
 
@@ -118,42 +118,42 @@ class Planner(ABC, Generic[State]):
 
     @abstractmethod
     def is_short(self, state: State) -> bool:
-        """Return whether less is made in a state than is wanted."""
+        """Return whether the plan of a state lacks wanted steps."""
 
     def never_begun(self, _state: State) -> Mapping[int, str]:
-        """Return steps that are wanted and were never planned, as nobody can do them, by number, with the reason."""
+        """Return wanted steps that were never planned because they are infeasible, by number, with the reason."""
         return {}
 
     @abstractmethod
     def begun(self, state: State, counts: Sequence[int]) -> set[int]:
-        """Return the steps that have begun once so many nodes of each chain are executed."""
+        """Return the steps started by given numbers of executed nodes of each chain."""
 
     @abstractmethod
     def due(self, state: State, released: Sequence[int]) -> bool:
-        """Return whether it is time to plan more steps, though nothing has failed."""
+        """Return whether further steps are due for planning."""
 
     @abstractmethod
     def extend(
         self, state: State, trigger: ReplanTrigger, *, more_steps: bool = True
     ) -> tuple[State, Extension]:
-        """Return the next state, still with its graph, and a longer graph, in which failures are recovered from.
+        """Return the next state, still with its graph, and an extended graph that recovers from failures.
 
         The tasks of the new graph are those before it and then its own; it begins in the world at the cut.
         Without ``more_steps`` no steps come into the planning window.
         """
 
     def extend_initial(self, trigger: ReplanTrigger) -> tuple[State, Extension]:
-        """Return the state and the longer graph that follow from the initial state, with no further steps."""
+        """Return the first state and graph from the initial state, without further steps."""
         return self.extend(self.initial, trigger, more_steps=False)
 
     @abstractmethod
     def end(
         self, state: State, trigger: ReplanTrigger, why: str
     ) -> tuple[State, Extension]:
-        """Return the state in which every step that is not done is given up, and the committed graph alone."""
+        """Return the state with all remaining steps abandoned, and the committed graph alone."""
 
     def unplanned(self, _state: State) -> int:
-        """Return how many steps are not planned yet, 0 where no more are to be."""
+        """Return the number of steps not planned yet, 0 if no more will be."""
         return 0
 
     def new_steps(self, _before: State, _after: State) -> range:
@@ -161,7 +161,7 @@ class Planner(ABC, Generic[State]):
         return range(0)
 
     def with_measure(self, state: State, events: int) -> State:
-        """Return a state with its measure; so many events from outside can occur."""
+        """Return a state with its measure, given the number of possible external events."""
         return replace(state, measure=self._measured(state, events))
 
     def _measured(self, state: State, events: int) -> RevisionMeasure:
@@ -171,14 +171,14 @@ class Planner(ABC, Generic[State]):
     def recover(
         self, state: State, trigger: ReplanTrigger
     ) -> tuple[State, PlanRevision]:
-        """Return the state and the revision of the plan that follow from what has happened.
+        """Return the next state and plan revision after a trigger.
 
-        The state given is not changed, so recovery may be asked for again with more that has happened. A
+        The given state is not changed, so recovery can be repeated with a later trigger. A
         revision reduces the measure, or is the end of the operation; see ``termination``.
 
         Args:
             state: of the plan that is executed; of its graph only committed nodes are executed any more.
-            trigger: what has happened since.
+            trigger: events since the last plan.
 
         Raises:
             UnansweredError: a question to a person is open.
@@ -212,7 +212,7 @@ class Planner(ABC, Generic[State]):
 
 
 def empty_extension(at: CommittedPrefix, cell: Workcell) -> Extension:
-    """Return what is committed, after which nothing comes."""
+    """Return the committed prefix without an extension."""
     nothing = committed_subgraph(at.committed, [0] * len(at.committed.chains))
     waits = np.empty((0, 2), dtype=np.int64)
     return (
@@ -230,18 +230,18 @@ def append_extension(
     waits: Indices,
     windows: Iterable[TimeWindow] | None = None,
 ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Workcell]:
-    """Append a new graph to what is committed, with what a person does for it.
+    """Append a new graph to the committed prefix, with the tasks of a person.
 
     Args:
-        at: what is committed.
+        at: the committed prefix.
         new: begins in the world at the cut; its tasks are those before it and then its own.
         cell: with all objects that there are.
-        ledger: knows what somebody is to bring, and the names of that.
-        waits: what waits for what, of what is new and what is committed, shape (e, 2).
-        windows: of time, where they are not those of what is committed.
+        ledger: state of the operation, with pending replacements and their names.
+        waits: edges between new and committed nodes, shape (e, 2).
+        windows: time windows, where they differ from those of the prefix.
 
     Returns:
-        All of it, what is new only, and the cell with what is brought.
+        The whole graph, the new part, and the cell with replacements.
     """
     before = at.committed.tasks
     new = rename_objects(new, ledger.fresh, len(before))

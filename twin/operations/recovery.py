@@ -1,7 +1,7 @@
 """Recovery of assemblies when a skill has failed for good, or a robot is out: the best of plans from several cuts.
 
-The skill again, or its step with what is left: another grip, another object of the kind, another robot, as
-the integer program chooses; else the step is given up with what rests on it, and the rest goes on.
+Retry the skill, or its step with another grip, object of the kind or robot, as the integer program
+chooses; else abandon the step with its dependents, and continue the rest.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class Proposal:
     """An extension of the plan from one cut.
 
     Attributes:
-        union, new: the longer graph, and what is new only.
-        at: what is committed.
+        union, new: the extended graph, and its new part.
+        at: the committed prefix.
         state: of the longer graph.
         more: how many steps it gives up.
     """
@@ -71,7 +71,7 @@ class Proposal:
     more: int
 
     def end_s(self, clock: Clock | None, planning_s: float) -> float:
-        """Return the forecast of when all of it will be complete [s]."""
+        """Return the forecast makespan [s]."""
         return forecast_s(self.union, self.at.counts(self.union), clock, planning_s)
 
 
@@ -80,15 +80,15 @@ class Recovery(Planner[AssemblyState]):
     """Recovery of an assembly of bricks, goals or parts.
 
     Attributes:
-        scenario: its recovery section says how.
-        motions: what the first plan was made of.
+        scenario: scenario with its recovery section.
+        motions: base motions of the first plan.
         tpg: the first plan.
         draw: times of new nodes.
-        person: who is asked before something is given up.
+        person: answers questions before a step is abandoned.
         gone: objects that are lost already.
-        measured: where parts lie that were found beside their places.
-        undone: steps that are given up already, by number, with the reason.
-        cuts: from which plans are proposed, those that come later only where something has to be given up else; of
+        measured: measured poses of displaced parts.
+        undone: steps abandoned before, by number, with the reason.
+        cuts: cuts from which plans are proposed, later ones only to avoid abandoning steps; of
             all that the one that gives up least is chosen, and of these the one that is complete soonest.
     """
 
@@ -136,12 +136,12 @@ class Recovery(Planner[AssemblyState]):
         )
 
     def is_short(self, state: AssemblyState) -> bool:
-        """Return whether less is made in a state than is wanted."""
+        """Return whether the plan of a state lacks wanted steps."""
         ledger, planned = state.ledger, len(state.task_plan.choices)
         return self.context.window.is_short(ledger.given_up, ledger.more, planned)
 
     def never_begun(self, state: AssemblyState) -> Mapping[int, str]:
-        """Return steps of products that are wanted and that nobody can begin, by number, with the reason."""
+        """Return infeasible steps of wanted products, by number, with the reason."""
         ledger, planned = state.ledger, len(state.task_plan.choices)
         if not ledger.closed or not self.context.window.in_products:
             return {}
@@ -149,13 +149,13 @@ class Recovery(Planner[AssemblyState]):
         return dict.fromkeys(range(planned + 1, last + 1), ledger.closed)
 
     def begun(self, state: AssemblyState, counts: Sequence[int]) -> set[int]:
-        """Return the steps that have begun once so many nodes of each chain are executed."""
+        """Return the steps started by given numbers of executed nodes of each chain."""
         complete, cell = complete_tasks(state.tpg, counts), state.tpg.cell
         world = World(start_state(cell), state.steps, complete=complete)
         return set(world.begun())
 
     def due(self, state: AssemblyState, released: Sequence[int]) -> bool:
-        """Return whether it is time to plan more steps, though nothing has failed."""
+        """Return whether further steps are due for planning."""
         planned, ledger = len(state.task_plan.choices), state.ledger
         last = self.context.window.last(ledger.given_up, ledger.more)
         return not ledger.closed and self.context.window.due(
@@ -163,7 +163,7 @@ class Recovery(Planner[AssemblyState]):
         )
 
     def unplanned(self, state: AssemblyState) -> int:
-        """Return how many steps are not planned yet, 0 where no more are to be."""
+        """Return the number of steps not planned yet, 0 if no more will be."""
         return (
             0 if state.ledger.closed else self.context.window.unplanned(state.task_plan)
         )
@@ -180,7 +180,7 @@ class Recovery(Planner[AssemblyState]):
         *,
         more_steps: bool = True,
     ) -> tuple[AssemblyState, Extension]:
-        """Return the next state and a longer graph, see ``Planner``."""
+        """Return the next state and an extended graph, see ``Planner``."""
         draft = self._draft(state)
         ledger, window = draft.ledger, self.context.window
         if more_steps:
@@ -205,7 +205,7 @@ class Recovery(Planner[AssemblyState]):
         motions: PlannedMotions | None = None,
         reach: int = 0,
     ) -> Draft:
-        """Return a draft that begins with a state, which stays as it is."""
+        """Return a draft of a state, which is not changed."""
         return Draft(
             self.context,
             state.tpg,
@@ -226,7 +226,7 @@ class Recovery(Planner[AssemblyState]):
         trigger: ReplanTrigger,
         triage: TriageResult,
     ) -> tuple[AssemblyState, Extension]:
-        """Return the best of the proposals from all cuts, or the end of the operation where there is none."""
+        """Return the best proposal of all cuts, or the end of the operation without one."""
         before, found, why = draft.state(), list[Proposal](), ""
         motions, tpg = draft.motions, draft.tpg
         planning_s = self.scenario.execution.recovery.planning_s
@@ -250,7 +250,7 @@ class Recovery(Planner[AssemblyState]):
                 # Spare objects stay among the candidates from cut to cut.
                 motions, stuck = attempt.motions, stuck or attempt.stuck
             if found and (any(not item.more for item in found) or not stuck):
-                break  # what nobody can do can be done from nowhere else
+                break  # infeasible from every cut
         if found:
             about = trigger.clock, planning_s
             best = min(found, key=lambda item: (item.more, item.end_s(*about)))
@@ -266,7 +266,7 @@ class Recovery(Planner[AssemblyState]):
         trigger: ReplanTrigger,
         why: str,
     ) -> tuple[AssemblyState, Extension]:
-        """Return the state in which every step that is not done is given up, and the committed graph alone."""
+        """Return the state with all remaining steps abandoned, and the committed graph alone."""
         draft = self._draft(state)
         about = self.scenario.execution, draft.ledger, self.person
         triage = FailureTriage(*about).decide(state.tpg, trigger)

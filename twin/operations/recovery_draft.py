@@ -1,4 +1,4 @@
-"""State of a recovery in the making: what is planned from one cut, and what is given up where nothing can be."""
+"""Draft of a recovery from one cut: planned extension, and abandoned steps."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ class PlanningContext:
     """Settings and caches of a recovery, which no state depends on.
 
     Attributes:
-        scenario: its recovery section says how to plan.
-        person: who is asked before something is given up.
+        scenario: scenario with its recovery section.
+        person: answers questions before a step is abandoned.
         window: how many first steps are planned.
         known: motions that were planned before.
         elsewhere: candidates with parts where they were measured.
@@ -87,13 +87,13 @@ class PlanningContext:
 
 @dataclass
 class Draft:
-    """A state in the making, from one cut.
+    """Mutable draft of the next state, from one cut.
 
     Attributes:
         context: settings and caches.
         tpg, seeds, ledger, cell, task_plan, steps, motions, past, measure: of the state.
         reach: number of first steps that are planned.
-        stuck: whether a step was given up because no motion was found.
+        stuck: whether a step was abandoned because no motion was found.
     """
 
     context: PlanningContext
@@ -110,7 +110,7 @@ class Draft:
     stuck: bool = False
 
     def state(self) -> AssemblyState:
-        """Return the state that is reached."""
+        """Return the resulting state."""
         return AssemblyState(
             self.tpg,
             self.seeds,
@@ -125,12 +125,12 @@ class Draft:
 
     @property
     def work(self) -> AssemblyWork:
-        """All candidates, with parts where they were measured."""
+        """All candidates, with parts at their measured poses."""
         elsewhere = self.context.elsewhere
         return elsewhere.of(self.motions.work, self.ledger.measured)
 
     def nothing_further(self, at: CommittedPrefix, why: str) -> Extension:
-        """Give up all steps that are not done once what is committed is complete."""
+        """Abandon all steps beyond the committed prefix."""
         world = self._world(at)
         left = {item.step.step for item in unfinished_steps(world, {}) if not item.ends}
         done = world.begun().keys() - left
@@ -141,7 +141,7 @@ class Draft:
         return empty_extension(at, self.cell)
 
     def _world(self, at: CommittedPrefix) -> World:
-        """Return the world once all that is committed is complete."""
+        """Return the world at the end of the committed prefix."""
         complete = set(at.complete)
         for task in at.tried:
             if task.step in at.triage.reopened or task.step in self.ledger.undone:
@@ -161,7 +161,7 @@ class Draft:
     def onward(
         self, at: CommittedPrefix, *, aside: bool
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph]:
-        """Return the longer graph and the new one, giving up what cannot be done."""
+        """Return the extended graph and its new part; infeasible steps are abandoned."""
         watch, goes_aside = StageWatch(), frozenset[str]()
         emptied: dict[int, frozenset[str]] = {}
         machines = {item.name for item in self.cell.machines}
@@ -248,7 +248,7 @@ class Draft:
             return union, new
 
     def _asks_for(self, step: int, why: str, now: ReplanningState) -> bool:
-        """Ask a person for an object for a step if that is what it lacks; return whether there is anything new."""
+        """Ask a person for the object that a step lacks; return whether the ledger changed."""
         lost = self.ledger.gone - now.world.state.attachments.keys()
         whole = fix_choices(self.work.problem, now.kept, now.world.out - lost, {})
         own = [c for c in whole.primaries if c.step == step and c.object in lost]
@@ -261,7 +261,7 @@ class Draft:
         return request_replacement(*about, step, name, why)
 
     def _look_at_what_is_ordered(self) -> None:
-        """Look at the steps of as many products as are ordered, in place of others that are not made among them."""
+        """Extend the planned steps to the number of ordered products, replacing failed ones."""
         ledger, motions = self.ledger, self.motions
         assert motions.work is not None
         ordered = 0
@@ -272,7 +272,7 @@ class Draft:
             self.motions = self.context.window.of_first(motions, count)
 
     def _look_no_further(self, infeasible: Mapping[int, str]) -> None:
-        """End the assembly before a step that comes into the window and that nobody can do."""
+        """End the assembly before an infeasible step of the window."""
         planned = len(self.task_plan.choices)
         if new := [step for step in infeasible if step > planned]:
             first, ledger = min(new), self.ledger
@@ -290,7 +290,7 @@ class Draft:
                     del ledger.given_up[step]
 
     def _emptied(self, world: World, robot: str) -> frozenset[str]:
-        """Let what a robot holds be taken from its hand, so that it can do something else; return who that is."""
+        """Have a held object removed, so that its robot is free; return that robot."""
         self.ledger.gone |= {name for name, at in world.held() if at.holder == robot}
         return frozenset({robot})
 
@@ -300,9 +300,9 @@ class Draft:
         error: InfeasibleStepError | TransitError,
         why_not: BlockedStep | None,
     ) -> bool:
-        """Give up a step, or ask for what it lacks, and tell whether there was one.
+        """Abandon a step, or ask for its missing object; return whether there was one.
 
-        It is that of the error, or one that nobody can do, else what fewest rest on.
+        It is the step of the error, an infeasible one, or the one with the fewest dependents.
         """
         undone = self.ledger.undone
         left = [c.step for c in self.task_plan.choices if c.step not in undone]

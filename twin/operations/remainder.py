@@ -1,7 +1,7 @@
-"""What is left of a run from a time on, planned from the world that was executed up to there.
+"""Remainder of a run from a time on, planned from the world at that time.
 
-Nothing is taken from what was planned and not executed: steps that have begun keep the robots, objects, grips
-and supports of their tasks, and all others are chosen anew.
+No unexecuted part of the old plan is used: steps that have begun keep the robots, objects, grips
+and supports of their tasks, and all others are chosen again.
 """
 
 from __future__ import annotations
@@ -66,22 +66,22 @@ def remaining_graph(
     when: str,
     undone: Mapping[int, str],
 ) -> TemporalPlanGraph:
-    """Return the plan of what is left at a cut, which begins in the world there.
+    """Return the plan of the remainder from a cut, beginning in the world there.
 
     Args:
-        scenario: what is built, and how it is planned.
+        scenario: assembly and planning settings.
         motions: of a plan of all of it.
-        tpg: what was executed.
-        counts: how many nodes of each chain are complete at the cut.
+        tpg: the executed plan.
+        counts: number of nodes of each chain complete at the cut.
         failures: skills that have failed for good, and of which nothing was made.
         out: robots that are out from then on.
         left_s: machines that are at work when all robots are at rest there, with how long still [s].
         ago: how long before all robots are at rest there tasks ended that opened windows of time, by index [s].
         when: the time, for people.
-        undone: steps that were given up or dropped, by number, with the reason.
+        undone: abandoned or dropped steps, by number, with the reason.
 
     Raises:
-        RequestError: something cannot go on, or nothing is left.
+        RequestError: a robot cannot continue, or nothing is left.
     """
     done = complete_tasks(tpg, counts)
     world = World(start_state(tpg.cell), planned_steps(tpg), complete=done)
@@ -135,7 +135,7 @@ def remaining_graph(
 
 
 def _done_steps(world: World) -> Iterator[int]:
-    """Yield the steps of which all is done but ways to go."""
+    """Yield the steps that are done except for final transits."""
     for number, step in sorted(world.begun().items()):
         ways = (TRANSIT, STRAIGHT, *SUPPLY_KINDS)
         skills = {task.index for task in step.tasks if task.kind not in ways}
@@ -144,7 +144,7 @@ def _done_steps(world: World) -> Iterator[int]:
 
 
 def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:
-    """Refuse what is in the middle of a step that failed later: what was left of it then is not in the run.
+    """Refuse a cut within a step that failed later: its state is not recorded in the run.
 
     Raises:
         RequestError: names the step.
@@ -169,10 +169,10 @@ def _require_whole(
     at: CommittedPrefix,
     known: Collection[int],
 ) -> None:
-    """Refuse what cannot go on.
+    """Refuse a remainder that cannot be planned.
 
     Raises:
-        RequestError: says what, and why.
+        RequestError: it cannot; names object and reason.
     """
     for name, place in at.state.attachments.items():
         if place.holder in at.out:
@@ -191,7 +191,7 @@ def _require_whole(
 
 
 def _with_shortcuts(scenario: Scenario) -> Scenario:
-    """Return a scenario in which a plan is shortened as much as any other plan of it."""
+    """Return a scenario with the shortcut effort of a whole plan."""
     own = scenario.execution
     recovery = own.recovery.changed(shortcuts=planned_shortcuts(scenario))
     return scenario.changed(execution=own.changed(recovery=recovery))
@@ -206,7 +206,7 @@ def _nobody_draws(
 def _with_what_was_used(
     work: AssemblyWork, begun: Mapping[int, StepTasks]
 ) -> AssemblyWork:
-    """Return the work with the spare objects that were used."""
+    """Return the work with the spare objects used so far."""
     for number, step in sorted(begun.items()):
         known = {item.object for item in work.problem.primaries if item.step == number}
         picked = {t.object for t in step.tasks if t.kind == "pick" and t.object}
@@ -218,10 +218,10 @@ def _with_what_was_used(
 def _choices_of(
     work: AssemblyWork, plan: TaskPlan, begun: Mapping[int, StepTasks]
 ) -> TaskPlan:
-    """Return choices in which every step that has begun is done as it was.
+    """Return choices that keep the tasks of started steps.
 
     Raises:
-        RequestError: one was done in another way than any that is known.
+        RequestError: a started step matches no known candidate.
     """
     every = {task.index for step in begun.values() for task in step.tasks}
     plan = replace(plan, taken=picked_steps(begun, every))
@@ -247,7 +247,7 @@ def _choices_of(
 def _choices(
     problem: AssignmentProblem, plan: TaskPlan, step: int, done: Sequence[Task]
 ) -> Iterator[StepChoice]:
-    """Yield the ways to do a step with who did it, the planned one first."""
+    """Yield the candidates of a step with its robots, the planned one first."""
     robots = {task.robot for task in done}
     yield plan[step]
     for p in problem.primaries_of.get(step, ()):
@@ -264,7 +264,7 @@ def _choices(
 
 
 def _alike(one: Task, other: Task) -> bool:
-    """Tell whether two tasks are the same but for their numbers, and whole turns of their robot's joints."""
+    """Return whether two tasks are equal up to their numbers and full turns of joints."""
     names = one.robot, one.kind, one.object, one.path.shape
     if names != (other.robot, other.kind, other.object, other.path.shape):
         return False

@@ -1,7 +1,8 @@
 """Replanning of an execution: the graph is cut and extended while it is executed.
 
-A skill that fails for good, and a robot that goes out of service, do not end the run: what is committed is
-executed, meanwhile the rest is planned from the world at its end, and then the longer graph takes over.
+A skill that fails for good, or an outage of a robot, does not end the run: the committed prefix is
+executed, meanwhile the rest is planned from the world at its end, and then the extended graph takes
+over.
 """
 
 from __future__ import annotations
@@ -29,16 +30,16 @@ from twin.operations.planner import Planner
 from twin.runs.events import EventCode
 
 _AFTER_ALL = EventPriority(10)
-"""Priority of what considers all that has happened at a time."""
+"""Priority of events that consider all others at the same time."""
 
 _AHEAD_NS = NANOSECONDS // 2
-"""Time before the end of what was released at which a robot is released its next task: more than it brakes for."""
+"""Time before the end of a robot's released nodes at which its next task is released: more than its braking time."""
 
 Keep = Callable[[int, TemporalPlanGraph], None]
 """Keeps a revision of the plan, given its number, from 1, before any event of it is recorded."""
 
 Hold = Callable[[TemporalPlanGraph], TemporalPlanGraph]
-"""Returns a graph with edges that hold back what opens windows of time."""
+"""Returns a graph with edges that hold back tasks that open time windows."""
 
 
 class RollingReplanner(Replanner):
@@ -50,8 +51,8 @@ class RollingReplanner(Replanner):
 
     Args:
         execution: the run; its supply, if any, is a ``LateSupply``.
-        planner: plans what is left.
-        hold: holds back what opens windows of time; by default nothing is.
+        planner: plans the rest.
+        hold: holds back tasks that open time windows; by default none are.
         far: whether robots are released as much as is safe; else no task long before it begins.
         halting: whether all robots stop after their present tasks when something is to be planned.
         keep: keeps each graph that takes over.
@@ -91,12 +92,12 @@ class RollingReplanner(Replanner):
 
     @property
     def planning(self) -> bool:
-        """Whether a revision of the plan is being made, or is about to take over."""
+        """Whether a plan revision is in progress or about to take over."""
         return self._planning
 
     @property
     def short(self) -> bool:
-        """Whether the plan that is executed makes less than is wanted."""
+        """Whether the executed plan lacks wanted steps."""
         return self.planner.is_short(self.state)
 
     @property
@@ -106,16 +107,16 @@ class RollingReplanner(Replanner):
 
     @property
     def given_up(self) -> Mapping[int, str]:
-        """Steps that are not done in the plan that is executed, by number, with the reason."""
+        """Abandoned steps of the executed plan, by number, with the reason."""
         given_up: Mapping[int, str] = self.state.ledger.given_up
         return given_up
 
     def limit(self, chain: int) -> int:
-        """Return how many nodes of a chain are committed, or all where nothing is to be replaced."""
+        """Return the number of committed nodes of a chain; all without a pending revision."""
         return self._limit[chain]
 
     def begin(self) -> None:
-        """Take note that the run begins; replanning terminates, see ``termination``."""
+        """Handle the start of the run; replanning terminates, see ``termination``."""
         self.state = self.planner.with_measure(self.state, self._events())
 
     def outage(self, robot: str, at_ns: int) -> None:
@@ -155,7 +156,7 @@ class RollingReplanner(Replanner):
         cell.env.process(change())
 
     def _events(self) -> int:
-        """Return how many events from outside can still occur."""
+        """Return the number of external events that can still occur."""
         unknown, supply = 0, self._cell.supply
         if isinstance(supply, LateSupply):
             unknown = len({*supply.coming.values()} - supply.missed)
@@ -164,7 +165,7 @@ class RollingReplanner(Replanner):
     # Robots
 
     def recover(self, chain: int, node: int) -> Steps:
-        """Wait for a revision of the plan after a skill that begins with a node has failed for good."""
+        """Wait for a plan revision after the skill that begins with a node has failed for good."""
         cell = self._cell
         failed_ns = cell.now_ns
         missing = cell.supply is not None and bool(cell.supply.missing(chain, node))
@@ -184,10 +185,10 @@ class RollingReplanner(Replanner):
         return self._revised
 
     def _may_release(self, chain: int) -> bool:
-        """Return whether the next node of a chain belongs to what is committed, and is due.
+        """Return whether the next node of a chain is committed and due.
 
-        What is released is not withdrawn, and the more is released, the less can be planned anew: so no task
-        is begun long before its time.
+        Released nodes are not withdrawn and limit replanning: so no task is released long before
+            its time.
         """
         cell, count = self._cell, self._cell.outstanding[chain]
         node, task = cell.released[chain], cell.task[chain]
@@ -198,7 +199,7 @@ class RollingReplanner(Replanner):
         return int(sum(cell.motion[chain][node - count : node])) < self._ahead_ns
 
     def _released(self, chain: int, node: int) -> None:
-        """Plan more where it is time for it, as a robot has been released a task."""
+        """Plan further steps when a released task makes them due."""
         task = self._cell.task[chain]
         if node == 0 or task[node] != task[node - 1]:
             self._plan_more()
@@ -211,7 +212,7 @@ class RollingReplanner(Replanner):
     # Planning
 
     def _replan(self) -> None:
-        """Plan what is left, or once more what is being planned, as something has happened."""
+        """Replan after an event, restarting a replanning in progress."""
         if self._halting:
             self._halt()
         self._plan_again()
@@ -223,7 +224,7 @@ class RollingReplanner(Replanner):
             self._cell.env.process(self._plan())
 
     def _halt(self) -> None:
-        """Withdraw all that was released beyond the present tasks."""
+        """Withdraw all released nodes beyond the current tasks."""
         for k, own in enumerate(self._cell.start):
             count = sum(begun >= 0 for begun in own)
             while not self._rests_between_tasks(k, count):
@@ -232,7 +233,7 @@ class RollingReplanner(Replanner):
             self._limit[k] = min(self._limit[k], count)
 
     def _rests_between_tasks(self, chain: int, count: int) -> bool:
-        """Return whether a robot is at rest, and in no task, after so many of its nodes."""
+        """Return whether a robot is at rest and in no task after a number of its nodes."""
         task = self._cell.task[chain]
         if count == len(task):
             return True
@@ -254,7 +255,7 @@ class RollingReplanner(Replanner):
         if self._failures or plan_sha256(version.tpg) != plan_sha256(cell.tpg):
             self._take_over(version)
         else:
-            # Planning anew has changed nothing.
+            # Replanning has changed nothing.
             self._set_limits()
         revised, self._revised = self._revised, cell.env.event()
         revised.succeed()
@@ -262,7 +263,7 @@ class RollingReplanner(Replanner):
         self._plan_more()
 
     def _version(self) -> Generator[simpy.Event, Any, tuple[Any, PlanRevision]]:
-        """Plan what is left of all that has happened by now, as often as a person has to be asked for that."""
+        """Plan a revision from the current trigger, repeated for each question to a person."""
         cell, audience = self._cell, self._cell.audience
         while True:
             if audience is not None:
@@ -278,7 +279,7 @@ class RollingReplanner(Replanner):
             self._again = False
 
     def _trigger(self) -> ReplanTrigger:
-        """Return what has happened by now."""
+        """Return the replan trigger of now."""
         cell = self._cell
         coming = {} if cell.supply is None else cell.supply.coming
         opened = window_opening_times(
@@ -288,7 +289,7 @@ class RollingReplanner(Replanner):
             tuple(self._failures),
             frozenset(self._out),
             frozenset(self._unwanted),
-            # Whatever is done, what is to be brought is brought.
+            # Pending deliveries are kept in every revision.
             tuple(max(n, int(k in coming)) for k, n in enumerate(cell.released)),
             {k: (cell.now_ns - t) / NANOSECONDS for k, t in opened.items()},
             self._clock(),
@@ -305,7 +306,7 @@ class RollingReplanner(Replanner):
         return Clock(self._cell.now_ns / NANOSECONDS, begun, ended)
 
     def _take_over(self, version: PlanRevision) -> None:
-        """Let the execution go on with a revision of its graph."""
+        """Continue the execution with a plan revision."""
         cell, tpg = self._cell, version.tpg
         failures, self._failures = self._failures, []
         times = continued_times(cell.times, version, cell.end)
@@ -340,7 +341,7 @@ class RollingReplanner(Replanner):
             narrator.emit("recovered", *lost, detail=words)
 
     def _set_limits(self) -> None:
-        """Let robots that are in service be released all of the graph."""
+        """Allow robots in service to be released the whole graph."""
         self._limit = [
             self._cell.released[k] if chain.robot in self._out else len(chain)
             for k, chain in enumerate(self._cell.tpg.chains)

@@ -1,4 +1,4 @@
-"""Planning what is left of an assembly from a world on, as a graph of its own."""
+"""Planning of the rest of an assembly from a world on, as a separate graph."""
 
 from __future__ import annotations
 
@@ -41,20 +41,19 @@ def plan_from(
     candidates: int,
     known: MotionCache | None = None,
 ) -> tuple[OnwardPlan, TemporalPlanGraph]:
-    """Plan what is left of an assembly from a world on.
+    """Plan the rest of an assembly from a world on.
 
-    The graph is ordered and shortened like any plan, by itself: what is still executed of the plan before it only
-    makes it wait.
+    The graph is ordered and shortened by itself: the rest of the old plan only delays it.
 
     Args:
-        motions: what the first plan was made of.
+        motions: base motions of the first plan.
         scenario: its settings.
         cell: with the objects that have come up.
         now: where it begins.
-        before: tasks of the plan up to now; new ones go on from their number.
+        before: tasks of the plan so far; new ones are numbered after them.
         watch: measures the stages.
         candidates: shortcuts tried.
-        known: ways found before.
+        known: cache of paths found before.
 
     Returns:
         Choices, tasks and motions, and their graph, which begins in the world.
@@ -86,7 +85,7 @@ def graph_from_world(
     """Return the graph of motions that begin in a world.
 
     Args:
-        plan: of the new tasks, whose indices go on from the world's.
+        plan: plan of the new tasks, numbered after the world's.
         world: where it begins.
         before: see ``plan_from``.
         watch: measures the stage.

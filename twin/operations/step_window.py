@@ -1,7 +1,7 @@
-"""How many first steps are planned: those of a window, when it is time for more, and of products that are ordered.
+"""Rolling planning window of steps: its size, when it advances, and the ordered products.
 
-Steps are in their order and the structure is known to stand from the beginning; robots, objects and motions
-of a step are chosen when it comes into the window, or its product is ordered.
+The order of steps is fixed and the structure known to be stable; robots, objects and motions of a step
+are chosen when it enters the window, or its product is ordered.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from twin.scenario.sections.execution import StepWindowSection
 
 
 class StepWindow:
-    """Which first steps of an assembly are planned.
+    """Rolling planning window over the steps of an assembly.
 
     Args:
-        section: how many at a time; None for all at once.
+        section: steps at a time; None for all at once.
         motions: of the first of them.
     """
 
@@ -38,18 +38,18 @@ class StepWindow:
         undone: Collection[int],
         last: int,
     ) -> bool:
-        """Tell whether it is time to plan more steps than the first so many.
+        """Return whether steps after the planned ones are due for planning.
 
         Args:
-            tpg: what is executed.
-            released: how many nodes of each chain have been released.
+            tpg: the executed plan.
+            released: number of released nodes of each chain.
             planned: number of first steps that are planned.
             undone: steps that are not done.
             last: how many there are to be.
         """
         if self._section is None or planned >= last:
             return False
-        # Steps of machines alone follow those of robots: nobody waits for their begin.
+        # Steps of machines alone follow those of robots: no robot waits for their start.
         left = sum(
             bool(own) and all(released[k] <= n for k, n in own.items())
             for step, own in enumerate(self._first_nodes(tpg, planned), start=1)
@@ -58,27 +58,27 @@ class StepWindow:
         return left <= self._section.least
 
     def after(self, planned: int, last: int) -> int:
-        """Return how many first steps are planned after so many, where there are to be some more."""
+        """Return the next number of planned steps after a given one, where more are wanted."""
         assert self._ahead is not None
         assert self._section is not None
         return min(self._ahead.whole(planned + self._section.steps), last)
 
     @property
     def in_products(self) -> bool:
-        """Whether what comes after the first steps is further products."""
+        """Whether the steps after the first ones belong to further products."""
         return self._ahead is not None and self._ahead.wanted < self._ahead.steps
 
     def whole_products(self, steps: int) -> int:
-        """Return how many of some first steps make whole products; all where steps are not of products."""
+        """Return how many of the first steps make whole products; all without products."""
         return steps if self._ahead is None else steps - steps % self._ahead.product
 
     @property
     def ordered_at_once(self) -> bool:
-        """Whether all products that are ordered are planned at once."""
+        """Whether all ordered products are planned at once."""
         return self.in_products and self._section is None
 
     def last(self, given_up: Collection[int], more: int) -> int:
-        """Return how many first steps there are to be, those of spare products among them; 0 where all are planned.
+        """Return the final number of steps, spare products included; 0 where all are planned.
 
         Args:
             given_up: steps that are not done though they are wanted: others take the place of their products.
@@ -91,7 +91,7 @@ class StepWindow:
         return min(wanted, ahead.steps)
 
     def is_short(self, given_up: Collection[int], more: int, planned: int) -> bool:
-        """Tell whether less is made than is wanted, of so many first steps that are planned; see ``last``."""
+        """Return whether a number of planned steps lacks wanted ones; see ``last``."""
         if self._ahead is None or not self.in_products:
             return bool(given_up)
         ahead = self._ahead
@@ -105,11 +105,11 @@ class StepWindow:
         return range(1, self._ahead.steps + 1)
 
     def unplanned(self, plan: TaskPlan) -> int:
-        """Return how many steps are not planned yet, those of spare products among them."""
+        """Return the number of steps not planned yet, spare products included."""
         return 0 if self._ahead is None else self._ahead.steps - len(plan.choices)
 
     def of_first(self, motions: PlannedMotions, count: int) -> PlannedMotions:
-        """Return motions with the work of the first so many steps."""
+        """Return motions with the work of a number of first steps."""
         if self._ahead is None:
             return motions
         return replace(motions, work=self._ahead.first(count))
@@ -117,7 +117,7 @@ class StepWindow:
     def _first_nodes(
         self, tpg: TemporalPlanGraph, planned: int
     ) -> list[dict[int, int]]:
-        """Return the first node that each robot has in each step, by chain."""
+        """Return the first node of each robot in each step, by chain."""
         if self._begins is None or self._begins[0] is not tpg:
             found: list[dict[int, int]] = [{} for _ in range(planned)]
             machines = machine_chains(tpg)

@@ -1,4 +1,4 @@
-"""A page for who stands beside a cell whose robots drivers move: what goes on there, and buttons.
+"""A web page for people next to a cell with drivers: progress of the run, and buttons.
 
-Imports live, follow, operate, engine, recorders and run; api imports it.
+Imports live, follow, operations, engine, recorders and runs; api imports it.
 """

@@ -1,4 +1,4 @@
-"""Execution by drivers with people beside the cell, who see the progress, give orders and answer questions."""
+"""Execution by drivers with people next to the cell, who see the progress, give orders and answer questions."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ from twin.runs.events import Event
 from twin.runs.execution_record import Outcome
 
 _SHOW_S, _PROGRESS_S = 0.25, 2.0
-"""Time between what is shown, and between what forecasts are made of [s]."""
+"""Periods of display updates, and of forecast inputs [s]."""
 
 _MOST_NOTICES = 60
 
 _QUIET = ("released", "started", "completed", "waiting", "attached", "detached")
-"""Events that people are not told of."""
+"""Events not shown to people."""
 
 
 @dataclass(frozen=True)
 class AttendedSession(Session):
-    """Drivers of the robots of a cell that somebody stands beside, for one run.
+    """Drivers of the robots of an attended cell, for one run.
 
     Attributes:
-        panel: what is shared with the page.
+        panel: state shared with the page.
     """
 
     panel: Panel = field(kw_only=True)
@@ -56,10 +56,9 @@ class AttendedSession(Session):
 
 
 class Attendance(Audience):
-    """People who stand beside a cell that drivers move, by way of a panel.
+    """People next to a cell with drivers, connected by a panel.
 
-    While a question is open time passes: what is planned is not settled, and all robots work as far as the
-    plan goes that is executed.
+    While a question is open, the new plan is undecided, and all robots continue the executed plan.
 
     Args:
         execution: the run, whose robots are ``RemoteRobots`` with a ``RollingReplanner``.
@@ -93,7 +92,7 @@ class Attendance(Audience):
     # Notices
 
     def record(self, event: Event) -> None:
-        """Keep what people are to know."""
+        """Keep events that people should know."""
         if event.kind not in _QUIET:
             label = self._cell.tpg.tasks[event.task].label if event.task >= 0 else ""
             new = "" if event.detail.startswith(label) else label
@@ -119,7 +118,7 @@ class Attendance(Audience):
             self._robots.now(self._obey, order)
 
     def look(self, now_s: float) -> None:
-        """Show how far the run is, some times a second, by the clock of the robots [s]."""
+        """Show the progress at the robots' time [s]; called some times a second."""
         robots = self._robots
         for name, link in robots.nodes.links.items():
             state = robots.nodes.states.get(name)
@@ -131,7 +130,7 @@ class Attendance(Audience):
             self._show(now_s)
 
     def _obey(self, order: Order) -> None:
-        """Execute an order once it is on the disk."""
+        """Execute an order after logging it to disk."""
         question, links = self._question, self._robots.nodes.links
         if order.action in ("yes", "no"):
             if question is None or order.question != self._asked:
@@ -167,7 +166,7 @@ class Attendance(Audience):
     # Questions
 
     def answered(self, question: Question) -> Steps:
-        """Wait until somebody has answered a question."""
+        """Wait until a question is answered."""
         self._question = question
         self._asked += 1
         assert self._cell.narrator is not None
@@ -177,7 +176,7 @@ class Attendance(Audience):
     # What is shown
 
     def show_planning(self) -> None:
-        """Show that a revision of the plan is being made."""
+        """Show that replanning is in progress."""
         self._show(self._robots.nodes.wall_s())
 
     def _show(self, now_s: float) -> None:
@@ -240,7 +239,7 @@ class Attendance(Audience):
         return ShownRobot(name, mode, task, waits, done, count, held, out)
 
     def _waits(self, chain: int) -> str:
-        """Return what a robot that stands waits for, in words."""
+        """Return what a waiting robot waits for, as text."""
         node = self._cell.released[chain]
         if node < self._replanner.limit(chain):
             return self._cell.wait_cause(chain, node)
@@ -250,5 +249,5 @@ class Attendance(Audience):
 
 
 def _done(end_ns: Sequence[int]) -> int:
-    """Return how many nodes of a chain are complete, by when each of them was."""
+    """Return the number of complete nodes of a chain from their end times."""
     return next((n for n, t in enumerate(end_ns) if t < 0), len(end_ns))

@@ -1,4 +1,4 @@
-"""Cells whose robots are moved by drivers: who executes their plans, with a page beside them where one is asked for."""
+"""Cells whose robots are moved by drivers: their executor, with an optional page."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class DrivenCell:
 
     Raises:
         InvalidScenarioError: the file is not valid.
-        RequestError: the drivers cannot be served as it says.
+        RequestError: the drivers cannot be served as configured.
     """
 
     def __init__(self, case: LoadedScenario, drivers: Path) -> None:
@@ -51,11 +51,11 @@ class DrivenCell:
         """Yield the executor of a run, while its page is served.
 
         Args:
-            case: what is executed.
+            case: scenario to execute.
             folder: of the run.
-            says: answers for a person who is asked; by default the page does where ``recovery.ask`` is given.
+            says: answers for a person; by default the page does where ``recovery.ask`` is given.
             page: port of the page, 0 for any that is free; None for no page.
-            opened: told of the address of the page.
+            opened: receives the address of the page.
         """
         session = replace(self._session, name=folder.name)
         if page is None:
@@ -73,9 +73,9 @@ class DrivenCell:
 def _page(
     case: LoadedScenario, port: int, log: Path, opened: Callable[[str], None] | None
 ) -> Iterator[Panel]:
-    """Serve a page beside a run, and yield what both share."""
+    """Serve a page during a run; yield the shared panel."""
     model = scenario_execution(case.sections, case.folder)
-    # What fails is reported by drivers, and foreseen by nobody.
+    # Failures are reported by drivers, not drawn.
     model = replace(model, disturbances=Disturbances())
     panel = Panel(case.steps)
     server = PageServer(panel, model, port, case.name, log)

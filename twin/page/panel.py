@@ -1,6 +1,6 @@
-"""State that a page and the run share: orders of people one way, what they are shown the other.
+"""State shared by a page and the run: orders in one direction, display in the other.
 
-People beside a cell that drivers move: they see how far the run is, give orders and are asked.
+People next to a cell see the progress of the run, give orders and answer questions.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from twin.follow.state import FollowedRun
 from twin.operations.person import Question, UnansweredError
 
 Action = Literal["hold", "go on", "out", "yes", "no"]
-"""What somebody may order: of a robot or all, or as the answer to a question."""
+"""Orders of people: to a robot or all, or as the answer to a question."""
 
 ShownMode = Mode | Literal["silent", "out", "finished"]
 
 
 @dataclass(frozen=True)
 class Order:
-    """What somebody has ordered.
+    """Order of a person.
 
     Attributes:
-        action: what.
+        action: the action.
         robot: of which one, empty for all.
         question: which one is answered, from 1; 0 for none.
     """
@@ -39,13 +39,13 @@ class Order:
 
 @dataclass(frozen=True)
 class Notice:
-    """Something that has happened that people should know.
+    """Notice of an event for people.
 
     Attributes:
         at_s: time of the run [s].
         robot: whom it happened to, empty for the whole cell.
         kind: of the event.
-        words: what.
+        words: the text.
     """
 
     at_s: float
@@ -60,11 +60,11 @@ class ShownRobot:
 
     Attributes:
         name: of it.
-        mode: what it does.
+        mode: its current activity.
         task: label of the task that it is at, or comes to next; empty where there is none.
         waits: what it waits for, empty for nothing.
         done, nodes: how many nodes it is through with, of all.
-        held: whether it is told to stand.
+        held: whether it is ordered to stop.
         out: whether it is out for good.
     """
 
@@ -80,7 +80,7 @@ class ShownRobot:
 
 @dataclass(frozen=True)
 class Shown:
-    """What people see of a run.
+    """Displayed state of a run.
 
     Attributes:
         t_s: how late it is in the run [s].
@@ -89,9 +89,9 @@ class Shown:
         given_up: steps that are not done any more, by number, with the reason.
         notices: the last ones, newest first.
         question: that is open, empty for none.
-        asked: how many questions there were, with that one.
-        planning: whether something is being planned anew.
-        outcome: how the run has ended, empty while it goes on.
+        asked: number of questions so far, the open one included.
+        planning: whether replanning is in progress.
+        outcome: outcome of the run, empty until its end.
     """
 
     t_s: float
@@ -108,12 +108,12 @@ class Shown:
 
 @dataclass(frozen=True)
 class NodesSoFar:
-    """What has been executed of a plan.
+    """Executed part of a plan.
 
     Attributes:
         tpg: the plan.
         now_ns: time of the run [ns].
-        start_ns, end_ns: of the nodes of each chain, -1 for what has not happened [ns].
+        start_ns, end_ns: of the nodes of each chain, -1 if not yet [ns].
         disturbed: chains and nodes in which a robot stood, or did something again: how long they took in
             themselves is not known.
     """
@@ -125,7 +125,7 @@ class NodesSoFar:
     disturbed: frozenset[tuple[int, int]] = frozenset()
 
     def followed(self) -> FollowedRun:
-        """Return the run as who follows it knows it."""
+        """Return the state for the forecast of a followed run."""
         run = FollowedRun(self.tpg)
         run.now_ns = self.now_ns
         for own, start, end in zip(run.robots, self.start_ns, self.end_ns, strict=True):
@@ -140,15 +140,15 @@ class NodesSoFar:
 
 @dataclass
 class Panel:
-    """What a page and a run share.
+    """State shared by a page and a run.
 
     Attributes:
         steps: of the assembly.
         orders: that have not been obeyed yet.
-        shown: what people see; None before the run has begun.
+        shown: displayed state; None before the run has begun.
         shown_s: when that was, by the clock of this machine [s].
-        so_far: what a forecast needs; None likewise.
-        answers: that have been given, and not been asked for since; only the run looks at them.
+        so_far: executed part for the forecast; None likewise.
+        answers: given answers not yet used; read by the run only.
     """
 
     steps: int
@@ -159,14 +159,14 @@ class Panel:
     answers: dict[Question, bool] = field(default_factory=dict)
 
     def show(self, shown: Shown) -> None:
-        """Let people see something; called by the run."""
+        """Update the display; called by the run."""
         self.shown, self.shown_s = shown, time.monotonic()
 
     def says(self, question: Question) -> bool:
-        """Return what somebody has answered; see Person.
+        """Return the answer to a question; see Person.
 
         Raises:
-            UnansweredError: nobody has.
+            UnansweredError: it is not answered yet.
         """
         if question not in self.answers:
             raise UnansweredError(question)

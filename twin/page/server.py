@@ -1,4 +1,4 @@
-"""Serves the page to browsers of this machine, and to no page of somebody else's in one of them."""
+"""Web server of the page for browsers of this machine, closed to cross-site requests."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ class PageServer:
         hosts: as which requests may name this server.
 
     Args:
-        panel: what is shared with the run.
-        model: how long what drivers do takes, as far as is known, for forecasts; None for none.
+        panel: state shared with the run.
+        model: execution model with durations of drivers, for forecasts; None for none.
         port: of this machine, 0 for any that is free.
         title: of the page.
-        log: events of the run, which are passed on to who asks for them as they are written; None for nobody.
+        log: event log of the run, served while it is written; None for none.
 
     Raises:
         RequestError: the port is taken.
@@ -97,7 +97,7 @@ class PageServer:
 
     @contextmanager
     def serving(self) -> Iterator[None]:
-        """Serve meanwhile."""
+        """Serve within the context."""
         for thread in self._threads:
             thread.start()
         try:
@@ -124,7 +124,7 @@ class PageServer:
         await server.close_all_connections()
 
     def _foresee(self, model: ExecutionModel) -> None:
-        """Make one forecast after another, of what has been executed by then."""
+        """Update the forecast repeatedly from the executed part."""
         before: NodesSoFar | None = None
         while not self._over.wait(_FORECAST_S):
             so_far = self._panel.so_far
@@ -142,7 +142,7 @@ class PageServer:
             before = so_far
 
     def state(self) -> dict[str, Any]:
-        """Return what the page shows, as JSON has it."""
+        """Return the content of the page as JSON values."""
         shown, forecast = self._panel.shown, self._forecast
         content: dict[str, Any] = {"shown": None, "forecast": None}
         content["drifts"] = [drift.words for drift in self._drifts]
@@ -159,14 +159,14 @@ class PageServer:
 
     @property
     def over(self) -> bool:
-        """Whether nothing more will happen."""
+        """Whether the run is over."""
         return self._over.is_set()
 
     def take(self, body: bytes) -> None:
-        """Pass an order on to the run.
+        """Pass an order to the run.
 
         Raises:
-            ValueError: it makes no sense; says why.
+            ValueError: it is invalid; the message says why.
         """
         given = json.loads(body)
         if not isinstance(given, dict):
@@ -190,7 +190,7 @@ class PageServer:
 
 
 class _OwnPage(RequestHandler):
-    """Answers whoever has this page or is no browser, and nobody else."""
+    """Handler that accepts requests of this page or of non-browsers only."""
 
     def initialize(self, server: PageServer) -> None:
         self.server = server
@@ -211,7 +211,7 @@ class _OwnPage(RequestHandler):
 
 
 class _Events(_OwnPage):
-    """Passes on the log of the run, from its first event on, until the run is over."""
+    """Streams the log of the run from its first event until the run is over."""
 
     left = False
 
@@ -236,7 +236,7 @@ class _Events(_OwnPage):
 
 
 class _Answers(_OwnPage):
-    """Shows the page, and takes its orders."""
+    """Serves the page and receives its orders."""
 
     def get(self, what: str) -> None:
         if what == "state":

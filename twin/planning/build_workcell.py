@@ -35,12 +35,12 @@ _TOOL_COLOUR = (88, 92, 98)
 def build_workcell(
     scenario: Scenario, folder: Path = Path(), kind: AssemblyKind | None = None
 ) -> Workcell:
-    """Return the cell of a scenario: robots, fixtures, and what is to be assembled.
+    """Return the cell of a scenario: robots, fixtures and the assembly.
 
     Args:
         scenario: a checked scenario.
         folder: where relative paths in it start, that of its file.
-        kind: of its assembly, where that is not planned as its section says.
+        kind: kind of assembly, where it differs from the scenario's section.
 
     Raises:
         RobotModelError: a robot description cannot be used.
@@ -78,7 +78,7 @@ def build_workcell(
 def _within_limits(
     scenario: Scenario, section: LimitsSection, robot: PlacedRobot
 ) -> PlacedRobot:
-    """Return a robot with the limits that it keeps to, where the speed model asks for them."""
+    """Return a robot with its motion limits, where the speed model needs them."""
     planning = scenario.planning
     if scenario.speed_model != "limits":
         return robot
@@ -136,7 +136,7 @@ def _rack_tool(
     tools: Mapping[str, ToolSection],
     folder: Path,
 ) -> RackTool:
-    """Return a tool that a robot changes; the one that it has on it is where its hand is."""
+    """Return an exchangeable tool; a mounted one is at the robot's flange."""
     from planning.robots.tool_shape import tool_shape
 
     name = str(section.tool)

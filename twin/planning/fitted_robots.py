@@ -20,7 +20,7 @@ from twin.scenario.sections.shapes import ShapeSection, to_planning_class
 def fitted_model(
     robot: RobotSection, tools: Mapping[str, ToolSection], folder: Path
 ) -> RobotModel:
-    """Return the type of a robot with what the cell adds to it; of one that changes tools, bare.
+    """Return a robot model with the cell's additions; without a tool if the robot changes tools.
 
     Args:
         robot: of the cell.
@@ -28,14 +28,14 @@ def fitted_model(
         folder: where relative paths start.
 
     Raises:
-        FittingError: what is added does not fit; it says which key is at fault.
+        FittingError: an addition does not fit; the message names the key.
         RobotModelError: the description of the robot cannot be used.
     """
     if robot.tools:
         return robot_model(robot.model, folder, _fitting(robot, bare=True))
     own = tools.get(robot.tool or "")
     if own is None and robot.tool is not None:
-        robot_model(robot.model, folder)  # a model that there is not is said first
+        robot_model(robot.model, folder)  # a missing model is reported first
     model = robot.model if own else with_tool(robot.model, robot.tool, tuple(tools))
     tool = build_tool(str(robot.tool), own, folder) if own else None
     return robot_model(model, folder, _fitting(robot, tool))
@@ -54,7 +54,7 @@ def _fitting(
 
 
 def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
-    """Return a tool of a cell as planning knows it.
+    """Return the planning model of a tool.
 
     Raises:
         FittingError: its description is not there, or one of its shapes cannot be used.
@@ -81,7 +81,7 @@ def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
 
 
 def build_limits(section: LimitsSection) -> GivenLimits:
-    """Return the limits of a robot as planning knows them."""
+    """Return the planning model of a robot's limits."""
     own = {key: getattr(section, key) for key in BY_JOINT}
     listed = {k: (v,) if isinstance(v, float) else v for k, v in own.items()}
     return GivenLimits(payload=section.payload_kg, **listed)

@@ -1,4 +1,4 @@
-"""Robots to which a plan gives no task: what they could do, and why they get nothing."""
+"""Idle robots of a plan: the steps they could do, and why they have no task."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class IdleRobot:
     Attributes:
         robot: its name.
         reason: why it gets none.
-        serves: steps in which it could do something; None where nobody looked.
+        serves: steps that it could take part in; None if not computed.
         steps: how many steps there are.
     """
 
@@ -38,12 +38,12 @@ class IdleRobot:
     steps: int | None = None
 
     def content(self) -> dict[str, Any]:
-        """Return what the summary of a run has of it."""
+        """Return the entry in the summary of a run."""
         return {"reason": self.reason, "serves": self.serves, "steps": self.steps}
 
     @property
     def message(self) -> str:
-        """What it is, for people."""
+        """Sentence about the robot, for people."""
         able = ""
         if self.serves is not None:
             able = f" of {self.steps} steps it can serve {self.serves};"
@@ -51,7 +51,7 @@ class IdleRobot:
 
 
 def idle_robots_of_manifest(content: object) -> tuple[IdleRobot, ...]:
-    """Return the robots without a task as the manifest of a run has them; without what is damaged."""
+    """Return the idle robots in the manifest of a run; damaged entries are skipped."""
     entries = content.items() if isinstance(content, dict) else ()
     return tuple(
         IdleRobot(name, own["reason"], own.get("serves"), own.get("steps"))
@@ -63,7 +63,7 @@ def idle_robots_of_manifest(content: object) -> tuple[IdleRobot, ...]:
 def find_idle_robots(
     tpg: TemporalPlanGraph, first: PlannedMotions, kind: AssemblyKind
 ) -> tuple[IdleRobot, ...]:
-    """Return the robots that get no task, and why.
+    """Return the robots without a task, with the reason.
 
     Args:
         tpg: the plan that was chosen.
@@ -86,7 +86,7 @@ def find_idle_robots(
 
 
 def _idle_builder(name: str, first: PlannedMotions, kind: AssemblyKind) -> IdleRobot:
-    """Return why a robot gets no task where tasks are chosen along with the motions."""
+    """Return why a robot is idle where tasks and motions are planned together."""
     able, steps = kind.steps_served(name, first)
     reason: IdleReason = "search" if able else "no reach"
     return IdleRobot(name, reason, able, steps)

@@ -22,11 +22,11 @@ def plan_sequentially(
     settings: MotionSettings,
     watch: StageWatch,
 ) -> PlannedMotions:
-    """Choose who does what, and plan how everyone moves; the stages are assignment and motion.
+    """Assign tasks to robots and plan the motions; the stages are assignment and motion.
 
     Args:
         cell: where it is built.
-        assembly: what is built.
+        assembly: the assembly to plan.
         work: its candidates, and the tasks that follow from a choice.
         settings: how tasks are turned into motions.
         watch: measures and reports the stages.

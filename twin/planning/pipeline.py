@@ -1,4 +1,4 @@
-"""Stages of planning a scenario: assignment, motions, slots, what waits for what, shortcuts."""
+"""Stages of planning a scenario: assignment, motions, slots, plan graph, shortcuts."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def plan_motions(
     whole: bool = False,
     first: int | None = None,
 ) -> PlannedMotions:
-    """Plan assignment and motions, before robots are let move at once.
+    """Plan assignment and sequential motions, before robots move simultaneously.
 
     See the kinds of assemblies for the stages, plan_scenario for the errors.
 
@@ -59,7 +59,7 @@ def plan_motions(
         folder: where relative paths in it start.
         watch: measures the stages.
         whole: plan every product by itself, where plans else repeat after the first ones.
-        first: plan only so many first steps, every product by itself, and keep the work of the others.
+        first: number of first steps to plan, every product by itself; the rest is kept.
 
     Raises:
         RequestError: steps of this kind are looked at together.
@@ -82,10 +82,10 @@ def plan_motions(
 
 
 def _require_plannable(scenario: Scenario, kind: AssemblyKind) -> None:
-    """Refuse a coordination that a kind of assembly cannot have.
+    """Refuse a coordination that a kind of assembly does not support.
 
     Raises:
-        ScenarioError: says why.
+        ScenarioError: it does not; the message says why.
     """
     if scenario.planning.coordination == "sequential":
         return
@@ -101,11 +101,11 @@ def _require_plannable(scenario: Scenario, kind: AssemblyKind) -> None:
 
 
 def wanted_steps(scenario: Scenario, least: int = 0) -> int | None:
-    """Return how many first steps are planned of a scenario that can be planned anew; None for all of them.
+    """Return the number of first steps to plan of a scenario that is replanned; None for all.
 
     Args:
         scenario: a checked scenario.
-        least: so many at least, those of spare products among them.
+        least: minimum number, steps of spare products included.
     """
     kind = assembly_kind(scenario.assembly).written_out()
     wanted = kind.wanted_steps()
@@ -128,7 +128,7 @@ def require_sequential(scenario: Scenario) -> None:
 def plan_synchronously(
     turns: PlannedMotions, watch: StageWatch, *, always_jointly: bool = False
 ) -> SynchronousPlan:
-    """Let robots move at once, in slots; the stage is synchronous.
+    """Let robots move simultaneously in slots; the stage is synchronous.
 
     Args:
         turns: one task after another.
@@ -171,7 +171,7 @@ def shorten_plan(
     seconds: float = 0.0,
     keep_slots: bool = False,
 ) -> TemporalPlanGraph:
-    """Put tasks into a better order and take shortcuts; the stage is shortcut.
+    """Improve the task order and take shortcuts; the stage is shortcut.
 
     Args:
         tpg: the plan.
@@ -188,7 +188,7 @@ def shorten_plan(
         watch.report(SHORTCUTS, 0, candidates)
         orders = [tpg if keep_slots else reorder_tasks(tpg)]
         if sidesteps and orders[0] is not tpg:
-            # What is sooner by way of HOME may be later past it.
+            # A detour via HOME can be faster at first and slower later.
             orders.append(tpg)
         found = [
             shorten_tpg(
@@ -209,7 +209,7 @@ def shorten_plan(
 
 
 def planned_shortcuts(scenario: Scenario) -> int:
-    """Return the number of shortcut candidates: the scenario's, or by its steps.
+    """Return the number of shortcut candidates: given, or derived from the steps.
 
     What is executed slot by slot stays as it was planned.
     """
@@ -223,7 +223,7 @@ def planned_shortcuts(scenario: Scenario) -> int:
 
 
 def planned_sidesteps(scenario: Scenario) -> int:
-    """Return the number of sidestep candidates: the scenario's, or by what is planned."""
+    """Return the number of sidestep candidates: given, or derived from the plan."""
     candidates = scenario.planning.sidestep_candidates
     if candidates != "auto":
         return candidates

@@ -1,4 +1,4 @@
-"""How likely robots that repeat so well miss the places of what they put down."""
+"""Probability that robots miss the places of objects, from their repeatability."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twin.scenario.sections.scenario import Scenario
 
 
 def place_misses(scenario: Scenario, folder: Path) -> Mapping[str, float]:
-    """Return how likely robots whose repeatability is stated miss places, by ROBOT/OBJECT.
+    """Return the probability of missing a place, by ROBOT/OBJECT, for robots with a repeatability.
 
     Args:
         scenario: passed the checks of its file.

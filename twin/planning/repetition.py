@@ -1,4 +1,4 @@
-"""Plans for all products of a line, from those of the products that were planned."""
+"""Plans for all products of a line, repeated from those of the first products."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ PRODUCTS = "all products"
 def repeated_plans(
     plans: Mapping[str, TemporalPlanGraph], pattern: Pattern | None, watch: StageWatch
 ) -> dict[str, TemporalPlanGraph]:
-    """Return plans for all products, the given ones where these are that already.
+    """Return plans for all products; complete ones are returned unchanged.
 
     Args:
         plans: by their names in twin.runs.policies, that in turns before the shortened one.
-        pattern: how they go on, None where they do not.
+        pattern: pattern of the repetition, None without one.
         watch: measures the stage, which is products.
 
     Raises:
-        PlanInvariantError: what one product is made by is in the way of the next.
+        PlanInvariantError: equipment of one product obstructs the next.
     """
     if pattern is None:
         return dict(plans)
@@ -36,7 +36,7 @@ def repeated_plans(
             try:
                 found[name] = repeat_graph(tpg, pattern)
             except PlanInvariantError:
-                # A shorter way of one product is in the way of the next; HOME never is.
+                # A shortcut of one product may obstruct the next; HOME never does.
                 if name != SHORTENED or IN_TURNS not in found:
                     raise
                 found[name] = found[IN_TURNS]

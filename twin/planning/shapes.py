@@ -25,12 +25,12 @@ def build_shape(name: str, section: ShapeSection, folder: Path = Path()) -> Shap
     """Return the shape that a section describes.
 
     Args:
-        name: of what has the shape, for messages.
-        section: what the file says.
+        name: owner of the shape, for messages.
+        section: section of the scenario.
         folder: where relative paths of meshes start.
 
     Raises:
-        ShapeError: a mesh cannot be used; says which, and what to do.
+        ShapeError: a mesh cannot be used; names it and a remedy.
     """
     if section.box is not None:
         return box_shape(name, section.box)
@@ -40,7 +40,7 @@ def build_shape(name: str, section: ShapeSection, folder: Path = Path()) -> Shap
 def _elements(
     section: ShapeSection, pose: Transform, folder: Path
 ) -> Iterator[Element]:
-    """Yield the forms of a shape whose frame is at a pose."""
+    """Yield the collision primitives of a shape at a pose."""
     if section.compound is not None:
         for item in section.compound:
             place = read_only_copy(pose @ build_transform(item.pose))

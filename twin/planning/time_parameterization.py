@@ -15,10 +15,10 @@ CORNERS = "corners"
 def time_parameterize(
     tpg: TemporalPlanGraph, scenario: Scenario, watch: StageWatch
 ) -> TemporalPlanGraph:
-    """Return a graph with the times that robots need within their limits; the stage is tpg.
+    """Return a graph with node times within the robots' limits; the stage is tpg.
 
-    Corners are rounded first, where the scenario says so; what has no edges yet, or is executed slot
-    by slot, stays as it was planned.
+    Corners are rounded first, where the scenario says so. A graph without edges, or executed slot by
+    slot, is returned unchanged.
     """
     limited = scenario.speed_model == "limits" and scenario.planning.corners == "smooth"
     ordered = len(tpg.edges) > 0 or len(tpg.chains) < 2

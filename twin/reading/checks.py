@@ -33,7 +33,7 @@ from twin.scenario.sections.scenario import Scenario
 from twin.scenario.sections.shapes import ShapeSection
 
 _STATES = ("waiting", "stalled", "stopped", "retrying", "failed", "idle")
-"""States of a robot in charts, beside the skills."""
+"""States of a robot in charts, in addition to skills."""
 
 _MOTIONS = (HOLD, STRAIGHT, TRANSIT, LEAVE_TOOL, TAKE_TOOL)
 _TAKEN = frozenset((*SKILLS, *_MOTIONS, *SUPPLY_KINDS, *_STATES))
@@ -49,12 +49,12 @@ _KINDS = {
 
 
 def _changed_tools(cell: CellSection) -> tuple[str, ...]:
-    """Return the names of the tools that are changed."""
+    """Return the names of exchangeable tools."""
     return tuple(dict.fromkeys(name for r in cell.robots for name in r.tools))
 
 
 def _check_tools(scenario: Scenario) -> Found:
-    """Yield what is wrong with tools that are changed."""
+    """Yield problems of exchangeable tools."""
     tools, owners = scenario.cell.tools, dict[str, str]()
     for i, robot in enumerate(scenario.cell.listed):
         at: KeyPath = ("cell", "robots", i)
@@ -89,7 +89,7 @@ def _check_tools(scenario: Scenario) -> Found:
 
 
 def _check_tool_speeds(scenario: Scenario) -> Found:
-    """Yield limits of the tool's speed where no plan within limits is made."""
+    """Yield tool speed limits in scenarios that plan without limits."""
     if scenario.speed_model == "limits":
         return
     for i, robot in _unlike_robots(scenario.cell):
@@ -103,7 +103,7 @@ def _check_tool_speeds(scenario: Scenario) -> Found:
 
 
 def find_problems(scenario: Scenario, folder: Path) -> Found:
-    """Yield everything in the scenario that cannot be as it is written.
+    """Yield all inconsistencies of a scenario.
 
     Args:
         scenario: passed the checks of its single values.
@@ -129,7 +129,7 @@ def find_problems(scenario: Scenario, folder: Path) -> Found:
 
 
 def execution_problems(scenario: Scenario, folder: Path) -> Found:
-    """Yield what of this depends on the execution section: cheap, as studies vary it often.
+    """Yield the inconsistencies that depend on the execution section; cheap, as studies vary it often.
 
     Args:
         scenario: its cell and its assembly have no problems.
@@ -143,7 +143,7 @@ def execution_problems(scenario: Scenario, folder: Path) -> Found:
 
 
 def _check_names(scenario: Scenario) -> Found:
-    """Robots have names of their own; so have fixtures and objects together."""
+    """Yield names used twice among robots, or among fixtures and objects."""
     cell, assembly = scenario.cell, assembly_kind(scenario.assembly)
     robots = [(_place(cell, i, "name"), r.name) for i, r in enumerate(cell.robots)]
     things: list[tuple[KeyPath, str]] = [
@@ -171,20 +171,20 @@ def _check_names(scenario: Scenario) -> Found:
 
 
 def _kind_at(path: KeyPath) -> str:
-    """Return what has its name at a key."""
+    """Return the kind of thing that is named at a key."""
     section = str(path[1])
     return _KINDS.get(section, f"a {section.removesuffix('s')}")
 
 
 def _place(cell: CellSection, robot: int, key: str) -> KeyPath:
-    """Return where a key of a robot stands in the file; a team stands for all of its robots."""
+    """Return the path of a robot's key in the file; robots of a team share one."""
     if robot < len(cell.listed):
         return ("cell", "robots", robot, key)
     return ("cell", "team", key)
 
 
 def _unlike_robots(cell: CellSection) -> Iterator[tuple[int, RobotSection]]:
-    """Yield robots with their numbers; those of a team are alike, so one of them stands for all."""
+    """Yield robots with their numbers, but only one of a team, whose robots are alike."""
     yield from enumerate(cell.robots[: len(cell.listed) + 1])
 
 
@@ -235,7 +235,7 @@ def _check_robots(cell: CellSection, folder: Path) -> Found:
 
 
 def _check_home(at: KeyPath, robot: RobotSection, model: RobotModel) -> Found:
-    """Yield the joint values of HOME that are beyond the limits of their joints.
+    """Yield joint values of HOME beyond the joint limits.
 
     Args:
         at: the key that gives HOME.
@@ -265,7 +265,7 @@ def _is_path(model: str) -> bool:
 
 
 def _check_robot_names(scenario: Scenario) -> Found:
-    """Disturbances happen to robots of the cell, and to machines of the assembly."""
+    """Yield disturbances of unknown robots and machines."""
     machines = tuple(scenario.kind.disturbed_machines())
     for name in scenario.execution.machines:
         at, none = ("execution", "machines", name), f"there is no machine {name!r}"
@@ -309,20 +309,20 @@ def _check_robot_names(scenario: Scenario) -> Found:
 
 
 def _spare_products(scenario: Scenario) -> int:
-    """Return how many products there are parts for besides those that are wanted."""
+    """Return the number of spare products that there are parts for."""
     whole = assembly_kind(scenario.assembly).written_out()
     return whole.products() - assembly_kind(scenario.assembly).products()
 
 
 def _again(names: Sequence[str]) -> Iterator[tuple[int, str]]:
-    """Yield the names that are there before, each with its place."""
+    """Yield repeated names, each with its place."""
     for i, name in enumerate(names):
         if name in names[:i]:
             yield i, name
 
 
 def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:
-    """Yield durations that there cannot be, in whatever may hold some, innermost first."""
+    """Yield invalid durations in nested sections, innermost first."""
     wrong: KeyPath = ()
     for place, part in iterate_nested(value, at):
         if isinstance(part, DurationModel) and wrong[: len(place)] != place:
@@ -335,7 +335,7 @@ def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:
 
 
 def _check_meshes(value: object, at: KeyPath, folder: Path) -> Found:
-    """Yield meshes that cannot be used, in whatever may name some."""
+    """Yield unusable meshes in nested sections."""
     for place, part in iterate_nested(value, at):
         if isinstance(part, ShapeSection) and part.mesh is not None:
             from planning.meshes.mesh_form import mesh_form
@@ -348,7 +348,7 @@ def _check_meshes(value: object, at: KeyPath, folder: Path) -> Found:
 
 
 def _check_skills(scenario: Scenario) -> Found:
-    """Durations and failures are of skills that there are."""
+    """Yield durations and failures of unknown skills."""
     execution = scenario.execution
     changes = (LEAVE_TOOL, TAKE_TOOL) if _changed_tools(scenario.cell) else ()
     valid = (*SKILLS, HOLD, *changes, *scenario.processes)
@@ -407,7 +407,7 @@ def _check_skills(scenario: Scenario) -> Found:
 
 
 def _check_processes(scenario: Scenario) -> Found:
-    """Every process has a name that nothing else has, and takes some time."""
+    """Yield processes whose name is taken or whose duration is missing."""
     for name in scenario.processes:
         at: KeyPath = ("assembly", "processes", name)
         if name in _TAKEN:

@@ -1,4 +1,4 @@
-"""Reading a scenario file: text -> YAML -> sections -> checked scenario, or all problems at once."""
+"""Reading a scenario file: text -> YAML -> sections -> checked scenario, or a list of all problems."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def load_scenario(path: Path) -> Scenario:
 
 
 def read_scenario(path: Path) -> tuple[Scenario, YamlDocument]:
-    """Read and check a scenario file as load_scenario does; return its text with places, too."""
+    """Read and check a scenario file; return the scenario and the text with positions."""
     return parse_scenario(path, _read_text(path))
 
 
 def parse_scenario(path: Path, text: str) -> tuple[Scenario, YamlDocument]:
-    """Read and check the text of a scenario file, which need not be there yet.
+    """Read and check the text of a scenario file that need not exist.
 
     Args:
         path: where it is, or will be.
@@ -77,7 +77,7 @@ def _read_text(path: Path) -> str:
 def _include_section(
     document: YamlDocument,
 ) -> tuple[YamlDocument, YamlDocument | None]:
-    """Return a scenario with the section of the file that its assembly names, and that file if any.
+    """Return a scenario with its included assembly section, and the included file if any.
 
     Such as ``assembly.structure`` may be ``{file: NAME}``, relative to the scenario.
     """
@@ -92,7 +92,7 @@ def _include_section(
 def _included(
     document: YamlDocument, key: str, name: str, section: type[Section]
 ) -> tuple[YamlDocument, YamlDocument]:
-    """Return a scenario with the section that a file holds, and that file.
+    """Return a scenario with the section of an included file, and that file.
 
     Raises:
         InvalidScenarioError: the file cannot be read, or does not hold such a section.
@@ -117,7 +117,7 @@ def _included(
 
 
 def _check_included(scenario: Scenario, included: YamlDocument) -> None:
-    """Raise an error, with places in that file, for what cannot be as it says."""
+    """Raise an error for problems of an included file, with positions in it."""
     found = scenario.kind.included_problems()
     problems = [included.problem(*item) for item in found]
     if problems:
@@ -125,7 +125,7 @@ def _check_included(scenario: Scenario, included: YamlDocument) -> None:
 
 
 def _file_name(data: Any, key: str) -> str | None:
-    """Return the file that an entry of the assembly names, None where it is given in full or not at all."""
+    """Return the file named in the assembly; None if the section is inline or missing."""
     assembly = data.get("assembly") if isinstance(data, dict) else None
     entry = assembly.get(key) if isinstance(assembly, dict) else None
     if not isinstance(entry, dict) or set(entry) != {"file"}:

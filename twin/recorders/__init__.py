@@ -1,4 +1,4 @@
-"""Observers of a run that write its events, tables and 3-D recording.
+"""Recorders of a run: events, tables and 3-D recording.
 
-Imports run; engine and trial import it.
+Imports runs; engine and trial import it.
 """

@@ -1,4 +1,4 @@
-"""Recorders, which observe the events of a run (none can stop it): in a file, in memory."""
+"""Recorders of the events of a run (none can stop it): in a file, in memory."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Recorder(Protocol):
     """Recorder: receives every event, in order."""
 
     def record(self, event: Event) -> None:
-        """Take note of an event."""
+        """Record an event."""
         ...
 
     def close(self) -> None:
@@ -31,11 +31,11 @@ class Observers:
     """Passes events on to recorders and drops those that fail, with a warning."""
 
     def __init__(self, recorders: Sequence[Recorder]) -> None:
-        """Watch with some recorders."""
+        """Observe with some recorders."""
         self._recorders = list(recorders)
 
     def __bool__(self) -> bool:
-        """Tell whether any recorder is left."""
+        """Return whether any recorder is left."""
         return bool(self._recorders)
 
     def record(self, event: Event) -> None:
@@ -67,7 +67,7 @@ def _warn(recorder: Recorder, error: Exception, where: str) -> None:
 
 
 class JsonlRecorder:
-    """Appends every event to a file at once: a killed run leaves a readable log."""
+    """Appends every event to a file immediately: a killed run leaves a readable log."""
 
     def __init__(self, path: Path, kept: int = 0) -> None:
         """Open a log and lock it.
@@ -96,7 +96,7 @@ class JsonlRecorder:
             raise
 
     def sync(self) -> None:
-        """See to it that all events so far are on the disk.
+        """Flush all events to the disk.
 
         Raises:
             OutputError: one could not be written.
@@ -115,7 +115,7 @@ class JsonlRecorder:
             raise
 
     def close(self) -> None:
-        """Close the file once all of it is on the disk."""
+        """Flush to the disk and close the file."""
         try:
             self._to_disk()
         finally:
@@ -136,7 +136,7 @@ class MemoryRecorder:
     """Keeps every event.
 
     Attributes:
-        events: what happened so far, in order.
+        events: all events so far, in order.
     """
 
     def __init__(self) -> None:

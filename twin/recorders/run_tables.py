@@ -38,7 +38,7 @@ def trajectory_table(
 
     Args:
         trajectories: of the robots.
-        measured: whose were measured; the table's metadata says so.
+        measured: robots with measured motions; noted in the table's metadata.
     """
     counts = [len(motion.t_ns) for motion in trajectories]
     names = pa.array([motion.robot for motion in trajectories], pa.string())
@@ -61,7 +61,7 @@ def _or_zero(motion: Trajectory, values: Array | None) -> Array:
 
 
 def _joint_columns(name: str, values: Sequence[Array]) -> dict[str, pa.ChunkedArray]:
-    """Return a column a joint of what each robot has a row of values of."""
+    """Return one column per joint from each robot's rows of values."""
     columns = {}
     for j in range(max((rows.shape[1] for rows in values), default=0)):
         chunks = [

@@ -1,6 +1,6 @@
-"""What robots do, told by the events of a run: their progress, and activities, the lanes of charts.
+"""Progress and activities of robots, derived from the events of a run; activities are lanes of charts.
 
-The states that a lane can have come with their colours, the causes of edges in words.
+Lane states have colours, causes of edges have texts.
 """
 
 from __future__ import annotations
@@ -83,11 +83,10 @@ _OTHER_COLOURS = (
 )
 
 STANDING = frozenset({WAITING, HOLDING, STALLED, STOPPED, RETRYING, FAILED})
-"""States in which a robot stands. Holding is what it is there for: it supports something, or keeps hold
-of what it placed, until others are done."""
+"""States in which a robot stands. Holding is work: the robot supports an object, or holds its placed part, until others are done."""
 
 TOLD = STANDING | {CLOSE, OPEN}
-"""States that are told beside the task that they are a part of."""
+"""States reported in addition to their task."""
 
 _SUPPORTS = ("support-bottom", "support-top", HOLD)
 _PLACES = ("place-down", "place-up")
@@ -100,19 +99,19 @@ def lane_colours(kinds: Iterable[str]) -> dict[str, str]:
 
 
 def plan_colours(tpg: TemporalPlanGraph) -> dict[str, str]:
-    """Return the colours of the states of the lanes of a plan."""
+    """Return the colours of the states that occur in a plan's lanes."""
     return lane_colours(task.kind for task in tpg.tasks)
 
 
 @dataclass(frozen=True)
 class Activity:
-    """A stretch of time of one robot in one state.
+    """A time interval of one robot in one state.
 
     Attributes:
         state: kind of the task, ``"close"`` or ``"open"`` while a tool does that in it, or one of STANDING.
         start_ns, end_ns: when [ns].
         task: the task under way, waited for, or at the end of which it holds something; -1 for a
-            robot that will never go on.
+            robot that will never continue.
         first, last: nodes of the robot that it belongs to, or that are waited for; -1 as above.
     """
 
@@ -130,7 +129,7 @@ class Activity:
 
 
 def part_names(tpg: TemporalPlanGraph) -> list[str]:
-    """Return what each task is about: its part, else that of its step, else the step's number.
+    """Return the part of each task, else that of its step, else the step's number.
 
     A part whose name is a bare number is named with its type.
     """
@@ -148,7 +147,7 @@ def part_names(tpg: TemporalPlanGraph) -> list[str]:
 def robot_activities(
     tpg: TemporalPlanGraph, events: Sequence[Event], *, nodes: bool = False
 ) -> dict[str, tuple[Activity, ...]]:
-    """Return the activities of each robot with work, without gaps, until its last node ends.
+    """Return the activities of each robot that has tasks, without gaps, until its last node ends.
 
     Args:
         tpg: the graph that was executed.
@@ -166,11 +165,11 @@ def robot_activities(
 
 
 class RobotProgress:
-    """What a robot has done so far and does now, as its events tell one after another.
+    """Progress of a robot, updated event by event.
 
     Attributes:
         name: of the robot.
-        start_ns, end_ns: of its nodes, -1 for what has not happened, shape (nodes,) [ns].
+        start_ns, end_ns: of its nodes, -1 if not yet, shape (nodes,) [ns].
         stood_ns: standstills within each node so far, failed attempts left out, shape (nodes,) [ns].
         took_ns: of nodes that are complete, without standstills and attempts that failed, -1 for what
             has not happened or is not known, shape (nodes,) [ns].
@@ -181,7 +180,7 @@ class RobotProgress:
     """
 
     def __init__(self, name: str, nodes: int) -> None:
-        """Begin with nothing done."""
+        """Begin before the first node."""
         self.name = name
         self.start_ns: Nanoseconds = np.full(nodes, -1, dtype=np.int64)
         self.end_ns: Nanoseconds = np.full(nodes, -1, dtype=np.int64)
@@ -192,7 +191,7 @@ class RobotProgress:
         self._stands: list[tuple[str, int, int]] = []
 
     def continued(self, nodes: int) -> RobotProgress:
-        """Return the same progress in a plan in which the robot has so many nodes, those that have started among them."""
+        """Return the progress in an extended plan with the given number of nodes of the robot."""
         other = RobotProgress(self.name, nodes)
         kept = slice(min(self.completed + (self.under_way >= 0), nodes))
         other.start_ns[kept], other.end_ns[kept] = (
@@ -221,12 +220,12 @@ class RobotProgress:
 
     @property
     def since_ns(self) -> int:
-        """When it began to stand [ns]."""
+        """Time since which it stands [ns]."""
         return self._stands[0][1] if self._stands else 0
 
     @property
     def under_way(self) -> int:
-        """The node that has started and is not complete, -1 for none."""
+        """The current node, started and not complete; -1 for none."""
         node = self.completed
         begun = node < len(self.start_ns) and self.start_ns[node] >= 0
         return node if begun else -1
@@ -237,7 +236,7 @@ class RobotProgress:
         return self.completed == len(self.start_ns)
 
     def worked_ns(self, now_ns: int) -> int:
-        """Return for how long it has worked on the node under way, without standstills [ns].
+        """Return the working time on the current node, without standstills [ns].
 
         Attempts that failed do not count.
         """
@@ -251,7 +250,7 @@ class RobotProgress:
         return max(now_ns - begun - stood, 0)
 
     def take(self, event: Event) -> None:
-        """Take note of an event."""
+        """Update the progress with an event."""
         node, t_ns = event.node, event.t_ns
         if event.kind == "started":
             self.start_ns[node] = self.attempt_ns = t_ns
@@ -259,7 +258,7 @@ class RobotProgress:
         elif event.kind == "completed":
             if self.under_way == node:
                 self.took_ns[node] = self.worked_ns(t_ns)
-            # What was left out counts as done at once, so that this is equal to the run again.
+            # A skipped node counts as done immediately, as in a repeated run.
             left = slice(self.completed, node + 1)
             self.start_ns[left] = np.where(
                 self.start_ns[left] < 0, t_ns, self.start_ns[left]
@@ -274,7 +273,7 @@ class RobotProgress:
             if not self._stands and self.under_way >= 0:
                 self.stood_ns[self.under_way] += max(t_ns - since_ns, 0)
         elif event.kind == "retried":
-            # Work and standstills of the node under way count afresh.
+            # Work and standstills of the current node are counted from zero.
             self.attempts += 1
             self.attempt_ns = t_ns
             if self.under_way >= 0:
@@ -282,14 +281,14 @@ class RobotProgress:
         elif event.kind == "failed":
             self.failed = True
         elif event.kind == "recovered":
-            # It has been tried, and the plan goes on from there.
+            # It has been attempted, and the plan continues from there.
             self.failed = False
             self.end_ns[node] = t_ns
             self.completed = max(self.completed, node + 1)
 
 
 class _RobotLog:
-    """Stretches of one robot, told by its events."""
+    """Activities of one robot, built from its events."""
 
     def __init__(self, tpg: TemporalPlanGraph, chain: int) -> None:
         self._tasks = tpg.tasks
@@ -300,7 +299,7 @@ class _RobotLog:
         self._out: list[Activity] = []
 
     def activities(self, events: Iterable[Event], end_ns: int) -> list[Activity]:
-        """Return all stretches of the robot, none of them empty."""
+        """Return all activities of the robot, none of them empty."""
         for event in events:
             if event.robot != self._chain.robot:
                 continue
@@ -315,7 +314,7 @@ class _RobotLog:
         return self._out
 
     def _mark_failed_attempt(self) -> None:
-        """Tell the motion of the node under way as a failed attempt: motion comes last."""
+        """Mark the motion of the current node as a failed attempt: motion comes last."""
         for k in range(len(self._out) - 1, -1, -1):
             if self._out[k].first != self._now.under_way:
                 break
@@ -333,7 +332,7 @@ class _RobotLog:
         return self._tasks[int(self._chain.task[node])].kind
 
     def _holds(self) -> bool:
-        """Tell whether the robot stands at the end of a task in which it came to hold something."""
+        """Return whether the robot stands at the end of a task in which it grasped an object."""
         done = self._now.completed
         if not 0 < done < len(self._chain):
             return False
@@ -354,7 +353,7 @@ class _RobotLog:
 
 
 def _joined(stretches: Iterable[Activity], *, nodes: bool) -> Iterator[Activity]:
-    """Join stretches, each of one node, that follow each other in the same state and task."""
+    """Merge consecutive activities of the same state and task."""
 
     def alike(item: Activity) -> tuple[str, int, int]:
         return item.state, item.task, item.first if nodes else 0

@@ -13,7 +13,7 @@ _SHORTEST_NS = 30_000
 
 
 def cubic_at(t: Array, q: Array, v: Array, times: Array) -> tuple[Array, Array, Array]:
-    """Return configurations, speeds and accelerations at some times, none before or after all rows.
+    """Return configurations, speeds and accelerations at given times within the rows.
 
     Args:
         t: times of the rows, rising, shape (rows,) [s].
@@ -46,16 +46,16 @@ def cubic_at(t: Array, q: Array, v: Array, times: Array) -> tuple[Array, Array, 
 def with_cubics(
     t: Nanoseconds, q: Array, v: Array, a: Array, bends: npt.NDArray[np.bool_]
 ) -> tuple[Nanoseconds, Array, Array, Array]:
-    """Return rows with two more between each two where the way bends.
+    """Return rows with two more rows in every interval where the path bends.
 
-    There configurations are no cubics of time, though both the way passed and the curve are made of
-    cubics. Three cubics with continuous accelerations lead from the configuration, speed and
-    acceleration at one time to those at another one, and no others do.
+    There configurations are no cubics of time, though path length over time and curve are cubic. Three
+    cubics with continuous accelerations that meet configuration, speed and acceleration at both ends
+    are unique.
 
     Args:
         t: times, rising, shape (rows,) [ns].
         q, v, a: configurations, speeds and accelerations, shape (rows, n).
-        bends: whether the way bends after each row but the last, shape (rows - 1,).
+        bends: whether the path bends after each row but the last, shape (rows - 1,).
     """
     k = np.flatnonzero(bends & (np.diff(t) > _SHORTEST_NS))
     if not len(k):

@@ -1,7 +1,7 @@
-"""The motion of a robot that keeps to limits, from what it was commanded.
+"""Motion of a robot within acceleration limits, from its commands.
 
-On a stretch, what is executed at a time is the mean of what was commanded during the ``lag`` before
-it. Commanded positions are quadratic between their rows, so executed ones are cubic between those
+On a stretch, the executed position is the mean of the commanded ones during the ``lag`` before.
+Commanded positions are quadratic between their rows, so executed ones are cubic between those
 rows and the same rows a lag later: such a motion is given by positions and speeds at these times.
 """
 
@@ -36,7 +36,7 @@ _STEP_NS = 1.0
 """Way, as time at full speed, by which rounded times may seem to move a robot that stands [ns]."""
 
 _AT_BORDER = 1e-9
-"""Share of a stretch that is no way beyond a border."""
+"""Share of a stretch within which a position counts as at a border."""
 
 Rows = tuple[Nanoseconds, Array, Array, Array, Indices]
 """Times [ns], configurations, joint speeds and accelerations, and the node of each row."""
@@ -46,7 +46,7 @@ def driven_rows(tpg: TemporalPlanGraph, run: ExecutionRecord, k: int) -> Rows:
     """Return the rows of a robot's motion: cubic in time between them.
 
     Args:
-        tpg: what was executed.
+        tpg: the executed plan.
         run: of it.
         k: index of the robot's chain.
     """
@@ -81,10 +81,10 @@ def _row(t_ns: int, q: Array, node: int) -> Rows:
 def stopped_motion(
     tpg: TemporalPlanGraph, run: ExecutionRecord, k: int, node: int
 ) -> StoppedPath | None:
-    """Return the motion of a skill in which the clock stopped the robot; None where it did not.
+    """Return the motion of a skill interrupted by stops at clock times; None without any.
 
     Args:
-        tpg: what was executed.
+        tpg: the executed plan.
         run: of it.
         k: index of the robot's chain.
         node: of it.
@@ -102,7 +102,7 @@ def stopped_motion(
 def _skill_rows(
     tpg: TemporalPlanGraph, run: ExecutionRecord, k: int, node: int
 ) -> Iterator[Rows]:
-    """Yield the rows of a node from rest to rest, which follows its path as slowly as it lasts."""
+    """Yield the rows of a node from rest to rest, its path scaled to its duration."""
     chain, robot = tpg.chains[k], tpg.cell.robot(tpg.chains[k].robot)
     stopped = stopped_motion(tpg, run, k, node)
     if stopped is not None:
@@ -149,7 +149,7 @@ def _stretch_rows(
     border = np.concatenate([[0.0], np.cumsum(length)])
     lag = float(np.ceil(np.ceil(drive.lag[nodes.start] * NANOSECONDS) / override))
     begin = commands[0, 0]
-    # From here on times and ways count from the beginning of the stretch.
+    # From here on times and lengths count from the beginning of the stretch.
     at = np.maximum.accumulate(commands[:, 0] - begin)
     gone = border[commands[:, 1].astype(np.int64) - nodes.start] + commands[:, 2]
     speed, rate = commands[:, 3], commands[:, 4]
@@ -162,7 +162,7 @@ def _stretch_rows(
     if len(path.window):
         t, bends = _with_corners(t, commanded, lag, path)
     done, pace, rise = commanded.executed(t, lag)
-    # Times are whole nanoseconds: what stands but for that stands.
+    # Times are whole nanoseconds: a motion within rounding is a standstill.
     moves = (pace > _STANDS) | (np.abs(rise) * lag > _STANDS)
     pace, rise = np.where(moves, pace, 0.0), np.where(moves, rise, 0.0)
     done = np.where(moves, done, _at_border(border, done))
@@ -182,12 +182,12 @@ def _stretch_rows(
 def _with_corners(
     t: Array, commanded: _Way, lag: float, path: BlendedPath
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Return times of rows that are fine enough around corners, and whether the way bends after each.
+    """Return row times that resolve the corners, and whether the path bends after each.
 
     Args:
         t: rising, the first at the begin of the stretch, the last at its end [ns].
         commanded: that was commanded.
-        lag: of what is executed [ns].
+        lag: delay of the execution behind the command [ns].
         path: with rounded corners.
     """
     breaks = path.breaks() * NANOSECONDS
@@ -229,11 +229,11 @@ def _end_of(at: float, gone: float, speed: float, rate: float, length: float) ->
 
 
 class _Way:
-    """A commanded way: quadratic in time between its edges, at rest before and after.
+    """Commanded path length over time: quadratic between its edges, at rest before and after.
 
     Args:
         edges: begins of the pieces, and the end of the last one.
-        gone, speed, rate: at the begin of each piece.
+        gone, speed, rate: length, speed and acceleration at the begin of each piece.
     """
 
     def __init__(self, edges: Array, gone: Array, speed: Array, rate: Array) -> None:
@@ -241,14 +241,14 @@ class _Way:
         self._edges = edges
         self._gone, self._speed, self._rate = gone, speed, rate
         self._end = float(gone[-1] + span[-1] * (speed[-1] + 0.5 * rate[-1] * span[-1]))
-        # Long sums are taken apart again over a short lag.
+        # Differences of long sums cancel over a short lag.
         areas = span.astype(np.longdouble) * (
             gone + span * (speed / 2.0 + rate * span / 6.0)
         )
         self._area = np.concatenate([[0.0], np.cumsum(areas)])
 
     def executed(self, t: Array, lag: float) -> tuple[Array, Array, Array]:
-        """Return way, speed and its change at some times: means over a time before them."""
+        """Return path length, speed and acceleration at given times: means over the lag before them."""
         late = t - lag
         done = np.asarray((self.area(t) - self.area(late)) / lag, dtype=np.float64)
         pace = (self.gone(t) - self.gone(late)) / lag
@@ -261,19 +261,19 @@ class _Way:
         return piece, since
 
     def gone(self, t: Array) -> Array:
-        """Return the way at some times."""
+        """Return the path length at given times."""
         piece, since = self._piece(t)
         speed, rate = self._speed[piece], self._rate[piece]
         return np.asarray(self._gone[piece] + since * (speed + 0.5 * rate * since))
 
     def speed(self, t: Array) -> Array:
-        """Return the speed at some times."""
+        """Return the speed at given times."""
         piece, since = self._piece(t)
         inside = (t >= self._edges[0]) & (t < self._edges[-1])
         return np.where(inside, self._speed[piece] + self._rate[piece] * since, 0.0)
 
     def area(self, t: Array) -> Array:
-        """Return the integral of the way up to some times."""
+        """Return the integral of the path length up to given times."""
         piece, since = self._piece(t)
         speed, rate = self._speed[piece] / 2.0, self._rate[piece] / 6.0
         since = since.astype(np.longdouble)

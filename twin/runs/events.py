@@ -62,12 +62,12 @@ _CODES = {code.value: code for code in EventCode}
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One thing that happened.
+    """An event of a run.
 
     Attributes:
         t_ns: time since the start of the run [ns].
-        robot: who it happened to, empty for the whole cell.
-        kind: what happened.
+        robot: name of the robot, empty for the whole cell.
+        kind: kind of event.
         task: index of the task, -1 where there is none.
         node: index of the robot's TPG node, -1 where there is none.
         object: name of the object, empty where there is none.
@@ -84,7 +84,7 @@ class Event:
 
     @property
     def code(self) -> EventCode | None:
-        """Code that the detail is the value of, None where it is text for people."""
+        """Code of the detail, None where it is text for people."""
         return _CODES.get(self.detail)
 
 
@@ -116,7 +116,7 @@ def event_line(event: Event) -> str:
 
 
 def read_log(path: Path) -> tuple[str, ...]:
-    """Return the whole lines of an event log, each with its newline; a torn last one is left out.
+    """Return the complete lines of an event log with newlines, without a torn last one.
 
     Raises:
         OutputError: it cannot be read.

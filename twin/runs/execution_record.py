@@ -35,7 +35,7 @@ class RobotWait(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """Where a robot was, as it was measured.
+    """Measured configurations of a robot.
 
     Attributes:
         t_ns: shape (rows,), never falling [ns].
@@ -52,13 +52,13 @@ class Measured(NamedTuple):
 class ExecutionRecord:
     """One execution of a TPG.
 
-    The arrays hold one entry a chain of the TPG, each of shape (nodes,). A time of -1 stands for
-    what has not happened, which only occurs when the outcome is not ``"completed"``.
+    The arrays hold one entry a chain of the TPG, each of shape (nodes,). A time of -1 marks what has
+    not happened; it only occurs when the outcome is not ``"completed"``.
 
     Attributes:
         outcome: how it ended.
         policy: how nodes were released.
-        seed, replication: what its random draws were named by.
+        seed, replication: key of its random draws.
         duration_ns: motion of each node, without stalls [ns].
         stood_ns: standstills of each node, after it started and before it moves [ns].
         start_ns: when each node started [ns].
@@ -68,10 +68,10 @@ class ExecutionRecord:
         stops_ns: when each robot was stopped by the clock, also in the middle of a node:
             start and end, without overlaps, one entry a chain [ns]. Node times include this.
         failed_nodes: the node at which each robot failed for good, -1 for none.
-        failure: what failed, for people; empty when nothing did.
+        failure: the failed task, for people; empty without a failure.
         raised_skills: number of skills that were drawn shorter than their joints' speed limits
             allow, and took what these allow.
-        commands: what each robot was told where robots keep to limits of acceleration, one entry
+        commands: commands of each robot where robots have acceleration limits, one entry
             a chain; empty otherwise. Pieces of constant acceleration, each of which lasts until the
             next one begins, shape (pieces, 5): when it begins [ns], in which node, how far into it [ns],
             the speed at that moment as a share of full speed, and its change [1/ns].
@@ -105,7 +105,7 @@ class ExecutionRecord:
         return self.makespan_ns / NANOSECONDS
 
     def wait_ns(self, chain: int) -> int:
-        """Return how long a robot waited until its last node was complete [ns].
+        """Return the waiting time of a robot before the end of its last node [ns].
 
         That is the end of its last node minus the durations and stalls of its nodes, and
         minus the time for which the clock had stopped it.
@@ -118,16 +118,16 @@ class ExecutionRecord:
         return end - int(busy) - self.stopped_ns(chain, end)
 
     def standing_ns(self, chain: int) -> int:
-        """Return how long a robot stood in the nodes that it completed [ns]."""
+        """Return the standstill time of a robot in its completed nodes [ns]."""
         return int(self.stood_ns[chain][self.end_ns[chain] >= 0].sum())
 
     def stopped_ns(self, chain: int, until_ns: int) -> int:
-        """Return for how long the clock had stopped a robot before a time [ns]."""
+        """Return the total time of stops of a robot before a time [ns]."""
         stops = self.stops_ns[chain]
         return sum(min(b, until_ns) - a for a, b in stops if a < until_ns)
 
     def pace(self, chain: int) -> StoppedClock:
-        """Return the clock of a robot, which stands while the robot is stopped."""
+        """Return the clock of a robot, which halts during stops at clock times."""
         return StoppedClock(self.stops_ns[chain])
 
     def waits(self) -> tuple[RobotWait, ...]:
@@ -141,10 +141,10 @@ class ExecutionRecord:
 
 
 class DeadlockError(TwinError):
-    """No robot can go on although work is left.
+    """No robot can continue although work is left.
 
     Attributes:
-        run: what happened until then.
+        run: record until then.
     """
 
     def __init__(self, message: str, run: ExecutionRecord) -> None:
@@ -154,7 +154,7 @@ class DeadlockError(TwinError):
 
 
 def waypoint_offsets_ns(chain: NodeChain, duration_ns: Nanoseconds) -> Nanoseconds:
-    """Return the time at which a chain passes each waypoint, from its node's first motion.
+    """Return the time at which a chain passes each waypoint, relative to the first motion of its node.
 
     Args:
         chain: p waypoints in its nodes.

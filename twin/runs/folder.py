@@ -1,4 +1,4 @@
-"""The folder of a run: its files and their hashes; one process at a time writes, and old results stay until new are whole."""
+"""The folder of a run: files, hashes, lock of one writer, and replacement of old results."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _RESULTS = (
 _LAST = (SUMMARY, COMPARISON)  # written when all else has been
 
 # Earlier results while new ones are made. They are whole in .before only: a process that is
-# killed while it moves them leaves .aside, from which they all go back.
+# killed while moving them leaves .aside, from which all are restored.
 _ASIDE, _BEFORE, _GONE = ".aside", ".before", ".gone"
 
 LARGEST_RESULT = 1 << 30
@@ -64,7 +64,7 @@ _READ_BACK = (*PLAN_FILES, EVENTS, TRAJECTORY, OBJECTS)
 
 @contextmanager
 def run_folder(out: str | PathLike[str] | None, name: str) -> Iterator[Path]:
-    """Give a folder for results, made where it is missing, that no other process writes to.
+    """Create and lock a folder for results.
 
     Called before anything that takes time, so that a long plan is not lost for want of a place
     to put it. Results of an earlier run stay there until ``set_aside_results``, and come back when the
@@ -95,7 +95,7 @@ def run_folder(out: str | PathLike[str] | None, name: str) -> Iterator[Path]:
 
 
 def prepare_run_folder(out: str | PathLike[str] | None, name: str) -> Path:
-    """Return a folder that can be written to, made where it is missing.
+    """Return a writable folder, created if missing.
 
     Args:
         out: the folder; by default ``logs/<name>-<UTC time>``.
@@ -117,7 +117,7 @@ def prepare_run_folder(out: str | PathLike[str] | None, name: str) -> Path:
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Keep other processes from writing to a folder; the lock goes with this process at the latest.
+    """Lock a folder against other writers, at most until this process ends.
 
     Where a file system or an operating system knows no locks nothing is done.
 
@@ -149,7 +149,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def set_aside_results(folder: Path) -> None:
-    """Put earlier results away, until ``drop_earlier_results`` drops them or ``recover`` brings them back.
+    """Move earlier results away, until ``drop_earlier_results`` or ``recover_folder``.
 
     Raises:
         OutputError: they cannot be moved.
@@ -168,21 +168,21 @@ def set_aside_results(folder: Path) -> None:
 
 @contextmanager
 def replace_results(folder: Path) -> Iterator[None]:
-    """Put earlier results away while new ones are made, and drop them when those are whole."""
+    """Keep earlier results while new ones are made, and drop them when those are complete."""
     set_aside_results(folder)
     yield
     drop_earlier_results(folder)
 
 
 def drop_earlier_results(folder: Path) -> None:
-    """Drop the earlier results: the new ones are whole."""
+    """Drop the earlier results after the new ones are complete."""
     with suppress(FileNotFoundError):
         (folder / _BEFORE).replace(folder / _GONE)
     shutil.rmtree(folder / _GONE, ignore_errors=True)
 
 
 def recover_folder(folder: Path) -> None:
-    """Sweep what a killed process left: half-written files, and results that it had put away.
+    """Clean up after a killed process: remove partial files, restore earlier results.
 
     Only called while the folder is locked.
     """
@@ -221,7 +221,7 @@ def _new_log_folder(name: str) -> Path:
 
 
 def recorded_hashes(folder: Path) -> dict[str, str]:
-    """Return the sha256 of each file of a run that commands read back, by its name.
+    """Return the sha256 of each file of a run that commands read, by name.
 
     Raises:
         OutputError: a file cannot be read.
@@ -230,7 +230,7 @@ def recorded_hashes(folder: Path) -> dict[str, str]:
 
 
 def require_recorded_hashes(folder: Path, names: Iterable[str]) -> None:
-    """Refuse files of a run that are not those that its summary was made with.
+    """Refuse files of a run that differ from those of its summary.
 
     A folder without a summary, as a killed run leaves, has nothing to compare with.
 

@@ -33,7 +33,7 @@ _TASKS_A_ROW = 36
 """Tasks of a lane in a row: their parts can be read."""
 
 _MOST_LANES = 96
-"""Lanes of all rows together: what does not go into so many is left out of the picture."""
+"""Largest number of lanes in all rows; further rows are omitted."""
 _MARGIN = 1.012
 """Length of all rows over that of the run: the line at its end is to be seen."""
 _WIDTH_IN = 15.0
@@ -51,15 +51,16 @@ def gantt_figure(
     title: str = "",
     plan: str = IN_TURNS,
 ) -> Figure:
-    """Return a picture of what every robot did when.
+    """Return a Gantt chart of a run.
 
     Bars are coloured by kind of task and carry the part that they are about, or the number of the
     product where there are several; waits are hatched, and arrows are the type-2 edges that ended them. Long
-    runs wrap into several rows. A line over a lane says for how long a window of time was open, red where it
-    was broken; a dotted one that the plan was made anew. Beside its lane each robot has its colour of the recording.
+    runs wrap into several rows. A line over a lane marks an open time window, red where it was
+    exceeded; a dotted one marks replanning. Next to its lane each robot has its colour in the
+    recording.
 
     Args:
-        tpg: what was executed.
+        tpg: the executed plan.
         run: how.
         events: of the run.
         title: first words of the heading.
@@ -109,7 +110,7 @@ def gantt_figure(
 def _lanes(
     tpg: TemporalPlanGraph, events: Sequence[Event]
 ) -> dict[str, tuple[Activity, ...]]:
-    """Return what each robot did, and each machine that had a task."""
+    """Return the activities of each robot, and of each machine with a task."""
     words = robot_activities(tpg, events)
     tasks = {task.kind for task in tpg.tasks}
     lanes = {robot.name: words.get(robot.name, ()) for robot in tpg.cell.robots}
@@ -123,7 +124,7 @@ def _lanes(
 def _wrapped(
     lanes: Mapping[str, Sequence[Activity]], total_s: float
 ) -> tuple[int, float]:
-    """Return into how many rows a run is wrapped, and how long each is [s].
+    """Return the number of rows of a chart and the duration of each [s].
 
     A lane of a row has few enough tasks to be read. Rows beyond the most lanes are left out.
     """
@@ -216,7 +217,7 @@ def _draw_lane(
 
 
 def _label(tpg: TemporalPlanGraph, names: Sequence[str], span: Activity) -> str:
-    """Return the part that a skill is about, of several products the number of the product.
+    """Return the part of a skill, or the number of the product of several.
 
     Motions and waits carry none.
     """
@@ -274,7 +275,7 @@ def _draw_arrow(axis: Axes, t_s: float, start: int, end: int) -> None:
 def _windows(
     tpg: TemporalPlanGraph, run: ExecutionRecord, robots: Sequence[str]
 ) -> Iterator[tuple[int, float, float, bool]]:
-    """Yield the lane of each window's due task, when it opened and when it was due [s], and if it is broken.
+    """Yield for each time window the lane of its due task, opening and due time [s], and whether it is broken.
 
     Those without a greatest time, and those that did not come to their end, are left out.
     """

@@ -1,4 +1,4 @@
-"""What the manifest says of a run."""
+"""Entry of the manifest about a run."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from twin.runs.policies import IN_TURNS
 
 @dataclass(frozen=True)
 class RunHeader:
-    """Entry ``run`` of a manifest: what is known before a run, and needed to conclude or resume it.
+    """Entry ``run`` of a manifest: data needed to conclude or resume a run.
 
     Attributes:
         recording: whether ``run.rrd`` is wanted.
-        audit: whether the audit is to check what was executed; the name of an engine says with what.
+        audit: whether to audit the run; a name selects the collision engine.
         planning_s: wall-clock seconds of the planning stages.
         makespan_sequential_s: makespan of the plan in turns, one robot at a time and machines meanwhile [s].
         plan_sha256: hash of the plan.
         plan: which plan it is: a plan of twin.runs.policies.
         turns_sha256: hash of the plan in turns, where it is another one.
-        warnings: what is doubtful about the cell and what was asked for.
+        warnings: warnings about the cell and the options.
         checks_off: checks that the scenario switches off, with ``key`` and ``check``.
         fits: how parts fit where they are put, step by step.
         idle: by robot that gets no task: why, and how many steps it can serve.
-        load_bound_s: makespan that no choice of who does what can beat, where it is known [s].
-        makespan_asynchronous_s: makespan of the plan in turns, each robot going on as soon as it is safe, where the
-            plan is what became of it by a better order of tasks and shortcuts [s].
-        operated: whether what fails is planned anew.
-        answered: whether somebody answered what a person was asked, so that it cannot be executed again.
+        load_bound_s: lower bound of the makespan over all assignments, where known [s].
+        makespan_asynchronous_s: makespan of the sequential plan, released asynchronously, where the
+            plan has an improved task order and shortcuts [s].
+        operated: whether the run replans after failures.
+        answered: whether a person answered questions, so that it cannot be repeated.
         session: of the drivers that moved the robots, None where they are simulated.
     """
 

@@ -1,4 +1,4 @@
-"""Names of policies, the same in every command, table and file: which plan, released how."""
+"""Names of policies (plan and release), the same in every command, table and file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ASYNCHRONOUS_SHORTCUTS = "asynchronous + shortcuts"
 OPEN_LOOP = "open-loop"
 
 PLAIN_POLICIES = (SEQUENTIAL, SYNCHRONOUS, SYNCHRONOUS_TPG, ASYNCHRONOUS)
-"""Those that are safe and take no shortcuts: what shortcuts are worth is told against these."""
+"""Safe policies without shortcuts, the baselines of the gain of shortcuts."""
 
 
 class NamedPolicy(NamedTuple):
@@ -53,7 +53,7 @@ NAMED_POLICIES = {
 
 
 def _letters(text: str) -> str:
-    """Return a name without what people write differently."""
+    """Return a name without case and separators."""
     return text.lower().replace(" ", "").replace("_", "-").removesuffix("s")
 
 
@@ -61,7 +61,7 @@ _BY_LETTERS = {_letters(name): name for name in NAMED_POLICIES}
 
 
 def parse_policy_name(text: str) -> str:
-    """Return the name of the policy that a text means.
+    """Return the policy name that a text spells, whatever case or separators.
 
     Blanks and capitals do not matter, nor the plural: ``asynchronous+shortcut`` is
     ``asynchronous + shortcuts``.
@@ -78,10 +78,10 @@ def parse_policy_name(text: str) -> str:
 
 
 def policy_name(plan: str, release: str) -> str:
-    """Return the name of the policy that releases a plan so.
+    """Return the name of a policy, given the plan and the release.
 
-    One task after another of the plan in turns is the baseline ``sequential``. What has no name
-    of its own says both: ``sequential of the plan in slots``.
+    The sequential plan, released one task after another, is the baseline ``sequential``. Other
+    combinations name both: ``sequential of the plan in slots``.
     """
     plan = IN_TURNS if plan == AT_ONCE else plan
     for name, meant in NAMED_POLICIES.items():

@@ -66,10 +66,10 @@ def summarize_run(
     """Return the figures of a run, with the keys of ``summary.json``.
 
     Args:
-        tpg: what was executed.
+        tpg: the executed plan.
         run: how.
         scenario: its name.
-        header: what was known before. Where the makespan of the plan in turns is not, it is that of the
+        header: header of the run. Where the makespan of the plan in turns is not, it is that of the
             same nodes with the same durations, one robot at a time.
         audit: engine, configurations, distances and violations, None when there was no audit.
         due_s: when each product is due, where there are several [s].
@@ -129,7 +129,7 @@ def summarize_run(
 
 
 def _actuations(tpg: TemporalPlanGraph, run: ExecutionRecord) -> dict[str, Any]:
-    """Return how often tools closed and opened, and how long that took, by what they did.
+    """Return the counts and durations of tool actuations, by action.
 
     What took no time is counted in the time of its whole skill.
     """
@@ -148,7 +148,7 @@ def _actuations(tpg: TemporalPlanGraph, run: ExecutionRecord) -> dict[str, Any]:
 def _machines(
     tpg: TemporalPlanGraph, run: ExecutionRecord
 ) -> dict[str, dict[str, float]]:
-    """Return how long each machine that works at parts had one, and was down meanwhile [s]."""
+    """Return the busy time and downtime of each processing machine [s]."""
     found = {}
     for k in working_machines(tpg):
         done = run.end_ns[k] >= 0
@@ -163,10 +163,10 @@ def _machines(
 
 
 def lower_bound_s(tpg: TemporalPlanGraph, run: ExecutionRecord) -> float:
-    """Return a makespan that no coordination of these paths can beat [s].
+    """Return a lower bound of the makespan over all coordinations of these paths [s].
 
-    It is the longest path through the robots' own nodes and the task dependencies, as if no two
-    robots were ever in each other's way.
+    It is the longest path through the robots' chains and the task dependencies, without conflicts
+    between robots.
     """
     edges = dependency_edges(tpg)
     cause = np.full(len(edges), TASK_DEPENDENCY, dtype=np.uint8)
@@ -232,7 +232,7 @@ def print_summary(
 def _operation_rows(
     operation: Mapping[str, Any] | None,
 ) -> list[tuple[str, str, str]]:
-    """Return how often was planned anew, and what was given up."""
+    """Return table rows on replanning and abandoned steps."""
     if operation is None:
         return []
     versions = operation["versions"]
@@ -253,7 +253,7 @@ def _operation_rows(
 def summary_rows(
     summary: Mapping[str, Any], *, compiled: bool = False
 ) -> list[tuple[str, str, str]]:
-    """Return the table's rows: what, how much, and a remark."""
+    """Return the table's rows: name, value, remark."""
     rows = [("outcome", str(summary["outcome"]), f"seed {summary['seed']}")]
     makespan = float(summary["makespan_s"])
     if summary["outcome"] == "completed":

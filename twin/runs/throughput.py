@@ -1,4 +1,4 @@
-"""What a line achieves: when products begin and are complete, takt, throughput, work in progress."""
+"""Performance of a line: start and completion of products, takt, throughput, work in progress."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.runs.execution_record import ExecutionRecord
 
 _START_UP = 0.1
-"""Share of the products that do not count for throughput and takt where nothing else is said."""
+"""Default share of products in the start-up, not counted for throughput and takt."""
 
 
 @dataclass(frozen=True)
 class ProductNodes:
-    """Nodes with which products begin and are complete; nodes are numbered through all chains.
+    """Nodes that start and complete each product, numbered through all chains.
 
     A product begins when a robot takes its first part or begins its first process, and is complete
     when its last step is.
 
     Attributes:
         first: first node of a robot for a product, product after product.
-        first_of: where those of each product begin in ``first``, shape (products,).
+        first_of: index of each product's first entry in ``first``, shape (products,).
         last, last_of: the same for last nodes of steps.
         products: numbers of the products, from 1, shape (products,).
     """
@@ -39,7 +39,7 @@ class ProductNodes:
     products: Indices
 
     def begin(self, start_ns: Nanoseconds) -> Nanoseconds:
-        """Return when products begin, shape (products, ...) [ns].
+        """Return the start times of products, shape (products, ...) [ns].
 
         Args:
             start_ns: start of every node, shape (nodes, ...) [ns].
@@ -47,7 +47,7 @@ class ProductNodes:
         return np.minimum.reduceat(start_ns[self.first], self.first_of, axis=0)
 
     def end(self, end_ns: Nanoseconds) -> Nanoseconds:
-        """Return when products are complete, shape (products, ...) [ns].
+        """Return the completion times of products, shape (products, ...) [ns].
 
         Args:
             end_ns: end of every node, shape (nodes, ...) [ns].
@@ -56,7 +56,7 @@ class ProductNodes:
 
 
 def product_nodes(tpg: TemporalPlanGraph) -> ProductNodes | None:
-    """Return the nodes of products of a graph, contracted or not; None where there is only one, or none."""
+    """Return the nodes of products of a graph, contracted or not; None for fewer than two products."""
     if not np.any(tpg.products):
         return None
     kinds = [task.kind for task in tpg.tasks]
@@ -85,7 +85,7 @@ def product_nodes(tpg: TemporalPlanGraph) -> ProductNodes | None:
 
 
 def start_up_of(products: int, asked: int | None = None) -> int:
-    """Return how many products at the beginning do not count, so that two are left."""
+    """Return the number of products of the start-up, so that at least two others are left."""
     wanted = int(np.ceil(_START_UP * products)) if asked is None else asked
     return max(0, min(wanted, products - 2))
 
@@ -172,10 +172,10 @@ def line_summary(
     due_s: Sequence[float] = (),
     start_up: int | None = None,
 ) -> dict[str, Any] | None:
-    """Return the figures of a run for its summary, None where it makes one product or did not end.
+    """Return the line figures of a run's summary; None for one product or an unfinished run.
 
     Args:
-        tpg: what was executed; what is done for products that are scrapped is of none.
+        tpg: the executed plan; tasks for scrapped products belong to no product.
         run: how.
         due_s: when each product is due, scrapped or not [s]. One that is made in place of another is due when that
             was, and one more that is ordered with the last one.
@@ -221,7 +221,7 @@ def line_summary(
 
 
 def _due_of(products: Sequence[int], due_s: Sequence[float]) -> list[float]:
-    """Return when products are due that are whole [s]; see ``line_summary``."""
+    """Return the due times of complete products [s]; see ``line_summary``."""
     scrapped = sorted(set(range(1, len(due_s) + 1)) - set(products))
     left = iter([due_s[k - 1] for k in scrapped])
     return [

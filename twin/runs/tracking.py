@@ -1,4 +1,4 @@
-"""Tracking: how far robots that others move were from their paths, and where on these they should have been."""
+"""Tracking errors of robots moved by drivers: distance to their paths, and the nearest path points."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from twin.runs.execution_record import Measured
 
 
 class TrackingError(NamedTuple):
-    """How far a robot was from its path at most.
+    """Largest tracking error of a robot.
 
     Attributes:
         joint: a joint [rad or m].
@@ -28,12 +28,12 @@ class TrackingError(NamedTuple):
 
 
 def nearest_on_path(chain: NodeChain, q: Array, node: Nanoseconds) -> Array:
-    """Return the points of a path that are nearest to where a robot was measured.
+    """Return the points of a path nearest to measured configurations.
 
     Args:
         chain: the path.
         q: measured joint positions, shape (k, n).
-        node: in which each was measured, -1 before the first, shape (k,). The nodes beside it count, too: a
+        node: in which each was measured, -1 before the first, shape (k,). Its neighbours count, too: a
             corner may be cut, and a border be noticed late.
 
     Returns:
@@ -52,10 +52,10 @@ def nearest_on_path(chain: NodeChain, q: Array, node: Nanoseconds) -> Array:
 def tracking_errors(
     tpg: TemporalPlanGraph, measured: Mapping[str, Measured]
 ) -> dict[str, TrackingError]:
-    """Return how far each robot that was measured was from its path at most.
+    """Return the largest tracking error of each measured robot.
 
     Args:
-        tpg: what was executed.
+        tpg: the executed plan.
         measured: where robots were, by name.
     """
     found = {}

@@ -36,7 +36,7 @@ class Trajectory:
     a: Array | None = None
 
     def at(self, t_ns: Nanoseconds) -> Array:
-        """Return the configurations at some times, shape (times, n)."""
+        """Return the configurations at given times, shape (times, n)."""
         if self.v is not None:
             return self.states_at(t_ns)[0]
         t = t_ns.astype(float)
@@ -46,7 +46,7 @@ class Trajectory:
         )
 
     def states_at(self, t_ns: Nanoseconds) -> tuple[Array, Array, Array]:
-        """Return configurations, speeds and accelerations at some times, where speeds are known."""
+        """Return configurations, speeds and accelerations at given times, where speeds are known."""
         assert self.v is not None
         return cubic_at(self.t_ns / NANOSECONDS, self.q, self.v, t_ns / NANOSECONDS)
 
@@ -97,7 +97,7 @@ def robot_trajectories(
 
 
 def _as_measured(robot: str, own: Measured, end_ns: int) -> Trajectory:
-    """Return the motion of a robot as it was measured, from the beginning to the end of the run."""
+    """Return the measured motion of a robot over the whole run."""
     kept = int(np.searchsorted(own.t_ns, end_ns, side="right"))
     t = np.concatenate([[0], own.t_ns[:kept], [end_ns]])
     q = np.vstack([own.q[:1], own.q[:kept], own.q[max(kept - 1, 0)][None]])
@@ -108,7 +108,7 @@ def _as_measured(robot: str, own: Measured, end_ns: int) -> Trajectory:
 def _driven_trajectory(
     tpg: TemporalPlanGraph, run: ExecutionRecord, k: int
 ) -> Trajectory:
-    """Return the motion of a robot that keeps to limits, until the run ends."""
+    """Return the motion of a robot with acceleration limits, until the run ends."""
     t, q, v, a, node = driven_rows(tpg, run, k)
     until = run.makespan_ns
     keep = t < until
@@ -130,7 +130,7 @@ def _driven_trajectory(
 
 
 def _chain_trajectory(chain: NodeChain, run: ExecutionRecord, k: int) -> Trajectory:
-    """Return the motion of a robot with work; first as if its own clock were the run's."""
+    """Return the motion of a robot that has tasks; computed by its own clock first."""
     pace = run.pace(k)
     count = int(np.count_nonzero(run.start_ns[k] >= 0))
     # A node whose task failed never moves.
@@ -212,7 +212,7 @@ def _until(motion: Trajectory, end_ns: int) -> Trajectory:
 def object_placements(
     tpg: TemporalPlanGraph, run: ExecutionRecord
 ) -> tuple[Placement, ...]:
-    """Return the placements of every object: at the start, be it in a hand, and from every change on, by time.
+    """Return the placements of every object, at the start and after every change, by time.
 
     An object that comes up later has no row before it does.
     """

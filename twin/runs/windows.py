@@ -1,4 +1,4 @@
-"""Windows of time between steps: what a plan promises of them, and what a run made of them."""
+"""Time windows between steps, in a plan and in a run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from twin.runs.execution_record import ExecutionRecord
 def window_summary(
     tpg: TemporalPlanGraph, run: ExecutionRecord
 ) -> list[dict[str, Any]]:
-    """Return each window as a run kept it, as ``summary.json`` has it; what did not happen is None."""
+    """Return the time windows of a run for ``summary.json``; None where they did not happen."""
     if not tpg.windows:
         return []
     start, end = np.concatenate(run.start_ns), np.concatenate(run.end_ns)
@@ -43,7 +43,7 @@ def window_summary(
 
 
 def window_rows(windows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
-    """Return rows of the printed summary: what, how much, and a remark."""
+    """Return rows of the printed summary: name, value, remark."""
     rows = []
     for own in windows:
         bounds = []
@@ -60,7 +60,7 @@ def window_rows(windows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, st
 
 
 def broken_words(window: TimeWindow, passed_ns: int) -> str:
-    """Return that a window was broken, by how much; empty where it was kept."""
+    """Return a sentence on the excess of a window; empty where it was kept."""
     if window.most is None:
         return ""
     late = passed_ns / NANOSECONDS - window.most
@@ -72,12 +72,12 @@ def broken_words(window: TimeWindow, passed_ns: int) -> str:
 def window_warnings(
     tpg: TemporalPlanGraph, nominal: ExecutionRecord, *, held: bool
 ) -> Iterator[str]:
-    """Yield the windows that a plan does not keep at nominal times, and by how much.
+    """Yield a warning for each window that a plan exceeds at nominal times.
 
     Args:
         tpg: the plan.
         nominal: the plan executed with nominal times.
-        held: whether what opens windows was held back.
+        held: whether window-opening tasks were held back.
     """
     start, end = np.concatenate(nominal.start_ns), np.concatenate(nominal.end_ns)
     gaps = window_gaps(tpg, start, end)

@@ -1,4 +1,4 @@
-"""``manifest.json``: all that is needed to understand, repeat and resume a run or a study."""
+"""``manifest.json``: the data needed to understand, repeat and resume a run or a study."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def write_manifest(
 
     Args:
         folder: of the results.
-        scenario: what is run.
+        scenario: the scenario of the run.
         cell: built from it.
         base: where its relative paths start.
-        more: further entries, as plain JSON values: what it takes to go on.
+        more: further entries as plain JSON values, needed to resume.
     """
     content = resolve_scenario(scenario)
     write_json(
@@ -60,11 +60,11 @@ def write_manifest(
 
 
 def read_manifest(folder: Path, what: str) -> tuple[Scenario, dict[str, Any]]:
-    """Return the scenario of a manifest, and all of its entries.
+    """Return the scenario and all entries of a manifest.
 
     Args:
         folder: of the results.
-        what: what they are wanted for, for messages: ``run to resume``.
+        what: the kind of manifest, for messages: ``run to resume``.
 
     Raises:
         OutputError: there is no manifest, or it is damaged.
@@ -85,10 +85,10 @@ def read_manifest(folder: Path, what: str) -> tuple[Scenario, dict[str, Any]]:
 
 
 def manifest_base(folder: Path, manifest: Mapping[str, Any]) -> Path:
-    """Return where relative paths of the scenario of a manifest start.
+    """Return the base folder of relative paths in the scenario of a manifest.
 
     Raises:
-        OutputError: the manifest does not say.
+        OutputError: the manifest has no such entry.
     """
     base = manifest.get("base")
     if not isinstance(base, str):
@@ -99,7 +99,7 @@ def manifest_base(folder: Path, manifest: Mapping[str, Any]) -> Path:
 
 
 def file_hashes(scenario: Scenario, base: Path) -> dict[str, str]:
-    """Return the sha256 of every file of measured times that a scenario names, by its name.
+    """Return the sha256 of every file of measured durations of a scenario, by name.
 
     Raises:
         OutputError: one cannot be read.
@@ -118,7 +118,7 @@ def file_hashes(scenario: Scenario, base: Path) -> dict[str, str]:
 def require_same_files(
     folder: Path, manifest: Mapping[str, Any], scenario: Scenario, base: Path
 ) -> None:
-    """Refuse to go on when a file that the scenario names is not what it was.
+    """Refuse to continue if a file that the scenario names has changed.
 
     Raises:
         RequestError: a file has changed; the message names it.
@@ -153,7 +153,7 @@ def require_same_versions(folder: Path, manifest: Mapping[str, Any]) -> None:
 def unchanged_base(
     folder: Path, manifest: Mapping[str, Any], scenario: Scenario
 ) -> Path:
-    """Return where relative paths of what was begun start, if it can be gone on with as it began.
+    """Return the base folder of a run or study to resume; refuse one that cannot be resumed.
 
     Raises:
         RequestError: a file that the scenario names, or a version, has changed since.

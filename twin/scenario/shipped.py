@@ -1,4 +1,4 @@
-"""Scenarios that come with the program: found by name, and copied to begin with."""
+"""Scenarios that come with the program: found by name, copied by ``twin init``."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def shipped_scenarios() -> Mapping[str, Path]:
 
 
 def scenario_path(given: Path) -> Path:
-    """Return the file that is meant by a path, by a folder, or by the name of a shipped scenario.
+    """Return the scenario file of a path, a folder, or the name of a shipped scenario.
 
     Raises:
         ScenarioError: there is no such file, and no scenario of that name.
@@ -62,7 +62,7 @@ def scenario_path(given: Path) -> Path:
 
 
 def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
-    """Copy a shipped scenario to a place of one's own, with the files that it names beside it.
+    """Copy a shipped scenario to a path, with its referenced files next to it.
 
     Nothing is overwritten.
 
@@ -87,7 +87,7 @@ def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
 
 
 def write_beginning(target: Path, text: str, folder: Path) -> Path:
-    """Write a scenario to a place of one's own, with the files that it names beside it.
+    """Write a scenario to a path, with its referenced files next to it.
 
     Args:
         target: a YAML file; or a folder, which gets the schema for editors, too.
@@ -132,7 +132,7 @@ def write_beginning(target: Path, text: str, folder: Path) -> Path:
 
 
 def _create(path: Path, content: bytes) -> None:
-    """Write a file that is not there yet."""
+    """Write a new file; refuse to overwrite."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("xb") as file:

@@ -1,4 +1,4 @@
-"""Inputs that are varied: ``skills.pick.scale=1,1.5,2`` and what it does to a scenario.
+"""Variations of scenario keys: ``skills.pick.scale=1,1.5,2``, applied to a scenario.
 
 A key is a dotted path from the top of the scenario, or from its execution section. Entries of
 lists have their position or their name: ``cell.robots.left.base.xyz_m.0``. A distribution is given
@@ -48,7 +48,7 @@ Variant = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Variation:
-    """A key of a scenario, and the values it takes.
+    """A key of a scenario with a list of values.
 
     Attributes:
         key: dotted path from the top, such as ``cell.robots.left.base.xyz_m.0``, or below
@@ -61,7 +61,7 @@ class Variation:
 
 
 def parse_variation(text: str) -> Variation:
-    """Return the variation that ``key=value,value,...`` names.
+    """Parse a variation ``key=value,value,...``.
 
     Values are JSON, lists and mappings in one line of YAML, or plain words.
 
@@ -80,7 +80,7 @@ def parse_variation(text: str) -> Variation:
 
 
 def variation(key: str, values: Iterable[Any]) -> Variation:
-    """Return the variation of a key over some values; those of numpy become plain ones.
+    """Return the variation of a key over values; those of numpy become plain ones.
 
     Raises:
         ScenarioError: these are no values, there are none, or one is there twice.
@@ -98,7 +98,7 @@ def variation(key: str, values: Iterable[Any]) -> Variation:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as JSON has it."""
+    """Return a value as a JSON type."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
@@ -129,7 +129,7 @@ def apply_variation(scenario: Scenario, variant: Variant) -> Scenario:
         return scenario
     content = resolve_scenario(scenario)
     write_variant(content, variant)
-    # JSON is YAML, too: what does not fit is worded as it is in a file.
+    # JSON is YAML, too: errors are worded as in a file.
     document = parse_document(Path(scenario.name), json.dumps(content))
     try:
         return validate_document(document, Scenario, scenario_schema)
@@ -139,19 +139,19 @@ def apply_variation(scenario: Scenario, variant: Variant) -> Scenario:
 
 
 def short_key(key: str) -> str:
-    """Return a key as it is told: one of the execution section without the name of the section."""
+    """Return a key for display: one of the execution section without the section's name."""
     own = key.removeprefix("execution.")
     return own if is_of_execution(own) else key
 
 
 def is_of_execution(key: str) -> bool:
-    """Tell whether a key is one of the execution section, which no plan depends on."""
+    """Return whether a key is in the execution section, which no plan depends on."""
     first = key.partition(".")[0]
     return first != ROBOTS and first not in _SECTIONS
 
 
 def layout_of(variant: Variant) -> Variant:
-    """Return the part of a variant that a plan depends on."""
+    """Return the values of a variant that a plan depends on."""
     return {key: value for key, value in variant.items() if not is_of_execution(key)}
 
 
@@ -165,7 +165,7 @@ def write_variant(content: dict[str, Any], variant: Variant) -> None:
     if twice := [key for key in keys if keys.count(key) > 1]:
         raise ScenarioError(f"{twice[0]} is varied twice")
     variant = dict(zip(keys, variant.values(), strict=True))
-    # Who says which kind of distribution it is clears the place for its numbers.
+    # Setting the kind of a distribution removes the numbers of the old kind.
     for key in sorted(variant, key=lambda key: not key.endswith(".kind")):
         value = _plain(variant[key])
         if key == ROBOTS:
@@ -195,7 +195,7 @@ def resolved_value(content: Mapping[str, Any], key: str) -> Any:
 
 
 def key_path(content: Mapping[str, Any], key: str) -> KeyPath:
-    """Return where the value of a key stands in a resolved scenario.
+    """Return the full path of a key in a resolved scenario.
 
     Raises:
         ScenarioError: there is no such key; the message names those there are.
@@ -207,7 +207,7 @@ def key_path(content: Mapping[str, Any], key: str) -> KeyPath:
 
 
 def _found(content: Mapping[str, Any], key: str) -> tuple[KeyPath, Any]:
-    """Return where a key is, as far as the scenario has it, and its value; None where it has none."""
+    """Return the existing part of a key's path and its value; None without a value."""
     inside = is_of_execution(key)
     place: Any = content["execution"] if inside else content
     words, walked = key.split("."), "execution" if inside else ""
@@ -225,11 +225,11 @@ def _found(content: Mapping[str, Any], key: str) -> tuple[KeyPath, Any]:
 
 
 class _FreeSection(dict[str, Any]):
-    """A section whose keys are left to its checks: it is new, or they depend on its kind."""
+    """A section whose keys are not checked here: it is new, or they depend on its kind."""
 
 
 def _make_entries(content: dict[str, Any], key: str) -> None:
-    """Give what is drawn or fails in a skill a section, where the scenario leaves it out."""
+    """Create the missing section of a skill or disturbance."""
     section, _, rest = key.partition(".")
     skill = rest.partition(".")[0]
     execution = content["execution"]
@@ -241,7 +241,7 @@ def _make_entries(content: dict[str, Any], key: str) -> None:
                 f"cannot vary {key}: there is no skill {skill!r}", choices=known
             )
     if section == "skills" and rest:
-        # A process without a section takes what it says itself.
+        # A process without a section has its own duration.
         said = processes.get(skill, {}).get("duration") or {}
         own = execution["skills"].setdefault(skill, copy.deepcopy(said))
         execution["skills"][skill] = _FreeSection(own)
@@ -251,7 +251,7 @@ def _make_entries(content: dict[str, Any], key: str) -> None:
 
 
 def _assign(tree: dict[str, Any], key: str, value: Any, walked: str) -> None:
-    """Write a value at a dotted key, whose words are keys, positions and names of entries."""
+    """Write a value at a dotted key of keys, positions and names of entries."""
     words = key.split(".")
     place: Any = tree
     while True:
@@ -281,7 +281,7 @@ def _assign(tree: dict[str, Any], key: str, value: Any, walked: str) -> None:
 
 
 def _is_other(place: Any, kind: Any) -> bool:
-    """Tell whether a section is that of a distribution of another kind."""
+    """Return whether a section is a distribution of another kind."""
     if not isinstance(place, dict):
         return False
     kinds = {str(kind), str(place.get("kind"))}
@@ -291,7 +291,7 @@ def _is_other(place: Any, kind: Any) -> bool:
 def _entry(
     place: Any, words: Sequence[str], key: str, walked: str
 ) -> tuple[str | int, int]:
-    """Return an entry that the first words name, and how many: names may have dots in them."""
+    """Return the entry named by the first words, and their number: names may contain dots."""
     if isinstance(place, dict):
         entries: dict[str, str | int] = {name: name for name in place}
     elif isinstance(place, list):

@@ -1,4 +1,4 @@
-"""``twin.study``: many replications of a plan under uncertainty, and what they tell.
+"""``twin.study``: many replications of a plan under uncertainty, with statistics.
 
 ``twin.compare``: its preset with one plan and one replication a seed, under every policy.
 """
@@ -59,7 +59,7 @@ Vary = Mapping[str, Iterable[Any]] | Iterable[Variation]
 
 @dataclass(frozen=True)
 class Study:
-    """A study that was run into its folder.
+    """A finished study in its folder.
 
     Attributes:
         result: all that is known of it.
@@ -68,7 +68,7 @@ class Study:
     result: StudyResult
 
     def __repr__(self) -> str:
-        """Return what it is in a line."""
+        """Return a one-line description."""
         own = self.result.summary
         size = f"{len(own.cells)} policies and variants"
         return f"<study of {own.scenario!r}: {size}, in {self.folder}>"
@@ -90,7 +90,7 @@ class Study:
 
     @property
     def cells(self) -> pa.Table:
-        """A row a policy and variant: mean and quantiles of the makespan, with bounds."""
+        """Table with one row per policy and variant: mean and quantiles of the makespan, with bounds."""
         import pyarrow as pa
 
         rows = []
@@ -104,7 +104,7 @@ class Study:
 
     @property
     def ranking(self) -> pa.Table:
-        """A row a policy and layout, the quickest first: mean, and how far behind that."""
+        """Table with one row per policy and layout, the fastest first: mean, and difference to the first."""
         import pyarrow as pa
 
         rows = []
@@ -116,7 +116,7 @@ class Study:
 
     @property
     def refused(self) -> pa.Table:
-        """A row a layout that cannot be planned: its values, and why not."""
+        """Table with one row per layout without a plan: its values, and the reason."""
         import pyarrow as pa
 
         rows = [
@@ -127,17 +127,17 @@ class Study:
 
     @property
     def replications(self) -> pa.Table:
-        """A row a replication: policy, varied inputs, outcome, makespan, waits."""
+        """Table with one row per replication: policy, varied inputs, outcome, makespan, waits."""
         return self._table(REPLICATIONS)
 
     @property
     def tasks(self) -> pa.Table:
-        """A row a task of each policy and variant: when it is done, how often critical."""
+        """Table with one row per task of each policy and variant: completion, frequency of being critical."""
         return self._table(TASKS)
 
     @property
     def edges(self) -> pa.Table:
-        """A row a wait that may be: which tasks it joins, why, how often critical."""
+        """Table with one row per type-2 edge: its tasks, cause, frequency of being critical."""
         return self._table(EDGES)
 
     def _table(self, name: str) -> pa.Table:
@@ -181,7 +181,7 @@ def study(
     out: PathOrName | None = None,
     progress: Report = report_nothing,
 ) -> Study:
-    """Replicate a plan under uncertainty: how long it takes, and how sure one can be.
+    """Replicate a plan under uncertainty: makespans with confidence intervals.
 
     All policies and variants see the same draws, so their differences are sharp.
 
@@ -199,23 +199,23 @@ def study(
         antithetic: draw replications in mirrored pairs.
         sobol: points of the sample for Sobol indices, such as 128; 0 for none.
         audited: replications that are checked for collisions: open-loop ones, and all where bases are off.
-        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
+        audit_engine: collision engine of the audit, pybullet or coal; by default PyBullet where it
             is installed, else coal.
         shortcuts: most shortcuts tried on each plan, in place of the scenario's.
-        operate: plan anew what is left where a skill fails for good or a robot is out, as twin operate
+        operate: replan the rest where a skill fails for good or a robot is out, as twin operate
             does, of the plan that it executes.
-        failures: with it, probability that an attempt at any skill fails, of which a fifth loses what is
-            handled, where the scenario says nothing of that skill.
+        failures: with it, probability that an attempt at any skill fails, a fifth of which lose the
+            object; for skills without a rate in the scenario.
         workers: processes; 0 for none besides this one, None for one a core. A script that asks
-            for some must be importable: what it does stands under ``if __name__ == "__main__":``.
+            for some must be importable: its main code must be under ``if __name__ == "__main__":``.
         cluster: whose workers do it instead.
         out: folder for the results; by default ``logs/study-<scenario>-<UTC time>``.
-        progress: told how far each stage has come.
+        progress: receives the progress of each stage.
 
     Raises:
         ScenarioError: the file is not valid, or a varied input does not fit.
-        RequestError: the request contradicts itself, the folder holds a study, or what is to be operated
-            cannot be planned anew.
+        RequestError: the request contradicts itself, the folder holds a study, or an operated plan
+            cannot be replanned.
         TwinError: the scenario cannot be planned; see ``twin.plan``.
     """
     engine = engine_named(audit_engine) if audit_engine else None
@@ -274,7 +274,7 @@ def resume_study(
     cluster: Cluster | None = None,
     progress: Report = report_nothing,
 ) -> Study:
-    """Go on with a study that was interrupted; nothing is computed twice.
+    """Resume an interrupted study; nothing is computed twice.
 
     A study that has come to its end is read.
 
@@ -283,7 +283,7 @@ def resume_study(
         scenario: that it must be of, None for any.
         workers: see study.
         cluster: whose workers do it instead.
-        progress: told how far each stage has come.
+        progress: receives the progress of each stage.
 
     Raises:
         OutputError: the folder is not one of a study that got as far as its plans.

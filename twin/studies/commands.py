@@ -1,4 +1,4 @@
-"""``twin study`` and ``twin compare``: many runs of a scenario, and what they tell."""
+"""``twin study`` and ``twin compare``: many runs of a scenario, with statistics."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ def study(
 def _subject(
     path: Path | None, plan: Path | None, seed: int | None
 ) -> LoadedScenario | PlanResult:
-    """Return what is studied: a scenario, or the plan that a run left."""
+    """Return the subject of a study: a scenario, or the plan of a run."""
     from twin.trial.loaded_scenario import load
     from twin.trial.plan_result import read_plan, scenario_of_run
 

@@ -33,8 +33,8 @@ class Comparison:
     """Every policy on one scenario.
 
     Attributes:
-        scenario: what was planned and executed.
-        heading: what was compared, in words.
+        scenario: the planned and executed scenario.
+        heading: title of the comparison.
         figures: by policy, the content of ``compare.json``.
         folder: of its files.
     """
@@ -45,13 +45,13 @@ class Comparison:
     folder: Path
 
     def __repr__(self) -> str:
-        """Return what it is in a line."""
+        """Return a one-line description."""
         size = f"{len(self.figures)} policies"
         return f"<comparison of {self.scenario.name!r}: {size}, in {self.folder}>"
 
     @property
     def policies(self) -> pa.Table:
-        """A row a policy: mean makespan, wait and planning time, and spreads over the seeds."""
+        """Table with one row per policy: means and spreads of makespan, wait and planning time over seeds."""
         import pyarrow as pa
 
         rows = self.figures.items()
@@ -112,7 +112,7 @@ def compare(
             APEX-MR paper, in place of the scenario's durations.
         out: folder for ``compare.json`` and ``compare.png``; by default
             ``logs/<scenario>-<UTC time>``.
-        progress: told how far each stage has come.
+        progress: receives the progress of each stage.
 
     Raises:
         OutputError: the folder cannot be written to.

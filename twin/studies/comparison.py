@@ -1,7 +1,7 @@
 """Comparison of policies: a study with one plan and one replication for each seed (APEX-MR V-A, Figs. 7 and 8).
 
-All policies of a seed share assignment, smoothed paths and drawn skill durations. Beside each makespan stand
-two lower bounds: straight transits without waiting, and the longest path through the tasks.
+All policies of a seed share assignment, smoothed paths and drawn skill durations. Each makespan comes
+with two lower bounds: straight transits without waiting, and the longest path through the tasks.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def measure_policies(
     base: Path = Path(),
     policies: Sequence[str] = COMPARED,
 ) -> dict[str, Measurement]:
-    """Execute the plans that policies make of the same motions, with the same draws.
+    """Execute the plans of all policies from the same motions, with the same draws.
 
     Args:
         turns: motions, one task after another.
@@ -225,8 +225,8 @@ def straight_line_ratio(
 ) -> float:
     """Return the makespan of a baseline over its makespan with straight transits.
 
-    Robots wait for each other as before: one task after another in a sequential run, until the end
-    of each slot in a synchronous one. A ratio near 1 says that the baseline is not slow by detours.
+    Waits are kept: one task after another in a sequential run, until the end of each slot in a
+        synchronous one. A ratio near 1 shows that detours do not slow the baseline.
 
     Args:
         tpg: executed graph; of a synchronous run, with the slots.

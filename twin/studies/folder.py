@@ -73,15 +73,15 @@ class StudyRequest:
     """Request of a study: all of its options.
 
     Attributes:
-        scenario: what is studied.
+        scenario: the studied scenario.
         base: where relative paths of the scenario start.
         experiment: policies, varied inputs, replications.
         candidates: shortcuts tried, where a policy takes them.
         deadline_s: ask how likely the run is over by then [s], None not to.
         sobol_points: of the sample for Sobol indices, 0 for none.
         plan: folder of the run whose plan is studied; empty where it was planned for the study.
-        refused: layouts that were asked for and cannot be planned.
-        operated: whether what fails is planned anew.
+        refused: requested layouts that cannot be planned.
+        operated: whether replications replan after failures.
 
     Raises:
         RequestError: the deadline is no positive time, or the points are no power of 2.
@@ -119,7 +119,7 @@ def check_points(points: int) -> None:
 def write_request(
     folder: Path, request: StudyRequest, cell: Workcell, plans: Mapping[str, str]
 ) -> None:
-    """Write ``manifest.json``: what is needed to understand, go on with and repeat the study."""
+    """Write ``manifest.json``: the data needed to understand, resume and repeat the study."""
     study = {
         "experiment": asdict(request.experiment),
         "shortcut_candidates": request.candidates,
@@ -163,7 +163,7 @@ def read_request(folder: Path) -> StudyRequest:
 
 
 def require_same_plans(folder: Path, hashes: Mapping[str, str]) -> None:
-    """Refuse plans that are not those with which a study began.
+    """Refuse plans that differ from those of the study's start.
 
     Raises:
         OutputError: a plan has changed; the message names it.
@@ -197,7 +197,7 @@ def require_no_study(folder: Path | None, scenario: Scenario) -> None:
     """Refuse a folder that holds a study already.
 
     Raises:
-        RequestError: it does; says how to go on with it.
+        RequestError: it does; names how to resume it.
         OutputError: it holds something else.
     """
     if folder is not None and (folder / MANIFEST).exists():
@@ -209,7 +209,7 @@ def require_no_study(folder: Path | None, scenario: Scenario) -> None:
 
 
 def write_replications(path: Path, experiment: Experiment, blocks: Path) -> None:
-    """Write one row a replication, cell by cell, from the files of blocks.
+    """Write one row per replication, cell by cell, from the files of blocks.
 
     Only as many rows as make a row group are in memory at once.
     """
@@ -237,7 +237,7 @@ def _groups(experiment: Experiment, blocks: Path) -> Iterator[pa.Table]:
 
 
 def cell_table(policy: str, variant: Variant, columns: Mapping[str, Any]) -> pa.Table:
-    """Return columns of a cell behind those that name the cell."""
+    """Return columns of a cell after those that identify the cell."""
     count = len(next(iter(columns.values())))
     names = {"policy": pa.array([policy] * count, pa.string())}
     names |= {key: pa.array([plain_value(v)] * count) for key, v in variant.items()}
@@ -258,7 +258,7 @@ def write_cells(
 
 
 def task_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
-    """Return a row a task: how often it was critical, its slack, when it starts and ends."""
+    """Return columns with one row per task: frequency of being critical, slack, start and end."""
     groups = task_groups(load.tpg)
     tasks = [load.tpg.tasks[index] for index in groups.task.tolist()]
     columns: dict[str, Any] = {
@@ -278,7 +278,7 @@ def task_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
 
 
 def edge_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
-    """Return a row a type-2 edge: which tasks it joins, why, and how often it was critical."""
+    """Return columns with one row per type-2 edge: tasks, cause, frequency of being critical."""
     tpg, model = load.tpg, load.execution
     if not load.reasons:
         tpg = contract_for_bulk(tpg, model).tpg
@@ -294,5 +294,5 @@ def edge_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
 
 
 def plain_value(value: Any) -> Any:
-    """Return a value that a column or an axis can hold: what is no number or word as JSON."""
+    """Return a value for a column or an axis: anything but numbers and strings as JSON."""
     return value if isinstance(value, int | float | str) else json.dumps(value)

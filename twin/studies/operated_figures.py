@@ -1,4 +1,4 @@
-"""What failures cost where they are planned anew, and which of them is worth preventing first."""
+"""Cost of failures with replanning, and gains of preventing them."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from twin.studies.sensitivity import scenarios_without_failures
 
 
 class PreventedFailure(Figures):
-    """What would be gained if a skill never failed, with the same draws.
+    """Gain if a skill never failed, with the same draws.
 
     Attributes:
         skill: which.
         part: the failures that it has with a part; empty for all of the skill.
         completed: share of replications that complete then.
         completed_more: by how much that share is greater.
-        sooner_s: by how much the makespan is shorter in replications that complete either way, None where
+        sooner_s: reduction of the makespan in replications that complete in both cases, None where
             there are none [s].
     """
 
@@ -46,23 +46,23 @@ class PreventedFailure(Figures):
 
     @property
     def name(self) -> str:
-        """The failures, in words."""
+        """Name of the failures."""
         return f"{self.skill} of {self.part}" if self.part else self.skill
 
 
 class OperatedSummary(Figures):
-    """Figures of a cell in which what fails is planned anew; the makespan is that of what completes.
+    """Figures of a cell with replanning; makespans are of completed replications.
 
     Attributes:
         completed: share of replications in which all steps were done.
-        gave_up: share of those in which steps were given up.
-        given_up: in how many replications each step was given up, by its number; of those that were.
+        gave_up: share of replications with abandoned steps.
+        given_up: number of replications in which each step was abandoned, by step, if any.
         versions: mean number of new plans that took over.
-        recoveries: mean number of failures for good, by what was done about them.
-        regret_s: mean of what a plan that knew what would be lost would have taken less, None where nobody
-            knows [s].
+        recoveries: mean number of failures for good, by kind of recovery.
+        regret_s: mean excess over the plan with hindsight, None if
+            unknown [s].
         regret_replanned_s: the same of replications in which new plans took over [s].
-        prevented: what prevention would gain, the best first.
+        prevented: gains of prevention, the best first.
     """
 
     completed: SummaryEntry
@@ -77,7 +77,7 @@ class OperatedSummary(Figures):
 
 @dataclass(frozen=True)
 class Prevention:
-    """The work of a cell in which something does not fail.
+    """Workload of a cell in which some skill does not fail.
 
     Attributes:
         cell: index of the cell.
@@ -92,13 +92,13 @@ class Prevention:
 
 
 def find_preventions(loads: Sequence[Workload], blocks: Path) -> Iterator[Prevention]:
-    """Yield what might be prevented in cells that are operated.
+    """Yield possible preventions in operated cells.
 
     Draws have names, so a replication in which a skill does not fail is the same where it cannot.
 
     Args:
         loads: the work of all cells.
-        blocks: folder of what came of them.
+        blocks: folder of their results.
     """
     for cell, load in enumerate(loads):
         if load.operated is None:
@@ -129,10 +129,10 @@ def operated_summary(
     """Return the figures of a cell.
 
     Args:
-        experiment: what was run.
-        blocks: folder of what came of it.
+        experiment: the design of the study.
+        blocks: folder of its results.
         cell: index of the cell.
-        prevented: what was prevented in it, each with the makespans; see ``prevented_makespans_s``.
+        prevented: preventions in it, each with makespans; see ``prevented_makespans_s``.
     """
     confidence, mirrored = experiment.precision.confidence, experiment.antithetic
     rows = [result.rows for result in cell_blocks(blocks, cell)]
@@ -189,7 +189,7 @@ def operated_summary(
 def prevented_makespans_s(
     blocks: Path, cell: int, prevented: Path, place: int
 ) -> Array:
-    """Return the makespans of a cell in which something does not fail, NaN where it did not complete [s].
+    """Return the makespans of a cell with a prevention, NaN where it did not complete [s].
 
     Args:
         blocks, cell: folder of what came of the cell itself, and its index.

@@ -58,7 +58,7 @@ LAYOUTS = "layouts planned"
 
 
 def default_policies(scenario: Scenario) -> tuple[str, ...]:
-    """Return the policies that a study has by default: that of a run, and what it is compared with."""
+    """Return the default policies of a study: that of a run, and its baselines."""
     if scenario.planning.coordination == "synchronous":
         plan = SLOTS_SHORTENED if planned_shortcuts(scenario) else IN_SLOTS
     else:
@@ -70,7 +70,7 @@ def default_policies(scenario: Scenario) -> tuple[str, ...]:
 
 
 def with_baselines(policy: str) -> tuple[str, ...]:
-    """Return a policy behind those that it is compared with by default.
+    """Return a policy after its default baselines.
 
     That is one task at a time; one with shortcuts is compared with the same motions without them, too.
     """
@@ -100,14 +100,14 @@ def study_plans(
     candidates: int,
     progress: Report,
 ) -> Plans:
-    """Return the plans that some policies need, all of the same motions.
+    """Return the plans that policies need, all from the same motions.
 
     Args:
         scenario: a checked scenario.
         base: where relative paths in it start.
         policies: names of twin.runs.policies.
         candidates: shortcuts tried, where a policy takes them.
-        progress: told how far each stage has come.
+        progress: receives the progress of each stage.
 
     Raises:
         TwinError: the scenario cannot be planned; see plan_scenario.
@@ -132,7 +132,7 @@ def study_plans(
 
 
 def given_plans(given: PlanResult, policies: tuple[str, ...]) -> Plans:
-    """Return the plans that some policies need, of those that a run left.
+    """Return the plans that policies need, from those of a run.
 
     Raises:
         RequestError: a policy needs another plan; names those that do not.
@@ -153,15 +153,15 @@ def given_plans(given: PlanResult, policies: tuple[str, ...]) -> Plans:
 
 
 def operated_policies(given: PlanResult) -> tuple[str, ...]:
-    """Return the policies under which what fails of a plan can be planned anew."""
+    """Return the policies under which a plan can be replanned."""
     could = possible_policies(given)
     return tuple(p for p in could if NAMED_POLICIES[p].release == "asynchronous")
 
 
 def possible_policies(given: PlanResult) -> tuple[str, ...]:
-    """Return the policies that a plan left by a run can be studied under."""
+    """Return the policies under which a run's plan can be studied."""
     there = _plans_of(given)
-    # What is left of the plan in turns beside one in slots is its tasks, not what waits for what.
+    # The sequential plan kept next to one in slots has tasks, but no type-2 edges.
     bare = {IN_TURNS} if given.name in (IN_SLOTS, SLOTS_SHORTENED) else set()
     return tuple(
         name
@@ -215,11 +215,11 @@ def workloads(
     """Return the work of every cell of an experiment.
 
     Args:
-        scenario: what is studied.
+        scenario: the studied scenario.
         base: where relative paths of the scenario start.
         plans: of all layouts.
         experiment: policies and varied inputs.
-        motions: what the plans were made of, where what fails is planned anew.
+        motions: base motions of the plans, with replanning.
 
     Raises:
         ScenarioError: a varied input does not fit the scenario.
@@ -270,7 +270,7 @@ def workload(
 
     Args:
         plan: with its paths.
-        model: how it is executed, and what varies.
+        model: execution model, with disturbances.
         seed: names the draws.
         graph: its timing graph, where that is there already.
     """
@@ -289,7 +289,7 @@ def distinct(variants: Iterable[Variant]) -> list[Variant]:
 def plans_of_layouts(
     request: StudyRequest, progress: Report
 ) -> tuple[StudyRequest, Plans]:
-    """Plan every layout of a study; those that have no plan are left out, with the reason.
+    """Plan every layout of a study; return infeasible ones separately with the reason.
 
     Where nothing is varied that a plan depends on there is one layout, and it must have a plan.
 
@@ -334,7 +334,7 @@ def words(layout: Variant) -> str:
 
 
 def _planned(request: StudyRequest, layout: Variant, progress: Report) -> Plans:
-    """Plan one layout for every policy; what the check of its cell finds is an error."""
+    """Plan one layout for every policy; problems of its cell raise an error."""
     scenario = apply_variation(request.scenario, layout)
     if layout:
         for message in _errors(scenario, request.base):
@@ -353,7 +353,7 @@ def _errors(scenario: Scenario, base: Path) -> Iterator[str]:
     for _, message in find_problems(scenario, base):
         yield message
         return
-    # Its places are those of no file: only the messages are told.
+    # Its positions are of no file: only messages are shown.
     text = json.dumps(resolve_scenario(scenario))
     document = parse_document(base / f"{scenario.name}.yaml", text)
     report = check_scenario(scenario, document, base)

@@ -28,7 +28,7 @@ from twin.studies.replications.statistics import (
 )
 
 Due = tuple[tuple[float, ...], int | None]
-"""When each product is due [s], and how many at the beginning do not count."""
+"""Due time of each product [s], and number of start-up products."""
 
 _QUANTILES = (0.5, 0.9, 0.99)
 Flags = npt.NDArray[np.bool_]
@@ -77,7 +77,7 @@ class LineSummary(Figures):
 
 
 def product_times(blocks: Path, cell: int) -> ProductTimes | None:
-    """Return when products began and were complete in all replications of a cell.
+    """Return start and completion times of products in all replications of a cell.
 
     None where there is only one product, or no replication completed.
     """
@@ -86,7 +86,7 @@ def product_times(blocks: Path, cell: int) -> ProductTimes | None:
 
 
 def product_columns(times: ProductTimes, due_s: Sequence[float] = ()) -> dict[str, Any]:
-    """Return a row a product: when it is complete, and how likely after it is due."""
+    """Return columns with one row per product: completion time, probability of lateness."""
     begin = times.product_begin_ns / NANOSECONDS
     end = times.product_end_ns / NANOSECONDS
     count = len(end)
@@ -165,7 +165,7 @@ class WindowFigures(Figures):
         passed_s: mean time that passes [s].
         passed_p95_s: its percentile [s].
         broken: share of the replications in which it is broken; None where that cannot be.
-        broken_free: the same where nothing is held back, None where nothing is anyway.
+        broken_free: the same without holding back, None where the plan has none.
     """
 
     window: str
@@ -182,8 +182,8 @@ class WindowsSummary(Figures):
 
     Attributes:
         windows: each of them.
-        hold: the probability with which they are to be kept, 0 where nothing is held back.
-        holding_s: by how much the makespan is longer than where nothing is held back, replication by
+        hold: required probability of keeping them, 0 without holding back.
+        holding_s: increase of the makespan by holding back, replication by
             replication; None where nothing is [s].
     """
 
@@ -202,9 +202,9 @@ def windows_summary(
     """Return the figures of a cell, None where no replication completed.
 
     Args:
-        tpg: what was executed.
-        hold: with which probability windows were to be kept.
-        times: what passed in them.
+        tpg: the executed plan.
+        hold: required probability of keeping windows.
+        times: elapsed times in them.
         makespans_s: of all replications, NaN where one did not complete, shape (r,) [s].
         confidence: of the intervals.
     """
@@ -248,6 +248,6 @@ def windows_summary(
 
 
 def _late(tpg: TemporalPlanGraph, gaps: Nanoseconds) -> Flags:
-    """Return which windows are broken in which replications, shape (windows, r)."""
+    """Return whether windows are exceeded, shape (windows, r)."""
     most = [np.inf if w.most is None else w.most * NANOSECONDS for w in tpg.windows]
     return np.asarray(gaps > np.array(most)[:, None])

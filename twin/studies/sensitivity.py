@@ -53,7 +53,7 @@ class Influence(Figures):
     """Effect of an input on the mean makespan.
 
     Attributes:
-        name: of the input, in words.
+        name: name of the input.
         less_s: change of the mean makespan when the input is smaller, with the same draws [s].
         more_s: the same when it is larger [s].
     """
@@ -72,9 +72,9 @@ class SobolIndex(Figures):
     """The share of an input in the variance of the mean makespan.
 
     Attributes:
-        name: of the input, in words.
-        first: what varying it alone explains.
-        total: what varying it explains alone and together with others.
+        name: name of the input.
+        first: first-order index: share explained by the input alone.
+        total: total index: share explained alone and with others.
     """
 
     name: str
@@ -83,10 +83,10 @@ class SobolIndex(Figures):
 
 
 def study_inputs(load: Workload) -> Mapping[str, Scaled]:
-    """Return the inputs of a plan that vary or that might be different, by names in words.
+    """Return the uncertain inputs of a plan, by name.
 
-    They are the durations of each skill in it, what tools take to close and to open, the durations of
-    each robot's other motions, and the rate of stalls where there is one.
+    They are the durations of skills, tool actuations and each robot's other motions, and the rate of
+    stalls.
     """
     kinds = {load.tpg.tasks[int(m)].kind for c in load.tpg.chains for m in set(c.task)}
     found: dict[str, Scaled] = {
@@ -137,7 +137,7 @@ def input_influences(
 
     inputs = study_inputs(load)
     trials = [(s, 1.0 + sign * SHARE) for s in inputs.values() for sign in (-1, 1)]
-    # Only compiled code lets others go on.
+    # Only compiled code releases the interpreter lock.
     changes = (
         list(map(change, trials)) if load.reasons else map_in_parallel(change, trials)
     )
@@ -167,7 +167,7 @@ def sobol_indices(
             points x (inputs + 2) combinations.
         seed: of the scrambling of the sample, and of the bootstrap.
         confidence: of the intervals.
-        progress: told of combinations done and in all.
+        progress: receives combinations done and in all.
     """
     inputs = study_inputs(load)
     block, count = Block(0, 0, _SOBOL), len(inputs)
@@ -237,7 +237,7 @@ def makespans_s(load: Workload, block: Block) -> Array:
 
 
 def scenarios_without_failures(load: Workload) -> Iterator[tuple[str, str, Workload]]:
-    """Yield skills that may fail, each with a part or with none for all, and the work in which they do not."""
+    """Yield skills that may fail (for one part or all), with the workload in which they do not."""
     kinds = {load.tpg.tasks[int(m)].kind for c in load.tpg.chains for m in set(c.task)}
     for skill, item in load.execution.disturbances.failures.items():
         if skill not in kinds:
@@ -248,7 +248,7 @@ def scenarios_without_failures(load: Workload) -> Iterator[tuple[str, str, Workl
 
 
 def _executed(load: Workload, **changes: Any) -> Workload:
-    """Return the work with other fields of how it is executed."""
+    """Return the workload with changed fields of its execution model."""
     return replace(load, execution=replace(load.execution, **changes))
 
 

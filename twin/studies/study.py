@@ -93,10 +93,10 @@ class StudyResult:
 
     Attributes:
         folder: of its files.
-        request: what was asked.
+        request: the request.
         summary: its figures.
         loads: the work of its cells.
-        gains: what is worth fixing, by cell.
+        gains: gains of interventions, by cell.
         raised_skills: skills of replication 0 that were drawn shorter than joints' speed limits
             allow and took what these allow, in the cell that has most of them.
     """
@@ -117,22 +117,22 @@ def start_study(
     plans: Plans | None = None,
     motions: PlannedMotions | None = None,
 ) -> StudyResult:
-    """Plan what is to be studied, and run the study into a folder.
+    """Plan a scenario and run its study into a folder.
 
     Args:
-        request: what is asked.
+        request: the request.
         folder: of the study, which exists and is empty.
-        open_executor: gives who computes.
-        progress: told how far each stage has come.
-        plans: what is studied, where it is there already.
-        motions: what these were made of, where what fails is planned anew.
+        open_executor: opens an executor.
+        progress: receives the progress of each stage.
+        plans: the studied plans, where they exist already.
+        motions: their base motions, with replanning.
 
     Raises:
         ScenarioError: a varied input does not fit the scenario.
         RequestError: the scenario cannot be planned, or the deadline is not possible.
     """
     experiment, scenario = request.experiment, request.scenario
-    # Refuses what does not fit before the time that planning takes is spent.
+    # Refuses misfits before the time for planning is spent.
     case = LoadedScenario(scenario, request.base)
     executions = [
         {key: variant[key] for key in variant if is_of_execution(key)}
@@ -160,7 +160,7 @@ def resume_study(
 ) -> StudyResult:
     """Resume an interrupted study; nothing is computed twice.
 
-    What others can be made from is not kept: where what fails is planned anew, the plans are made again.
+    The data for replanning is not saved: with replanning, the plans are made again.
 
     Raises:
         OutputError: the folder is not one of a study that got as far as its plans.
@@ -262,7 +262,7 @@ def _operated(
     loads: Sequence[Workload],
     prevented: Sequence[Prevention],
 ) -> dict[int, OperatedSummary]:
-    """Return what failures cost in each cell in which they are planned anew."""
+    """Return the cost of failures in each cell with replanning."""
     blocks, found = folder / BLOCKS, {}
     for cell, load in enumerate(loads):
         if load.operated is not None:
@@ -276,7 +276,7 @@ def _operated(
 
 
 def _write_products(request: StudyRequest, folder: Path) -> None:
-    """Write what is found of products, where there are several."""
+    """Write the tables of products, where there are several."""
     columns: list[dict[str, Any] | None] = []
     for cell, (_, variant) in enumerate(request.experiment.cells):
         times = product_times(folder / BLOCKS, cell)
@@ -288,7 +288,7 @@ def _write_products(request: StudyRequest, folder: Path) -> None:
 
 
 def _require_fitting(scenario: Scenario, base: Path) -> None:
-    """Refuse a variant whose robots or files of measured times are not there."""
+    """Refuse a variant with unknown robots or missing files of measured durations."""
     skill_durations(scenario, base)
     names = tuple(robot.name for robot in scenario.cell.robots)
     scenario.execution.disturbances(names, base)
@@ -301,7 +301,7 @@ def _audits(
     loads: Sequence[Workload],
     progress: Report,
 ) -> dict[int, list[int]]:
-    """Return the collisions in audited replications of each cell that is open-loop, or off."""
+    """Return the collisions in audited replications of open-loop cells and cells with pose errors."""
     drawn: dict[int, Workload] = {}
     for cell, (policy, variant) in enumerate(experiment.cells):
         tpg = plans[plan_key(variant, NAMED_POLICIES[policy].plan)]
@@ -325,7 +325,7 @@ def _audits(
 
 
 def _drawn_off(load: Workload) -> str:
-    """Return in words what may be elsewhere than the plan has it: bases, or tools in skills."""
+    """Return a description of pose errors: of bases, or of tools in skills."""
     disturbances, cell = load.execution.disturbances, load.tpg.cell
     what = {
         "bases": any(disturbances.base_error_of(robot) for robot in cell.robots),
@@ -337,11 +337,11 @@ def _drawn_off(load: Workload) -> str:
 def _audit_cell(
     load: Workload, folder: Path, count: int, engine: Engine
 ) -> Iterator[int]:
-    """Yield how many collisions the audit finds in each of the first replications.
+    """Yield the number of collisions in each of the first replications.
 
-    Where bases or skills may be off, each replication has its own, and contacts alone are looked at.
-    What was found is kept, one small file a replication, so an interrupted study goes on.
-    Replications that come to no end are left out. The work has the geometry of its plan.
+    Base and skill errors differ between replications, and only contacts are checked then. Findings are
+    saved in one small file per replication, so that an interrupted study can be resumed. Incomplete
+    replications are skipped. The workload has the geometry of its plan.
     """
     folder.mkdir(parents=True, exist_ok=True)
     simulator = Simulator(with_window_holds(load.tpg, load.execution), load.execution)
@@ -386,7 +386,7 @@ def _audit_cell(
 
 
 def _violations(path: Path) -> int:
-    """Return how many collisions the audit of a replication found before."""
+    """Return the saved number of collisions of a replication."""
     found = read_object(path, "audit of a study").get("violations")
     if type(found) is not int or found < 0:
         raise OutputError(f"{path}: violations must be a whole number")

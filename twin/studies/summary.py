@@ -1,4 +1,4 @@
-"""Figures of a study, as ``summary.json`` has them: what every cell took, and who is quicker."""
+"""Figures of a study for ``summary.json``: makespans of cells, and differences."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ from twin.trial.header import stall_warnings
 from twin.uncertainty.speed_override import unreached_speeds
 
 QUANTILES = (50, 90, 95, 99)
-"""Percentiles of the makespan that are told."""
+"""Reported percentiles of the makespan."""
 
 
 class CellSummary(Figures):
@@ -63,12 +63,12 @@ class CellSummary(Figures):
 
     Attributes:
         policy: name of twin.runs.policies.
-        variant: values of what is varied.
+        variant: values of the varied keys.
         replications: how many there are.
         outcomes: how many ended how.
         not_completed: share of those that did not complete.
         errors: replications that raised.
-        makespan_s: its mean [s]; like what follows not there where none completed.
+        makespan_s: its mean [s]; like the following ones missing where none completed.
         makespan_sd_s: its standard deviation, None where there is one replication [s].
         makespan_p50_s, makespan_p90_s, makespan_p95_s, makespan_p99_s: its percentiles [s].
         in_time: share of those that complete before the deadline, where there is one.
@@ -77,13 +77,13 @@ class CellSummary(Figures):
         engine: ``bulk`` or ``events``.
         event_engine_because: why only the event engine could execute it.
         collided: share of audited replications that collided, where some were audited.
-        audit_engine: what found that, with its version.
-        line: what it achieves where it makes several products.
-        windows: how windows of time are kept, where there are any.
-        operated: what failures cost, where they are planned anew.
+        audit_engine: collision engine, with its version.
+        line: line figures, for several products.
+        windows: figures of time windows, where there are any.
+        operated: cost of failures, with replanning.
         tornado: effects of single inputs on the mean makespan, the strongest first.
-        sobol: Sobol indices of the inputs, where they are asked for; of one cell.
-        gains: the greatest gains of one thing each, and of many at once, as in ``gains.json``.
+        sobol: Sobol indices of the inputs, if requested; of one cell.
+        gains: the greatest gains of single and joint interventions, as in ``gains.json``.
     """
 
     policy: str
@@ -119,7 +119,7 @@ class CellSummary(Figures):
 
     @property
     def collisions(self) -> str:
-        """How many audited replications collided, in words; empty where none was audited."""
+        """Text on collisions in audited replications; empty where none was audited."""
         if self.collided is None:
             return ""
         count = self.collided.count
@@ -135,7 +135,7 @@ class Difference(Figures):
 
     Attributes:
         policy, reference: which.
-        variant: values of what is varied.
+        variant: values of the varied keys.
         makespan_s: by how much the makespan of the policy is longer [s].
         relative: the same over the mean makespan of the reference.
     """
@@ -148,12 +148,12 @@ class Difference(Figures):
 
 
 class RankedLayout(Figures):
-    """A layout in its place among those under the same policy and with the same other inputs.
+    """A layout's rank among those with the same policy and other inputs.
 
     Attributes:
         rank: its place, from 1.
         policy: under which.
-        variant, layout: values of all that is varied, and of what its plan depends on.
+        variant, layout: values of all varied keys, and of those its plan depends on.
         cell: index of the cell.
         mean_s: its mean makespan [s].
         behind_s: by how much it is slower than the quickest; None for that one, and where no
@@ -170,12 +170,12 @@ class RankedLayout(Figures):
 
     @property
     def told_apart(self) -> bool:
-        """Whether it is slower than the quickest beyond doubt."""
+        """Whether it is significantly slower than the fastest."""
         return self.behind_s is not None and self.behind_s.low > 0.0
 
     @property
     def behind(self) -> str:
-        """By how much it is behind the quickest, in words."""
+        """Text on the difference to the fastest."""
         if self.rank == 1:
             return "quickest"
         if self.behind_s is None:
@@ -189,15 +189,15 @@ class StudySummary(Figures):
     """All figures of a study.
 
     Attributes:
-        scenario: name of what was studied.
+        scenario: name of the scenario.
         confidence: of all intervals.
-        deadline_s: asked for, None where none was [s].
+        deadline_s: requested deadline, None without one [s].
         antithetic: whether replications are mirrored pairs.
         cells: of every policy with every variant.
         differences: of policies against each other.
         ranking: of the layouts under every policy, the quickest first; empty where there is only one.
         refused: layouts that cannot be planned.
-        warnings: what is doubtful.
+        warnings: warnings about the study.
     """
 
     scenario: str
@@ -225,11 +225,11 @@ def summarise_study(
     """Return the figures of a study.
 
     Args:
-        request: what was asked.
+        request: the request.
         blocks: folder of the block files.
         loads: the work of its cells.
         audits: collisions found in each audited replication, by cell.
-        operated: what failures cost where they are planned anew, by cell.
+        operated: cost of failures with replanning, by cell.
     """
     experiment, confidence = request.experiment, request.experiment.precision.confidence
     cells: list[CellSummary] = []
@@ -284,7 +284,7 @@ def cell_label(policy: str, variant: Variant) -> str:
 def _figures(
     request: StudyRequest, blocks: Path, cell: int, sample: Array
 ) -> dict[str, Any]:
-    """Return what is known of a cell from its replications, by fields of CellSummary."""
+    """Return the figures of a cell's replications, by fields of CellSummary."""
     experiment = request.experiment
     confidence = experiment.precision.confidence
     busy, waited, ends = [], [], []
@@ -336,7 +336,7 @@ def _figures(
 
 
 def _collided(experiment: Experiment, found: Sequence[int]) -> dict[str, Any]:
-    """Return what the audit found, by fields of CellSummary."""
+    """Return the audit's findings, by fields of CellSummary."""
     hit = sum(count > 0 for count in found)
     confidence = experiment.precision.confidence
     return {
@@ -353,7 +353,7 @@ def policy_differences(
     Each is compared with the first one, and one with shortcuts with the best of those without, too.
 
     Args:
-        experiment: what was run.
+        experiment: the design of the study.
         samples: makespans of each cell, NaN where it did not complete [s].
     """
     confidence = experiment.precision.confidence
@@ -378,7 +378,7 @@ def policy_differences(
 
 
 def _best_plain(experiment: Experiment, samples: Sequence[Array], cell: int) -> int:
-    """Return the quickest cell without shortcuts beside one with them; else the first one."""
+    """Return the fastest cell without shortcuts next to one with them; else the first one."""
     begin = cell - cell % len(experiment.policies)
     if experiment.cells[cell][0] in PLAIN_POLICIES:
         return begin
@@ -393,14 +393,14 @@ def _best_plain(experiment: Experiment, samples: Sequence[Array], cell: int) -> 
 def rank_layouts(
     experiment: Experiment, samples: Sequence[Array]
 ) -> Iterator[RankedLayout]:
-    """Yield the layouts of every policy, the quickest first; nothing where there is only one.
+    """Yield the layouts of every policy, the fastest first; nothing for a single layout.
 
-    Layouts are compared within one policy and the same values of what is varied besides. The
-    difference of each to the quickest one is taken replication by replication. Its interval is
+    Layouts are compared within one policy and the same other inputs. The difference of each to the
+    fastest is taken replication by replication. Its interval is
     wider than that of a single comparison, so that all of them hold at once (Bonferroni).
 
     Args:
-        experiment: what was run.
+        experiment: the design of the study.
         samples: makespans of each cell, NaN where it did not complete [s].
     """
     if len({json.dumps(layout_of(v)) for v in experiment.variants}) < 2:
@@ -421,7 +421,7 @@ def rank_layouts(
 def _ranked(
     experiment: Experiment, samples: Sequence[Array], cells: Sequence[int]
 ) -> Iterator[RankedLayout]:
-    """Yield the places of the cells that are compared with each other."""
+    """Yield the ranks of cells that are compared with each other."""
     confidence = experiment.precision.confidence
     done = [cell for cell in cells if np.isfinite(samples[cell]).any()]
     done.sort(key=lambda cell: float(np.nanmean(samples[cell])))

@@ -1,4 +1,4 @@
-"""One trial of a plan: execute it, keep what happened, let the audit judge; resume it.
+"""One trial of a plan: execute, record, audit, resume.
 
-Imports engine, recorders, run, audit and scenario.
+Imports engine, recorders, runs, planning and scenario.
 """

@@ -1,4 +1,4 @@
-"""The auditor of a run: code that judges what was executed, and that planning does not use."""
+"""Interface of the audit of a run: checks of the execution by code that planning does not use."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.scenario.sections.scenario import Scenario
 
 
 class RunJudge(Protocol):
-    """Judges what was executed by all that a scenario says of it."""
+    """Checks an executed plan against its scenario."""
 
     def judge(
         self,
@@ -23,15 +23,15 @@ class RunJudge(Protocol):
         finished: bool,
         progress: Report,
     ) -> Mapping[str, Any]:
-        """Return what was found, with the keys of ``audit`` in ``summary.json``.
+        """Return the findings, with the keys of ``audit`` in ``summary.json``.
 
         Args:
-            scenario: says what is to be where, and what holds it.
+            scenario: states where objects belong and what holds them.
             folder: with the plan and the tables of the motion.
             ordered: whether the run had to keep the plan's type-2 edges, as all policies but
                 open-loop do.
             finished: whether the run came to its end, so that all must be in place.
-            progress: told how far the audit has come.
+            progress: receives the progress of the audit.
         """
         ...
 

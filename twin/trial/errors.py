@@ -6,7 +6,7 @@ from planning.errors import TwinError
 
 
 class IncompleteRunError(TwinError):
-    """A run could not write what it promises; what it wrote is not to be relied on."""
+    """A run could not write all of its files; those written are incomplete."""
 
 
 class ResumeError(TwinError):

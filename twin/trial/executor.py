@@ -1,4 +1,4 @@
-"""Executors: who executes the plan of a run, in the simulation or with what a wing adds to it."""
+"""Executors of the plan of a run: in the simulation, or one that a wing adds."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Executed:
     """A plan that was executed.
 
     Attributes:
-        plan: what was executed, with all that was planned meanwhile.
+        plan: the executed plan, revisions included.
         record: when everything happened.
         replanned: whether another plan took over meanwhile.
-        finished: whether everything is where the scenario says.
+        finished: whether every object is at its goal.
         summary: further entries of ``summary.json``.
     """
 
@@ -40,7 +40,7 @@ class Executor(Protocol):
 
     @property
     def entries(self) -> Mapping[str, Any]:
-        """Entries of the header of a run by which its executor is found again."""
+        """Entries of a run's header that identify its executor."""
         ...
 
     def execute(
@@ -53,13 +53,13 @@ class Executor(Protocol):
         """Execute a plan.
 
         Args:
-            plan: what is executed.
+            plan: plan to execute.
             folder: of the run.
-            recorders: told of every event, then closed.
+            recorders: receive every event, then are closed.
             sync: returns once all events so far are on the disk.
 
         Raises:
-            DeadlockError: no robot could go on.
+            DeadlockError: no robot could continue.
         """
         ...
 
@@ -76,10 +76,10 @@ class Executor(Protocol):
     def continued(
         self, plan: PlanResult, folder: Path, log: Sequence[str]
     ) -> Executor | None:
-        """Return who continues a run after the rows of its log; None where it is executed again from its start.
+        """Return an executor that continues a run after its log; None to execute from the start.
 
         Raises:
-            ResumeError: nobody can.
+            ResumeError: the run cannot be continued.
         """
         ...
 
@@ -127,4 +127,4 @@ class SimulatedExecutor:
         return PlanResult(case, plan_of_run(folder), header.plan, folder=folder)
 
     def continued(self, _plan: PlanResult, _folder: Path, _log: Sequence[str]) -> None:
-        """Tell that a run is executed again from its start."""
+        """Return None: a run is executed again from its start."""

@@ -1,4 +1,4 @@
-"""What is known before a run, with what is doubtful about its plan; the figures after it."""
+"""Header of a run with warnings about its plan, and the figures of the finished run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from twin.uncertainty.speed_override import unreached_speeds
 
 
 def stall_warnings(scenario: Scenario, tpg: TemporalPlanGraph) -> tuple[str, ...]:
-    """Return what is said of stalls that are asked for and cannot all happen.
+    """Return warnings about requested stalls that cannot all happen.
 
     A robot or machine stalls at most once a node, so that more stalls than nodes are not executed.
     """
@@ -50,7 +50,7 @@ def stall_warnings(scenario: Scenario, tpg: TemporalPlanGraph) -> tuple[str, ...
 def nominal_window_warnings(
     scenario: Scenario, tpg: TemporalPlanGraph, base: Path
 ) -> tuple[str, ...]:
-    """Return which windows of time a plan does not keep at nominal times, and by how much."""
+    """Return warnings about time windows that a plan exceeds at nominal times."""
     if not any(window.most is not None for window in tpg.windows):
         return ()
     model = scenario_execution(scenario, base)
@@ -64,7 +64,7 @@ def nominal_window_warnings(
 
 
 def _unreached_speeds(plan: PlanResult) -> tuple[str, ...]:
-    """Return which speed factors the limits of robots do not allow; see ``unreached_speeds``."""
+    """Return warnings about speed factors beyond the robots' limits; see ``unreached_speeds``."""
     case = plan.scenario
     disturbances = case.sections.execution.disturbances(case.robots, case.folder)
     return unreached_speeds(plan.tpg, disturbances, case.sections.seed)
@@ -77,12 +77,12 @@ def run_header(
     audit: bool | str = False,
     execution: Mapping[str, Any] = MappingProxyType({}),
 ) -> RunHeader:
-    """Return what is known before a run.
+    """Return the header of a run.
 
     Args:
-        plan: what is to be executed.
+        plan: plan to execute.
         recording: whether recordings are wanted, such as ``run.rrd``.
-        audit: whether the audit is to check what was executed; the name of an engine says with what.
+        audit: whether to audit the run; a name selects the collision engine.
         execution: entries of the executor.
     """
     known = {own.robot: own for own in plan.idle}
@@ -114,7 +114,7 @@ def run_header(
         plan=plan.name,
         turns_sha256=None if plan.turns is None else plan_sha256(plan.turns),
         load_bound_s=plan.load_bound_s,
-        # What is left of the plan in turns beside one in slots does not say what waits for what.
+        # The sequential plan kept next to one in slots has no type-2 edges.
         makespan_asynchronous_s=None
         if plan.turns is None or plan.name != SHORTENED
         else _makespan_s(plan, plan.turns, "asynchronous"),
@@ -125,7 +125,7 @@ def run_header(
 def _makespan_s(
     plan: PlanResult, tpg: TemporalPlanGraph, policy: Policy
 ) -> float | None:
-    """Return the makespan of a plan under a policy [s], None where that comes to no end."""
+    """Return the makespan of a plan under a policy [s], None if it deadlocks."""
     case = plan.scenario
     try:
         baseline = execute(case.sections, tpg, case.folder, policy)
@@ -140,13 +140,13 @@ def run_figures(
     header: RunHeader,
     audit: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Return the figures of a run that has come to its end, with the keys of ``summary.json``.
+    """Return the figures of a finished run, with the keys of ``summary.json``.
 
     Args:
-        plan: what was executed.
+        plan: the executed plan.
         record: how it was executed.
-        header: what was known before.
-        audit: what the audit found, None where there was none.
+        header: header of the run.
+        audit: findings of the audit, None without one.
     """
     scenario = plan.scenario.sections
     due = assembly_kind(scenario.assembly).due()

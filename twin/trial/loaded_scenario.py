@@ -1,4 +1,4 @@
-"""``twin.load``: a scenario that was read and checked, with the file that it is from."""
+"""``twin.load``: a validated scenario with its source file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PathOrName = str | PathLike[str]
 
 @dataclass(frozen=True)
 class LoadedScenario:
-    """A valid scenario, and where it is from.
+    """A valid scenario and its source.
 
     Attributes:
         sections: the content: cell, assembly, planning, execution.
@@ -41,10 +41,10 @@ class LoadedScenario:
 
     @cached_property
     def document(self) -> YamlDocument:
-        """The text, for places in messages; that of its content where it is in no file."""
+        """Source text for positions in messages; rendered from the content if there is no file."""
         if self.written is not None:
             return self.written
-        # JSON is YAML, too: what is found in it has the place of its key.
+        # JSON is YAML, too: findings have the position of their key.
         text = json.dumps(resolve_scenario(self.sections), indent=2)
         return parse_document(self.folder / f"{self.name}.yaml", text)
 
@@ -67,7 +67,7 @@ class LoadedScenario:
 
     @checks_arguments
     def varied(self, values: Mapping[str, Any]) -> LoadedScenario:
-        """Return the scenario with other values at some keys.
+        """Return the scenario with the values of some keys replaced.
 
         Args:
             values: by key: a dotted path from the top, such as
@@ -94,7 +94,7 @@ class LoadedScenario:
         return resolve_scenario(self.sections)
 
     def __repr__(self) -> str:
-        """Return what it is in a line; ``resolved`` has all of it."""
+        """Return a one-line description; ``resolved`` has the whole content."""
         from twin.scenario.sections.kind import assembly_kind
 
         kind = assembly_kind(self.sections.assembly)

@@ -1,4 +1,4 @@
-"""A plan of a scenario: the same class whether it was made just now or read from a folder."""
+"""A plan of a scenario, new or read from a folder."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ class PlanResult:
     """A plan: the temporal plan graph of a scenario.
 
     Attributes:
-        scenario: what is planned.
-        tpg: the temporal plan graph: nodes of all robots, and what waits for what.
+        scenario: the planned scenario.
+        tpg: the temporal plan graph: nodes of all robots and edges between them.
         name: which plan it is, such as ``in turns`` or ``shortened``.
         turns: the sequential plan of the same motions, where the plan is made in slots or
             shortened; None where ``tpg`` has the same nodes.
         planning_s: wall-clock seconds of each stage of planning; empty for a plan that was read.
-        load_bound_s: a makespan at nominal durations that no choice of who does what can beat
+        load_bound_s: lower bound of the makespan at nominal durations over all assignments
             [s], None where that was not worked out.
-        warnings: what the check of the cell found doubtful.
-        fits: how parts fit where they are put, step by step, as the check found it.
+        warnings: warnings of the check of the cell.
+        fits: clearances of parts at their places by step, from the check.
         idle: robots that get no task, and why; empty for a plan that was read from a folder without a manifest.
-        made_of: the motions before robots may move at once; None for a plan that was read.
+        made_of: the sequential motions; None for a plan that was read.
         folder: of the run that it was read from; None where it was planned.
     """
 
@@ -60,7 +60,7 @@ class PlanResult:
 
     @property
     def motions(self) -> PlannedMotions:
-        """Who does what and how everyone moves, before robots may move at once."""
+        """Assignment and motions before coordination, one task after another."""
         if self.made_of is None:
             raise RequestError("a plan that was read does not say how it was planned")
         return self.made_of
@@ -72,7 +72,7 @@ class PlanResult:
 
     @property
     def tasks(self) -> pa.Table:
-        """A row a task: its number, robot, kind, step, object and label."""
+        """Table with one row per task: number, robot, kind, step, object and label."""
         import pyarrow as pa
 
         tasks = self.tpg.tasks
@@ -98,7 +98,7 @@ class PlanResult:
         return place
 
     def __repr__(self) -> str:
-        """Return what it is in a line."""
+        """Return a one-line description."""
         nodes = sum(map(len, self.tpg.chains))
         size = f"{len(self.tpg.tasks)} tasks, {nodes} nodes, {self.makespan_s:.2f} s"
         return f"<plan of {self.scenario.name!r}, {self.name}: {size}>"
@@ -120,7 +120,7 @@ class PlanResult:
 
 
 def given_plan(scenario: LoadedScenario, tpg: TemporalPlanGraph) -> PlanResult:
-    """Return a graph as a plan of a scenario of which nothing else is known."""
+    """Return a graph as a plan of a scenario, without further data."""
     return PlanResult(scenario, tpg, IN_SLOTS if len(tpg.slots) else IN_TURNS)
 
 
@@ -167,7 +167,7 @@ def plan_of_run(folder: Path) -> TemporalPlanGraph:
     """Return the plan in the folder of a run, which is that of its manifest and summary.
 
     Args:
-        folder: of the run; in one without a manifest a plan stands for itself.
+        folder: folder of the run; one without a manifest may hold a plan alone.
 
     Raises:
         OutputError: there is no plan, it is damaged, or not the one that was executed.
@@ -198,7 +198,7 @@ class PlanHistory:
 
 
 def plan_history(folder: Path) -> PlanHistory:
-    """Return the plans of the run in a folder, which may still go on; see ``plan_of_run`` for the errors."""
+    """Return the plans of a finished or ongoing run; see ``plan_of_run`` for the errors."""
     if not (folder / FIRST).is_dir():
         return PlanHistory(plan_of_run(folder))
     first, versions = load_plan(folder / FIRST), folder / VERSIONS
@@ -214,13 +214,13 @@ def plan_history(folder: Path) -> PlanHistory:
 
 
 def scenario_of_run(folder: Path) -> LoadedScenario:
-    """Return the scenario that a run was made of, as its manifest has it."""
+    """Return the scenario in the manifest of a run."""
     sections, manifest = read_manifest(folder, "run with a plan")
     return LoadedScenario(sections, manifest_base(folder, manifest))
 
 
 def require_plan_of(plan: PlanResult, scenario: LoadedScenario) -> None:
-    """Refuse what would need another plan than the one there is.
+    """Refuse to continue if the plan belongs to another scenario.
 
     Raises:
         RequestError: cell, assembly or planning of the scenario are not those of the plan.
@@ -234,7 +234,7 @@ def require_plan_of(plan: PlanResult, scenario: LoadedScenario) -> None:
 
 
 def _about(folder: Path) -> dict[str, Any] | None:
-    """Return what a manifest says of its run; None where there is none, or none of a run."""
+    """Return the manifest of a run; None without one."""
     path, what = folder / MANIFEST, "manifest of a run"
     if not path.exists():
         return None

@@ -1,4 +1,4 @@
-"""From a scenario to its plan: its stages one after another, and better choices where it says so."""
+"""Planning of a scenario: all stages in order, with optional improvements."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _NEAR = 0.05
 _NO_SKILLS = {TRANSIT, STRAIGHT, LEAVE_TOOL, TAKE_TOOL, *SUPPLY_KINDS}
 
 LOSES = 0.2
-"""Share of failed attempts that lose what is handled, where only a chance to fail is given; synthetic."""
+"""Share of failed attempts that lose the object, where only a failure rate is given; synthetic."""
 
 
 def plan_scenario(
@@ -81,8 +81,8 @@ def plan_scenario(
     Args:
         scenario: a checked scenario.
         folder: where relative paths in it start, that of its file; known of one that was loaded.
-        progress: told how far each stage has come.
-        motions: what ``plan_motions`` has made of the scenario, where that is there already.
+        progress: receives the progress of each stage.
+        motions: result of ``plan_motions``, where it exists already.
         keep: keep what other plans can be made from: every product is planned by itself, and no more
             than what is wanted, or what the window of the scenario says.
 
@@ -111,7 +111,7 @@ def plan_scenario(
 
 
 def _plan_to_keep(case: LoadedScenario, watch: StageWatch) -> PlanResult:
-    """Return the plan of what is wanted, or of the first steps, with what other plans can be made from."""
+    """Return the plan of the first steps or of all, with the data that replanning needs."""
     sections, window = case.sections, case.sections.execution.window
     first = wanted_steps(sections) if window is None else window.first
     motions = plan_motions(sections, case.folder, watch, whole=True, first=first)
@@ -124,10 +124,10 @@ def _plan_to_keep(case: LoadedScenario, watch: StageWatch) -> PlanResult:
 def with_failures(
     case: LoadedScenario, tpg: TemporalPlanGraph, chance: float
 ) -> LoadedScenario:
-    """Return a scenario in which attempts at every skill of a plan fail with some probability.
+    """Return a scenario where attempts at every skill of a plan fail with a probability.
 
     Args:
-        case: the scenario; what it says of a skill stays.
+        case: the scenario; its own failure rates are kept.
         tpg: the plan.
         chance: that an attempt fails.
     """
@@ -147,7 +147,7 @@ def with_failures(
 def shortest_plan(
     case: LoadedScenario, watch: StageWatch, motions: PlannedMotions | None = None
 ) -> PlanResult:
-    """Return the plan of the products that are planned, by the crew whose plan is shortest.
+    """Return the shortest plan over subsets of robots, for the planned products.
 
     See plan_scenario for the errors, and for motions that are there already.
     """
@@ -164,7 +164,7 @@ def shortest_plan(
 def _shorter(
     plan: PlanResult, motions: PlannedMotions, watch: StageWatch
 ) -> PlanResult:
-    """Return the plan of other motions if it ends sooner, else the one given."""
+    """Return the plan of other motions if its makespan is shorter, else the given one."""
     try:
         other = _coordinated(plan.scenario, motions, watch)
     except PlanInvariantError:  # no reason to go without the plan that holds
@@ -173,7 +173,7 @@ def _shorter(
 
 
 def _repeated(plan: PlanResult, watch: StageWatch) -> PlanResult:
-    """Return the plan of some products for all that there are to be; the stage is products."""
+    """Repeat the plan of the first products for all products; the stage is products."""
     plans = {IN_TURNS: plan.turns or plan.tpg, plan.name: plan.tpg}
     found = repeated_plans(plans, plan.motions.pattern, watch)
     if (tpg := found[plan.name]) is found[IN_TURNS]:
@@ -187,9 +187,9 @@ class CoordinatedPlans:
     What robots do within their limits takes the time that it needs; see ``timed``.
 
     Args:
-        motions: who does what and how everyone moves, one task after another.
+        motions: assignment and motions, one task after another.
         scenario: that they are planned of.
-        watch: returns what measures the stages of a plan, beyond those of the plan that it is made of.
+        watch: returns a stopwatch for the stages that a plan adds to its base plan.
         candidates: shortcuts tried.
         keep_slots: leave the tasks of a plan in slots there when it is shortened.
     """
@@ -252,7 +252,7 @@ def _coordinated(
     watch: StageWatch,
     most: int = MOST_CANDIDATES,
 ) -> PlanResult:
-    """Return planned motions with their graph, ordered and shortened as the scenario says, by so many candidates at most."""
+    """Return motions with their graph, ordered and shortened with a limited number of candidates."""
     scenario, turns = loaded.sections, None
     candidates = min(planned_shortcuts(scenario), most)
     plans = CoordinatedPlans(
@@ -275,9 +275,9 @@ def _coordinated(
 
 
 def chooses_robot_subset(scenario: Scenario) -> bool:
-    """Tell whether robots may be left without work where that shortens the plan.
+    """Return whether robots may be left without work where that shortens the plan.
 
-    It may where a plan is judged by its temporal plan graph, and there are more than two of them.
+    True if plans are compared by their temporal plan graph and there are more than two robots.
     """
     chosen = scenario.kind.chooses_robots
     in_turns = scenario.planning.coordination == "sequential"
@@ -287,10 +287,10 @@ def chooses_robot_subset(scenario: Scenario) -> bool:
 def _motions_of_crews(
     scenario: Scenario, first: PlannedMotions, watch: StageWatch
 ) -> list[PlannedMotions]:
-    """Return the motions of all robots, and of crews of fewer that may end sooner, best rated first.
+    """Return motions of all robots, then of promising subsets of robots, best rated first.
 
-    Where no shortcuts are taken a graph costs little, and those of all crews are compared. Finding
-    who takes part belongs to the assignment.
+    Without shortcuts a graph is cheap, and those of all subsets are compared. The time counts as
+    assignment.
     """
     from scheduling.ordering.plan_rating import PlanRater
     from scheduling.ordering.robot_subsets import rate_robot_subsets
@@ -313,7 +313,7 @@ def _motions_of_crews(
 def _with_plan(
     scenario: Scenario, first: PlannedMotions, plan: RatedPlan
 ) -> PlannedMotions:
-    """Return the motions of a plan that was found from others."""
+    """Return the motions that belong to a plan found by search."""
     found = replace(
         first,
         assembly=plan.work.assembly or first.assembly,

@@ -1,9 +1,8 @@
 """Resuming a run that was killed.
 
-Runs are deterministic: the same scenario, plan and seed give the same events. So a run is resumed
-by running it again from the start, comparing every event with the log as far as that goes, and
-writing what it does not hold yet: the same files, kill or none. What drivers did is continued from
-the log.
+Runs are deterministic: the same scenario, plan and seed give the same events. So a run is resumed by
+executing it again from the start, comparing every event with the log, and writing the missing ones: the
+files equal those of an uninterrupted run. Runs with drivers are continued from the log.
 """
 
 from __future__ import annotations
@@ -41,16 +40,16 @@ from twin.trial.run_result import RunResult
 def resume_run(
     folder: Path, *, base: Path | None = None, progress: Report = report_nothing
 ) -> RunResult:
-    """Resume a simulated run from its log; one that has come to its end is read.
+    """Resume a simulated run from its log; a finished one is only read.
 
     Args:
         folder: of the run; its process must not be alive any more.
         base: where relative paths of the scenario start, where that has changed.
-        progress: told how far each stage has come.
+        progress: receives the progress of each stage.
 
     Raises:
         OutputError: the folder holds no run, or a file is damaged or cannot be written.
-        ResumeError: an event is not what the log says, as after an update of a package.
+        ResumeError: an event differs from the log, as after an update of a package.
     """
     scenario, manifest = read_manifest(folder, "run to resume")
     try:
@@ -98,11 +97,11 @@ def resume_run(
 
 
 def _no_sync() -> None:
-    """Write nothing: the events are written once they agree with the log."""
+    """Do nothing: events are written once they agree with the log."""
 
 
 def _has_ended(log: Sequence[str]) -> bool:
-    """Tell whether the last row of a log is the end of the whole run."""
+    """Return whether the last row of a log ends the whole run."""
     if not log:
         return False
     last = parse_event(log[-1])
@@ -110,7 +109,7 @@ def _has_ended(log: Sequence[str]) -> bool:
 
 
 def _before_interrupt(log: Sequence[str]) -> Sequence[str]:
-    """Return a log without the last rows of a run that the user broke off."""
+    """Return a log without the last rows, which an interrupt by the user wrote."""
     lines = list(log)
     if _has_ended(lines) and parse_event(lines[-1]).code is EventCode.ABORTED:
         lines.pop()

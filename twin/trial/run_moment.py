@@ -1,4 +1,4 @@
-"""A time of a run."""
+"""A moment of a run: its folder and a time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class RunMoment:
     """A time of a run.
 
     Attributes:
-        run: what was executed.
+        run: the run.
         t_s: time since its start [s].
     """
 
@@ -24,7 +24,7 @@ class RunMoment:
 
     @classmethod
     def named(cls, text: str) -> RunMoment:
-        """Return the moment that is called RUN@T: the folder of a run, and seconds.
+        """Parse RUN@T: the folder of a run, and seconds.
 
         Raises:
             RequestError: there is no time in it, or it is not within the run.
@@ -42,7 +42,7 @@ class RunMoment:
         return cls(read_run(folder), t_s)
 
     def __str__(self) -> str:
-        """Return the time as people read it."""
+        """Return the time as text."""
         return f"{self.t_s:g} s"
 
     @property

@@ -1,4 +1,4 @@
-"""One trial of a plan: execute it into a folder, and let the audit judge it."""
+"""One trial of a plan: execute it, write its folder, audit it."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ _SIMULATED = SimulatedExecutor()
 
 
 def write_plan(plan: PlanResult, folder: Path) -> None:
-    """Write a plan with its scenario into a folder that it can be read back from."""
+    """Write a plan with its scenario into a folder."""
     with replace_results(folder):
         _write_begun(plan, folder, run_header(plan))
 
 
 def _write_begun(plan: PlanResult, folder: Path, header: RunHeader) -> None:
-    """Write the manifest, the plan, and what it was made of."""
+    """Write the manifest, the plan and its base motions."""
     case = plan.scenario
     write_manifest(
         folder, case.sections, plan.tpg.cell, case.folder, run=asdict(header)
@@ -75,17 +75,17 @@ def run_plan_to_folder(
     """Execute a plan once and write everything about it into a folder.
 
     Args:
-        plan: what is executed; seed, policy, durations and disturbances are its scenario's.
+        plan: plan to execute; seed, policy, durations and disturbances are its scenario's.
         folder: of the run, made by prepare_run_folder.
         recording: write recordings, such as ``run.rrd``.
-        audit: let the audit check what was executed; the name of an engine says with what.
-        executor: executes the plan. Where it plans anew what fails, the plan in the folder is then all
-            that was executed, and the first one is beside it.
-        progress: told how far each stage has come.
+        audit: whether to audit the run; a name selects the collision engine.
+        executor: executes the plan. If it replans, the folder holds the executed plan and, next to
+            it, the first one.
+        progress: receives the progress of each stage.
 
     Raises:
         IncompleteRunError: a file cannot be written.
-        DeadlockError: no robot could go on.
+        DeadlockError: no robot could continue.
     """
     header = run_header(
         plan, recording=recording, audit=audit, execution=executor.entries
@@ -102,7 +102,7 @@ def run_plan_to_folder(
 
 @contextmanager
 def fail_if_incomplete(folder: Path) -> Iterator[None]:
-    """Turn whatever cannot be written into the failure of a run.
+    """Raise IncompleteRunError for files that cannot be written.
 
     The summary, which is written last, is there only if everything else is.
 
@@ -127,14 +127,14 @@ def conclude(
     progress: Report,
     known: int | None = None,
 ) -> RunResult:
-    """Write everything about a run that has been executed, besides its event log.
+    """Write all files of an executed run except its event log.
 
     Args:
-        done: what was executed.
+        done: the executed plan.
         folder: of the run.
         events: of the run, in order.
-        header: what was known before.
-        progress: told how far each stage has come.
+        header: header of the run.
+        progress: receives the progress of each stage.
         known: number of events that were in the log before the run was resumed; None where it was not.
     """
     progress(SIMULATION, 1, 1)
@@ -143,7 +143,7 @@ def conclude(
     if header.operated:
         header = replace(header, plan_sha256=plan_sha256(tpg))
         if done.replanned:
-            # What the first plan takes otherwise is no measure of what was executed.
+            # The makespan of the first plan is no reference for a revised one.
             header = replace(
                 header, makespan_sequential_s=None, makespan_asynchronous_s=None
             )

@@ -1,4 +1,4 @@
-"""An execution of a plan: the same class whether it was just simulated or read from its folder."""
+"""Result of a run, just simulated or read from its folder."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _MOST_FOLDERS = 8
 
 
 class Resumed(NamedTuple):
-    """How many events of its log happened again when a run was resumed, and how many were missing."""
+    """Numbers of events repeated from the log and added when a run was resumed."""
 
     agreed: int
     added: int
@@ -53,12 +53,12 @@ class Resumed(NamedTuple):
 class RunResult:
     """One execution of a plan, in memory or in a folder; see docs/reference/formats.md.
 
-    What is not in memory is read from the folder when it is first asked for.
+    Data that is not in memory is read from the folder at first access.
 
     Attributes:
         folder: of its files; None for a run that was only simulated.
         record: times of every node; None for a run that was read from its folder.
-        resumed: what was found when it was resumed; None where it was not.
+        resumed: event counts of the resumption; None if it was not resumed.
     """
 
     def __init__(
@@ -70,14 +70,14 @@ class RunResult:
         record: ExecutionRecord | None = None,
         resumed: Resumed | None = None,
     ) -> None:
-        """Keep what is there.
+        """Keep the given data; the rest is read from the folder.
 
         Args:
             folder: of the files.
-            plan: what was executed; None to read it.
+            plan: the executed plan; None to read it.
             history: everything that happened, in order; None to read it.
             record: times of every node.
-            resumed: what was found when the run was resumed.
+            resumed: event counts of the resumption.
         """
         self.folder, self.record, self.resumed = folder, record, resumed
         self._plan = plan
@@ -85,7 +85,7 @@ class RunResult:
 
     @cached_property
     def plan(self) -> PlanResult:
-        """What was executed."""
+        """The executed plan."""
         return self._plan or read_plan(self.files)
 
     @cached_property
@@ -113,7 +113,7 @@ class RunResult:
 
     @cached_property
     def history(self) -> tuple[Event, ...]:
-        """Everything that happened, in order; a line that was not written to its end is left out."""
+        """All events in order, without an incomplete last line."""
         if self._history is not None:
             return self._history
         path = self._as_written(EVENTS)
@@ -139,28 +139,28 @@ class RunResult:
 
     @property
     def outcome(self) -> str:
-        """How it ended: completed, failed or aborted."""
+        """Outcome: completed, failed or aborted."""
         return str(self.summary["outcome"])
 
     @property
     def passed(self) -> bool:
-        """True if it was completed, and no audit in it found anything."""
+        """True if it was completed and its audit, if any, found nothing."""
         audit = self.summary["audit"]
         return self.outcome == "completed" and not (audit and audit["violations"])
 
     @property
     def policy(self) -> str:
-        """Name of the policy: which plan, released how."""
+        """Name of the policy: coordination and release."""
         return str(self.summary["policy"])
 
     @property
     def seed(self) -> int:
-        """Seed of its draws."""
+        """Seed of the random draws."""
         return int(self.summary["seed"])
 
     @property
     def makespan_s(self) -> float:
-        """End of the last node, or when the run was broken off [s]."""
+        """End of the last node, or time of the interrupt [s]."""
         return float(self.summary["makespan_s"])
 
     @property
@@ -170,19 +170,19 @@ class RunResult:
 
     @property
     def wait_s(self) -> Mapping[str, float]:
-        """How long each robot waited [s]."""
+        """Waiting time of each robot [s]."""
         return dict(self.summary["wait_s"])
 
     @property
     def events(self) -> pa.Table:
-        """A row an event: t_s, robot, kind, task, node, object, detail."""
+        """Table of events: t_s, robot, kind, task, node, object, detail."""
         from twin.recorders.run_tables import events_table
 
         return events_table(self.history)
 
     @property
     def activities(self) -> pa.Table:
-        """What each robot did when: robot, state, start_s, end_s, task; waits are rows, too."""
+        """Table of activities and waits: robot, state, start_s, end_s, task."""
         import pyarrow as pa
 
         from twin.runs.activities import robot_activities
@@ -201,7 +201,7 @@ class RunResult:
 
     @property
     def trajectory(self) -> pa.Table:
-        """Where each robot was when: t_s, robot, q_0 ... q_k, node."""
+        """Table of robot configurations: t_s, robot, q_0 ... q_k, node."""
         if self.record is None:
             return self._table(TRAJECTORY)
         from twin.recorders.run_tables import trajectory_table
@@ -212,7 +212,7 @@ class RunResult:
 
     @property
     def objects(self) -> pa.Table:
-        """Where each object was from when on: t_s, object, parent, xyz, quat_wxyz."""
+        """Table of object placements: t_s, object, parent, xyz, quat_wxyz."""
         if self.record is None:
             return self._table(OBJECTS)
         from twin.recorders.run_tables import objects_table
@@ -222,7 +222,7 @@ class RunResult:
 
     @cached_property
     def node_times_ns(self) -> tuple[tuple[Nanoseconds, Nanoseconds], ...]:
-        """Start and end of every node, a pair of arrays a chain; -1 for what did not happen."""
+        """Start and end of every node, a pair of arrays per chain; -1 where it did not happen."""
         times = {
             c.robot: (np.full(len(c), -1, np.int64), np.full(len(c), -1, np.int64))
             for c in self.tpg.chains
@@ -300,7 +300,7 @@ class RunResult:
         return read_parquet(self._as_written(name))
 
     def __repr__(self) -> str:
-        """Return what it is in a line, whatever is left of its folder."""
+        """Return a one-line description, even for a damaged folder."""
         where = "in memory" if self.folder is None else f"in {self.folder}"
         try:
             entries = f"{self.outcome}, {self.policy}, {self.makespan_s:.2f} s, "
@@ -334,7 +334,7 @@ def read_run(folder: PathOrName) -> RunResult:
         folder: such as ``logs/cliff-20260101T120000Z``.
 
     Raises:
-        OutputError: there is no run; lists the runs beside it, or in ``logs``, newest first. A
+        OutputError: there is no run; lists the runs next to it, or in ``logs``, newest first. A
             file that is not as the run wrote it raises it when it is read.
     """
     place = Path(folder)

@@ -59,9 +59,9 @@ def followed_execution(
     """Return the execution model of a followed run, and the name of its scenario.
 
     Args:
-        folder: of the plan; its manifest says, where there is one.
+        folder: folder of the plan; its manifest names the scenario, where there is one.
         tpg: the plan.
-        scenario: scenario file that says it instead.
+        scenario: scenario file to use instead.
 
     Raises:
         InvalidScenarioError: the scenario file is not valid.
@@ -122,17 +122,17 @@ def execute(
     *,
     recorders: tuple[Recorder, ...] = (),
 ) -> ExecutionRecord:
-    """Execute a plan once, with the draws that the scenario's seed names.
+    """Execute a plan once, with random draws from the scenario's seed.
 
     Args:
         scenario: seed, durations and disturbances are taken from it.
         tpg: the plan.
         base: where relative paths of the scenario start.
         policy: how nodes are released; by default as the scenario says.
-        recorders: told of every event.
+        recorders: receive every event.
 
     Raises:
-        DeadlockError: no robot could go on.
+        DeadlockError: no robot could continue.
     """
     model = scenario_execution(scenario, base, policy=policy)
     held = with_window_holds(tpg, model)

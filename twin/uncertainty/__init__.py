@@ -1,4 +1,4 @@
 """Disturbances, named random draws, and the node times they give in a replication.
 
-Imports durations and the base of scenario sections; engine, run and scenario import it.
+Imports durations and the base of scenario sections; engine, runs and scenario import it.
 """

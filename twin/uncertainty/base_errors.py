@@ -1,4 +1,4 @@
-"""Bases and paths that are not where the plan has them, drawn for a replication: calibration, force control."""
+"""Errors of robot bases (calibration) and paths (force control), drawn for a replication."""
 
 from __future__ import annotations
 
@@ -64,9 +64,9 @@ def drawn_deviations(
     seed: int,
     replication: int,
 ) -> dict[tuple[str, int], Array]:
-    """Return by how much the flange is off in the midst of each skill node, by robot and node.
+    """Return the flange deviation in the middle of each skill node, by robot and node.
 
-    Each is a way and a turn as axis times angle, shape (6,) [m, rad], drawn as those of bases are.
+    Each is a displacement and a rotation vector, shape (6,) [m, rad], drawn like base errors.
 
     Args:
         tpg: the plan.
@@ -94,7 +94,7 @@ class _Draw(NamedTuple):
 
 
 def _drawn_error(of: _Draw, error: PoseError) -> Array:
-    """Return a way and a turn, each uniform in its ball, shape (6,)."""
+    """Return a displacement and a rotation vector, each uniform in its ball, shape (6,)."""
     names, kinds = [of.robot] * 6, [of.kind] * 6
     counted = [of.replication], names, of.task, kinds, "pose error", range(6)
     u = uniforms(of.seed, *counted)[:, 0]
@@ -102,7 +102,7 @@ def _drawn_error(of: _Draw, error: PoseError) -> Array:
 
 
 def _in_ball(u: Array, radius: float) -> Array:
-    """Return a point of a ball, uniform for three uniforms, shape (3,)."""
+    """Return a uniform point of a ball from three uniforms, shape (3,)."""
     up, around = 2.0 * u[0] - 1.0, 2.0 * math.pi * u[1]
     flat = math.sqrt(1.0 - up * up)
     displacement = np.array([flat * math.cos(around), flat * math.sin(around), up])

@@ -1,7 +1,7 @@
-"""Random motion times, standstills and failures of one robot in many replications at once.
+"""Random motion times, standstills and failures of one robot in many replications.
 
-Everything is named by the robot's tasks, so a task meets the same luck whatever else happens. What
-comes seldom is kept as single entries of (node, replication), not as arrays of zeros.
+Draws are keyed by the robot's tasks, so a task gets the same draws whatever else happens. Rare events
+are single entries of (node, replication), not arrays of zeros.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Standstills:
 
 
 def moving_nodes(tpg: TemporalPlanGraph, chain: NodeChain) -> npt.NDArray[np.bool_]:
-    """Tell of each node of a robot whether it is a plain motion, as quick as its controller."""
+    """Return for each node of a robot whether it is a plain motion, timed by the controller."""
     straight = [task.index for task in tpg.tasks if task.kind == STRAIGHT]
     moves = np.asarray(~chain.skill | np.isin(chain.task, straight))
     acts = chain_actuations(tpg, tpg.chain_index[chain.robot])
@@ -62,11 +62,11 @@ class RobotTaskNodes:
         chain: the robot's nodes.
         tasks: its tasks in order, shape (tasks,).
         kinds: kind of each task.
-        objects: what each task is about, None for nothing.
+        objects: object of each task, None without one.
         first: first node of each task and the number of nodes, shape (tasks + 1,).
         of_node: place in ``tasks`` of every node's task, shape (nodes,).
         moves: whether a node is a plain motion, shape (nodes,).
-        robots, numbers: what names the draws of each task.
+        robots, numbers: key of the draws of each task.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class ChainDraws:
         own: the robot's tasks.
         seed: names the draws.
         numbers: of the replications, shape (r,).
-        disturbances: what may go wrong.
+        disturbances: disturbances of the run.
     """
 
     own: RobotTaskNodes
@@ -112,7 +112,7 @@ class ChainDraws:
     disturbances: Disturbances
 
     def draw(self, which: Indices, purpose: str, index: npt.ArrayLike = 0) -> Array:
-        """Return one uniform for each of some tasks, by place, shape (n, r)."""
+        """Return one uniform for each of some tasks, by index, shape (n, r)."""
         return uniforms(
             self.seed,
             self.numbers,
@@ -137,7 +137,7 @@ class ChainDraws:
 
     @cached_property
     def speed_override(self) -> Array | None:
-        """Share of planned speed at which each node is executed, shape (nodes, r); None for 1.
+        """Speed override of each node, shape (nodes, r); None for 1.
 
         A stretch of a robot with limits of acceleration is one motion, so it has one factor: that of the
         task in which it begins. It is planned as fast as limits allow, so its factor is at most 1.
@@ -195,7 +195,7 @@ class ChainDraws:
     def failures(
         self, motion: Nanoseconds
     ) -> tuple[list[Standstills], Indices, npt.NDArray[np.bool_]]:
-        """Return attempts that failed, and the first node that fails for good.
+        """Return failed attempts, and the first node that fails for good.
 
         Args:
             motion: durations of nodes, shape (nodes, r) [ns].
@@ -302,7 +302,7 @@ class ChainDraws:
     def _lost(
         self, which: Indices, failure: SkillFailure, attempt: int
     ) -> npt.NDArray[np.bool_]:
-        """Tell of some tasks whether their object is lost if an attempt fails, shape (n, r)."""
+        """Return whether a failed attempt at each task loses its object, shape (n, r)."""
         if failure.loses <= 0.0:
             return np.zeros((len(which), len(self.numbers)), dtype=np.bool_)
         kinds = np.array([self.own.kinds[k] in HANDLING for k in which.tolist()])
@@ -335,7 +335,7 @@ def choose_distinct(n: int, u: Array) -> Indices:
 def _locate(
     passed: Nanoseconds, first: Indices, task: Indices, column: Indices, clock: Array
 ) -> Indices:
-    """Return which node of its task is under way at some time since the task began."""
+    """Return the node of a task at a time since the task began."""
     node = np.empty(len(task), np.int64)
     for k in range(len(task)):
         a, b, r = first[task[k]], first[task[k] + 1], column[k]

@@ -1,6 +1,6 @@
 """Contraction of chains: nodes that can be executed as one without any effect on the others.
 
-A node that waits for no other robot and that follows a node nobody waits for starts the instant
+A node without type-2 predecessors after a node without type-2 successors starts the instant
 its predecessor is complete, whatever the queue depth, as long as messages take no time. So it
 can be simulated together with its predecessor: all starts and ends stay the same.
 """
@@ -33,7 +33,7 @@ class Contraction:
     first: tuple[Indices, ...]
 
     def sums(self, values: Sequence[Nanoseconds]) -> tuple[Nanoseconds, ...]:
-        """Return the sums of per-node values over segments, per chain."""
+        """Return the sums of node values over segments, per chain."""
         return tuple(
             np.add.reduceat(v, f[:-1]) if len(v) else v
             for v, f in zip(values, self.first, strict=True)
@@ -51,7 +51,7 @@ class Contraction:
         Args:
             start_ns: start of each segment, -1 where it has not started, per chain [ns].
             busy_ns: standstills and duration of each node together, per chain [ns].
-            until_ns: what would start or end after this has not happened [ns].
+            until_ns: end of the run; later starts and ends have not happened [ns].
             stops: stops by the clock, one entry a chain.
         """
         starts, ends = [], []
@@ -82,7 +82,7 @@ def trivial_contraction(tpg: TemporalPlanGraph) -> Contraction:
 def contract(
     tpg: TemporalPlanGraph, apart: Sequence[npt.NDArray[np.bool_]] | None = None
 ) -> Contraction:
-    """Join every node to its predecessor where start and end times provably stay the same.
+    """Merge every node into its predecessor where start and end times provably stay the same.
 
     Nodes of different tasks are never joined, so a segment belongs to one task.
 
@@ -118,7 +118,7 @@ def contract(
 
 
 def _contract_chain(chain: NodeChain, first: Indices) -> NodeChain:
-    """Keep one node a segment; geometry is left as it is, for only times are asked of it.
+    """Keep one node per segment; geometry is unchanged, as only times are used.
 
     Durations are added up in whole nanoseconds, as engines add them.
     """

@@ -151,7 +151,7 @@ class MachineBreakdowns(Section):
     clock: Literal["busy", "run"] = "busy"
 
     def affects(self, name: str, clock: Literal["busy", "run"]) -> bool:
-        """Tell whether something of a name breaks down by a clock."""
+        """Return whether something of a name breaks down by a clock."""
         return self.clock == clock
 
 
@@ -165,7 +165,7 @@ class Breakdowns(MachineBreakdowns):
     robots: tuple[Name, ...] | None = None
 
     def affects(self, name: str, clock: Literal["busy", "run"]) -> bool:
-        """Tell whether a robot of a name breaks down by a clock."""
+        """Return whether a robot of a name breaks down by a clock."""
         return self.clock == clock and (self.robots is None or name in self.robots)
 
 

@@ -20,7 +20,7 @@ from planning.kernels import kernel
 from planning.transforms import Array
 
 TaskName = tuple[str, int]
-"""Robot and number of a task that name its draws: its own, unless something else is said."""
+"""Robot and task number that key the draws of a task; by default its own."""
 
 Words = npt.NDArray[np.uint64]
 """Unsigned 64-bit words."""
@@ -115,8 +115,8 @@ def uniforms(
         replications: their numbers, 0 or more, shape (r,).
         robots: robot of each draw, n names.
         tasks: task index of each draw, shape (n,), or that of all.
-        kinds: kind of task of each draw, n names.
-        purpose: what the draws are for, such as ``"duration"``.
+        kinds: task kind of each draw, n names.
+        purpose: purpose of the draws, such as ``"duration"``.
         indices: number of the draw where one task needs several, shape (n,), or that of all.
 
     Returns:

@@ -10,15 +10,14 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 
 _ROUNDING = 1e-9
-"""Share of a duration by which rounding may have lengthened what a path asks for."""
+"""Relative rounding error of a duration from its path."""
 
 
 def least_seconds(chain: NodeChain, model: RobotModel | None) -> Array:
     """Return the least duration of every node that joint speeds allow, shape (nodes,) [s].
 
-    The time of a node passes from waypoint to waypoint as its fractions say; the stretch that
-    is the quickest for its length decides. Chains that are kept without paths know it; it is 0
-    where neither they nor a model can say.
+    The time of a node is split between waypoints by its fractions; the fastest segment for its length
+    decides. Chains without paths store it; it is 0 where neither they nor a model give it.
     """
     if len(chain.least):
         return chain.least

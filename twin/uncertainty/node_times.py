@@ -29,12 +29,12 @@ from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
 from twin.uncertainty.stop_times import Stops, draw_stops
 
 _MOST_VALUES = 4_000_000
-"""Times of nodes that are drawn at once: it bounds the memory."""
+"""Node times drawn together, to bound memory."""
 
 
 @dataclass(frozen=True)
 class Standstill:
-    """Time for which a robot that has started a node stands before it moves.
+    """Standstill of a robot between the start of a node and its motion.
 
     Where in a node it stands makes no difference to the others: they wait for whole nodes.
 
@@ -55,11 +55,11 @@ class NodeTimes:
 
     Attributes:
         motion: duration of each node without standstills, shape (nodes,) [ns].
-        stood: all standstills of each node together, shape (nodes,) [ns].
-        standstills: what ``stood`` is made of, by node and in the order in which they happen.
+        stood: total standstill of each node, shape (nodes,) [ns].
+        standstills: the standstills in ``stood``, by node and in time order.
         failed: the first node whose task fails for good, -1 for none. It never moves and is
             never complete: it has failed when its standstills are over.
-        stops: stops at times of the run's clock, None when nobody can ever stop.
+        stops: stops at times of the run's clock, None without any.
         raised: skills that were drawn shorter than their joints' speed limits allow.
         lost: chains of which the task that fails for good loses its object.
         speed_override: share of planned speed at which nodes of stretches are executed, shape (nodes,)
@@ -76,14 +76,14 @@ class NodeTimes:
     speed_override: tuple[Array, ...] = ()
 
     def override(self, chain: int) -> Array:
-        """Return the share of planned speed at which the nodes of a chain are executed, shape (nodes,)."""
+        """Return the speed override of the nodes of a chain, shape (nodes,)."""
         if self.speed_override:
             return self.speed_override[chain]
         return np.ones(len(self.motion[chain]))
 
     @cached_property
     def busy(self) -> tuple[Nanoseconds, ...]:
-        """Stall and motion of every node together; what has failed does not move [ns]."""
+        """Standstill plus motion of every node; failed ones do not move [ns]."""
         out = []
         for motion, stood, failed in zip(
             self.motion, self.stood, self.failed, strict=True
@@ -96,7 +96,7 @@ class NodeTimes:
         return tuple(out)
 
     def stopped_until(self, t_ns: int) -> tuple[tuple[tuple[int, int], ...], ...]:
-        """Return when the clock has stopped each robot until a time, see ``ExecutionRecord`` [ns]."""
+        """Return the stops of each robot until a time, see ``ExecutionRecord`` [ns]."""
         if not self.stops:
             return ((),) * len(self.motion)
         return tuple(own.intervals(t_ns) for own in self.stops)
@@ -118,7 +118,7 @@ class SegmentTimes:
     Attributes:
         busy_ns: standstills and durations of each segment together, chain by chain, shape
             (segments, r) [ns].
-        fails: True where a task fails for good: what comes of it takes the event engine,
+        fails: True where a task fails for good: its consequences need the event engine,
             shape (r,).
         standstills: the part of ``busy_ns`` for which robots stand; segments are numbered
             through, chain by chain.
@@ -154,7 +154,7 @@ class SegmentTimes:
         )
 
     def stood_ns(self, cause: Cause | None = None) -> Nanoseconds:
-        """Return for how long robots stand in each segment, for one cause or all, shaped as ``busy_ns`` [ns]."""
+        """Return the standstill time of each segment, for one cause or all, shaped as ``busy_ns`` [ns]."""
         stood = np.zeros_like(self.busy_ns)
         for group in self.standstills:
             if cause in (None, group.cause):
@@ -163,11 +163,11 @@ class SegmentTimes:
 
 
 class NodeTimeSampler:
-    """Draws what the nodes of one graph take, as often as asked.
+    """Draws the node times of one graph for any number of replications.
 
     Args:
         tpg: the graph.
-        durations, disturbances: what is drawn.
+        durations, disturbances: the distributions.
         names: of the draws of tasks that are not named by themselves, by index.
 
     Attributes:

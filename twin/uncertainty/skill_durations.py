@@ -29,9 +29,9 @@ class SkillDurations:
     policy and however its nodes were cut. A draw that is shorter than the reference path takes
     at the joints' speed limits is raised to that.
 
-    Where a tool closes or opens in a skill, there are two ways to say how long that takes. A model of
-    the skill is of the whole of it, and its motions share what is drawn. Without one, its motions take
-    their nominal times, and how long the tool takes is drawn, while the robot stands.
+    The duration of a skill with tool actuation can be given in two forms. A model of the skill covers
+    all of it, and its motions share the drawn time. Without one, motions take their nominal times, and
+    the actuation time is drawn while the robot stands.
 
     Attributes:
         models: duration model of each skill; a skill without one keeps its nominal duration.
@@ -51,7 +51,7 @@ class SkillDurations:
     def model_of(
         self, skill: str, robot: str, object_kind: str | None
     ) -> DurationModel | None:
-        """Return the model of a skill done by a robot to an object of a kind, None if none."""
+        """Return the model of a skill for a robot and a type of object, None without one."""
         found = strongest_exception(self._exceptions, skill, robot, object_kind)
         return self.models.get(skill) if found is None else found
 
@@ -67,7 +67,7 @@ class SkillDurations:
         tpg: TemporalPlanGraph,
         names: Mapping[int, TaskName] = MappingProxyType({}),
     ) -> SkillDraws:
-        """Return the draws of one TPG; keep it where the same TPG is asked again and again.
+        """Return the draws of one TPG, to be reused for the same TPG.
 
         Args:
             tpg: the graph.
@@ -102,7 +102,7 @@ class SkillDurations:
         )
 
     def _drawn(self, tpg: TemporalPlanGraph) -> Iterator[_Drawn]:
-        """Yield what is drawn for the skills of a graph, one after another."""
+        """Yield the drawn durations of a graph's skills."""
         kind_of = {item.name: item.kind for item in tpg.cell.objects}
         for k, (chain, acts) in enumerate(
             zip(tpg.chains, actuation_nodes(tpg), strict=True)
@@ -135,11 +135,11 @@ class SkillDurations:
 
 
 class _Drawn(NamedTuple):
-    """A duration that is drawn for a task.
+    """A drawn duration of a task.
 
     Attributes:
         task: its index.
-        what: the skill, or what a tool does in it.
+        what: the skill, or the action of a tool in it.
         model: of the duration.
         chain, nodes: that take it together.
         weights: in proportion to which they share it, shape (nodes,).
@@ -155,13 +155,13 @@ class _Drawn(NamedTuple):
 
 @dataclass(frozen=True)
 class SkillDraws:
-    """Draws of the skills of one TPG, for as many replications as asked for.
+    """Draws of the skills of one TPG, for any number of replications.
 
     Attributes:
         nominal: planned duration of every node, per chain [ns].
         tasks: indices of the tasks that vary, in which a skill or a tool does, never falling, shape (s,).
-        names: of the draws of each of them.
-        skills: skill of each of them, or what a tool does.
+        names: keys of the draws of each of them.
+        skills: skill or tool action of each of them.
         groups: each model, and the positions in ``tasks`` that draw from it.
         nodes: chain, skill nodes and their nominal durations [s] of each of the tasks.
         least: the duration of each of the tasks that its joints' speed limits allow; what is
@@ -190,12 +190,12 @@ class SkillDraws:
         return np.maximum(drawn, self.least[:, None])
 
     def raised(self, *, seed: int, replication: int) -> int:
-        """Return how many skills of a replication were drawn shorter than joints allow."""
+        """Return the number of skills drawn shorter than joint limits allow."""
         drawn = self._drawn(seed, [replication])
         return int(np.count_nonzero(drawn[:, 0] < self.least))
 
     def _drawn(self, seed: int, replications: npt.ArrayLike) -> Nanoseconds:
-        """Return what the models say, shape (s, replications) [ns]."""
+        """Return the durations drawn from the models, shape (s, replications) [ns]."""
         numbers = np.asarray(replications, dtype=np.int64)
         keys = numbers & ~1 if self.antithetic else numbers
         robots = [robot for robot, _ in self.names]
@@ -228,7 +228,7 @@ class SkillDraws:
 def drawn_nodes(
     draws: SkillDraws,
 ) -> dict[tuple[int, int], tuple[str, DurationModel, float]]:
-    """Return what each node's duration is drawn for, by chain and node: name, model, and its share."""
+    """Return the draw that each node's duration belongs to, by chain and node: name, model, share."""
     models = {row: model for model, rows in draws.groups for row in rows.tolist()}
     found = {}
     for row, (chain, nodes, weights) in enumerate(draws.nodes):
@@ -239,7 +239,7 @@ def drawn_nodes(
 
 
 def _least_total(least: Nanoseconds, weights: Array) -> int:
-    """Return the least total of which each skill node of a task gets its least share [ns]."""
+    """Return the least total duration that gives each skill node of a task its least time [ns]."""
     shares = np.diff(cumulative_shares(weights), prepend=0.0)
     asks = np.divide(least, shares, out=np.zeros(len(shares)), where=shares > 0.0)
     return int(np.ceil(asks.max(initial=0.0) * (1.0 - 1e-12)))
@@ -251,7 +251,7 @@ def nominal_ns(tpg: TemporalPlanGraph) -> tuple[Nanoseconds, ...]:
 
 
 def cumulative_shares(weights: Array) -> Array:
-    """Return shares in proportion to weights, added up; alike where they are all zero."""
+    """Return cumulative shares in proportion to weights; equal ones where all are zero."""
     cumulative = np.cumsum(weights)
     if cumulative[-1] <= 0:
         cumulative = np.arange(1.0, len(weights) + 1)

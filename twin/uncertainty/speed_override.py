@@ -1,4 +1,4 @@
-"""Speed factors above 1 that limits do not allow: the factor reached, and the joints at their limits."""
+"""Speed factors above 1 beyond the robots' limits: the factor reached, and the limiting joints."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SAME = 1.0 + 1e-9
 def unreached_speeds(
     tpg: TemporalPlanGraph, disturbances: Disturbances, seed: int
 ) -> tuple[str, ...]:
-    """Return for each robot, in words, which speed factor above 1 its limits do not allow in a run.
+    """Return a message for each robot whose limits do not allow its speed factor above 1.
 
     Args:
         tpg: the plan.
@@ -66,14 +66,14 @@ def unreached_speeds(
 
 
 def _least(chain: NodeChain, robot: PlacedRobot) -> Array:
-    """Return the durations below which no factor shortens nodes, shape (nodes,) [s]."""
+    """Return the shortest durations of nodes at any speed factor, shape (nodes,) [s]."""
     if chain.drive is None:
         return least_seconds(chain, robot.model)
     return np.where(chain.drive.ramp > 0.0, chain.duration, chain.drive.least)
 
 
 def _binding(chain: NodeChain, robot: PlacedRobot) -> list[str]:
-    """Return what is nearest to its limit in each node: a joint, or the speed of the tool."""
+    """Return the limiting quantity of each node: a joint, or the speed of the tool."""
     drive, limits, names = chain.drive, robot.limits, robot.model.joint_names
     displacement = np.abs(np.diff(node_ends(chain, 0, len(chain)), axis=0))
     share = displacement / robot.model.velocity

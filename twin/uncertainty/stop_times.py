@@ -1,8 +1,8 @@
 """Emergency stops, and breakdowns by the clock: stops at times of the run's clock.
 
-When a robot stops does not depend on what happens in the run, so its stops are known as
-intervals. A robot that is stopped stands wherever it is, also in the middle of a node, and goes
-on where it stopped. At the instant a stop begins nothing else happens to the robot any more.
+Stops do not depend on the events of a run, so they are known as intervals. A stopped robot stands
+wherever it is, also in the middle of a node, and continues from there. At the instant a stop begins the
+robot has no other event.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ NEVER = 2**62
 """A time that no run comes to [ns]."""
 
 _CHUNK = 16
-"""Breakdowns that are drawn at once."""
+"""Breakdowns drawn together."""
 
 
 @dataclass(frozen=True)
 class Stop:
-    """An interval for which a robot stands, whatever it does.
+    """An interval in which a robot stands, whatever its task.
 
     Attributes:
-        start_ns, end_ns: when [ns]; at the end it goes on.
-        reason: why, for people.
+        start_ns, end_ns: interval [ns]; at its end the robot continues.
+        reason: reason, for people.
     """
 
     start_ns: int
@@ -46,7 +46,7 @@ class Stop:
 
 
 class StoppedClock:
-    """Translates between the run's time and the time for which a robot was not stopped.
+    """Converts between the run's time and a robot's own time, which halts during stops.
 
     Args:
         intervals: start and end of every stop, in order and without overlaps [ns].
@@ -68,7 +68,7 @@ class StoppedClock:
         return np.asarray(np.maximum(own, floor), dtype=np.int64)
 
     def real(self, own_ns: Nanoseconds) -> Nanoseconds:
-        """Return the time of the run at own times; where a stop begins then, its end [ns]."""
+        """Return the run's time at own times; the end of a stop that begins then [ns]."""
         passed = np.searchsorted(self.stops_at, own_ns, side="right")
         return np.asarray(own_ns + self._stopped[passed], dtype=np.int64)
 
@@ -78,7 +78,7 @@ class Stops:
 
     Args:
         stops: at fixed times.
-        breakdowns: by the clock, drawn as far as they are asked for.
+        breakdowns: by the clock, drawn as far as needed.
         name: seed, replication and robot, which name the draws.
     """
 
@@ -135,7 +135,7 @@ class Stops:
         return [stop for stop in self._stops if stop.start_ns <= until_ns]
 
     def next_edge(self, t_ns: int) -> int:
-        """Return the next begin or end of a stop after a time; never is a time far away."""
+        """Return the next begin or end of a stop after a time, NEVER without one."""
         self._extend(t_ns + 1)
         k = bisect_right(self._edges, t_ns)
         if k == len(self._edges) and self._breakdowns is not None:
@@ -144,7 +144,7 @@ class Stops:
         return self._edges[k] if k < len(self._edges) else NEVER
 
     def stop_after(self, t_ns: int) -> tuple[int, int]:
-        """Return begin and end of the first stop that is not over at a time; never is far away."""
+        """Return begin and end of the first stop that is not over at a time, NEVER without one."""
         self._extend(t_ns)
         k = bisect_right(self._ends, t_ns)
         if k == len(self._ends) and self._breakdowns is not None:
@@ -164,7 +164,7 @@ class Stops:
         )
 
     def stopped_between(self, start_ns: int, end_ns: int) -> int:
-        """Return for how long the robot is stopped between two times [ns]."""
+        """Return the total stop time between two times [ns]."""
         return sum(
             max(0, min(b, end_ns) - max(a, start_ns)) for a, b in self.intervals(end_ns)
         )
@@ -196,7 +196,7 @@ class Stops:
         self._drawn += _CHUNK
 
     def _merge(self) -> None:
-        """Join stops that overlap or touch into intervals; those of no length do not count."""
+        """Merge overlapping or adjacent stops into intervals, without those of zero length."""
         lasting = [stop for stop in self._stops if stop.end_ns > stop.start_ns]
         self._starts: list[int] = []
         self._ends: list[int] = []
@@ -216,7 +216,7 @@ def draw_stops(
     seed: int,
     replication: int = 0,
 ) -> tuple[Stops, ...] | None:
-    """Return the stops of everyone who has work; None when nobody can ever stop.
+    """Return the stops of all robots and machines with tasks; None without any.
 
     Machines break down; emergency stops are of robots.
     """

@@ -1,4 +1,4 @@
-"""Skills that stops by the clock interrupt: robots brake along their paths within limits."""
+"""Skills interrupted by stops: robots brake along their paths within limits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NextStop = Callable[[int], tuple[int, int]]
 
 
 def stops_of(intervals: Sequence[tuple[int, int]]) -> NextStop:
-    """Return stops by their begins and ends, in order [ns]."""
+    """Return the begin and end times of stops, in order [ns]."""
 
     def after(t_ns: int) -> tuple[int, int]:
         later = (span for span in intervals if span[1] > t_ns)
@@ -31,10 +31,10 @@ def stopped_skill(
     begin_ns: int,
     stops: NextStop,
 ) -> StoppedPath | None:
-    """Return the motion of a skill in which the clock stops the robot; None where it does not.
+    """Return the motion of a skill interrupted by stops; None without any.
 
     Args:
-        tpg: what is executed.
+        tpg: the executed plan.
         node: the chain of a robot with limits, and a node of it.
         duration_ns: how long the motion takes without stops [ns].
         begin_ns: when it begins [ns].

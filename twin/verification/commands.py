@@ -162,7 +162,7 @@ def _content(
 
 
 def _echo_survived(what: str, survived: SurvivedErrors) -> None:
-    """Print what a plan survives of errors of some kind, and what limits it."""
+    """Print the tolerated errors of some kind, and what limits them."""
     sides = {"between robots": survived.robots, "with what rests": survived.rest}
     for where, side in sides.items():
         much = "at least " if side.limiting is None else ""
@@ -195,7 +195,7 @@ _UNITS |= {"deg": ("rad", math.pi / 180), "mrad": ("rad", 1e-3), "rad": ("rad", 
 
 
 def read_pose_error(text: str, option: str) -> PoseError:
-    """Return the error that the text of an option names, as ``1mm,0.1deg``: a length, an angle, or both.
+    """Parse a pose error such as ``1mm,0.1deg``: a length, an angle, or both.
 
     Raises:
         RequestError: it names none.

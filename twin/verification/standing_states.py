@@ -1,8 +1,8 @@
-"""Worst-case delays: one robot never finishes a node while all others go on.
+"""Worst-case delays: one robot never finishes a node while all others continue.
 
-Every type-2 edge makes a robot wait for a node of another one. If that node is never complete,
-the others run until nothing moves, and the cell stands still in a state that no nominal run
-passes through. The audit looks at each of these states.
+Every type-2 edge makes a robot wait for a node of another one. If that node is never complete, the
+others run until nothing moves, and the cell rests in a state that no nominal run passes through. The
+audit checks each of these states.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ STOPPING = "robots that stop"
 
 @dataclass(frozen=True)
 class StandingState:
-    """The cell after one robot stopped and all others went as far as they may.
+    """The cell after one robot stopped and all others advanced as far as allowed.
 
     Attributes:
         robot: name of the robot that stopped.
@@ -51,7 +51,7 @@ class AdversaryReport:
         states: how many were looked at.
         min_distance_m: least distance of any two robots in them [m].
         violations: each with the state it was seen in; empty when all is well.
-        engine: what distances were measured with, and its version.
+        engine: collision engine and its version.
     """
 
     states: int
@@ -115,7 +115,7 @@ def standing_recording(tpg: TemporalPlanGraph, state: StandingState) -> Recordin
 
 
 def _begun(tpg: TemporalPlanGraph, state: StandingState) -> tuple[int, ...]:
-    """Return at the end of how many of its nodes each chain stands."""
+    """Return the number of nodes after which each chain stands."""
     counts = list(state.completed)
     counts[tpg.chain_index[state.robot]] += state.at_end
     return tuple(counts)
@@ -126,11 +126,11 @@ def audit_standing_states(
     progress: Report = report_nothing,
     engine: Engine | None = None,
 ) -> AdversaryReport:
-    """Stop every robot wherever another waits for it, and audit what then stands.
+    """Stop every robot wherever another waits for it, and audit the resulting states.
 
     Args:
         tpg: the plan.
-        progress: told of the states looked at so far and their number.
+        progress: receives the number of checked states and the total.
         engine: to measure with; by default PyBullet where it is installed, else coal.
 
     Raises:
@@ -143,7 +143,7 @@ def audit_standing_states(
     with Auditor(tpg, chosen) as auditor:
         for k, state in enumerate(states):
             counts = _begun(tpg, state)
-            if counts not in known:  # the same may come of many stops
+            if counts not in known:  # many stops may lead to the same state
                 report = auditor.audit(
                     standing_recording(tpg, state), within=least, ordered=False
                 )

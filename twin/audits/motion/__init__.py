@@ -1,4 +1,4 @@
-"""Motion of a run as it was recorded: sampled, bounded between samples, and pairs that may meet.
+"""Recorded motion of a run: samples, bounds between samples, and pairs that may meet.
 
 Imports the worlds of the audit.
 """

@@ -1,4 +1,4 @@
-"""A run whose tools go beside their reference paths in skills, as force control makes them."""
+"""Executions with tool deviations from reference paths in skills, as by force control."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _TURNS = 6
 def with_flange_deviations(
     cell: Workcell, recording: Recording, twists: Mapping[tuple[str, int], Array]
 ) -> Recording:
-    """Return an execution in which flanges are beside their paths.
+    """Return an execution with flange deviations.
 
-    In each node that is named the flange is where inverse kinematics brings it from where it would be: off by a
-    way and a turn that come up within the first fifth of the node's motion, stay, and are gone at its end. While a
-    robot stands before or after, it stands on its path.
+    In each named node the flange deviates, by inverse kinematics, by a displacement and rotation that
+    build up within the first fifth of the node's motion, stay constant, and vanish at its end.
+    Standstills before and after are on the path.
 
     Args:
         cell: the robots.
-        recording: what was executed.
-        twists: by robot and node, way and turn (axis times angle) in the world, shape (6,) [m, rad].
+        recording: the execution.
+        twists: by robot and node, displacement and rotation vector in the world, shape (6,) [m, rad].
     """
     robots = {}
     for name, rows in recording.robots.items():
@@ -70,11 +70,11 @@ def _same(q: Array, other: Array) -> bool:
 def _beside(
     robot: PlacedRobot, rows: RobotRows, span: tuple[int, int], twist: Array
 ) -> RobotRows:
-    """Return rows that go beside the path from one row to another."""
+    """Return rows with a deviation between two rows."""
     first, last = span
     begin, end = float(rows.t[first]), float(rows.t[last])
     t = rows.moving_samples(begin, end, _SAMPLE_S)
-    # It gets there and back while it moves, however long it stands on the way.
+    # The deviation changes with motion only, not during standstills.
     path = rows.at(t)
     moves = np.any(np.abs(np.diff(path, axis=0)) > STANDING, axis=1)
     moved = np.cumsum(np.append(0.0, np.where(moves, np.diff(t), 0.0)))
@@ -100,7 +100,7 @@ def _beside(
 
 
 def _beside_at(robot: PlacedRobot, q: Array, twist: Array) -> Array:
-    """Return by what the joints change that bring the flange off its place by a twist, shape (n,)."""
+    """Return the joint displacement for a twist of the flange, shape (n,)."""
     flange, now = robot.model.flange, np.array(q)
     here = joint_poses_of(robot, q)[-1] @ flange
     turned = Rotation.from_rotvec(twist[3:]).as_matrix() @ here[:3, :3]

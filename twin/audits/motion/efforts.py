@@ -1,6 +1,6 @@
-"""Efforts that joints needed for what was executed, by inverse dynamics with what was in hand.
+"""Joint efforts of an execution by inverse dynamics, with held objects.
 
-How fast tools were in what was executed, of robots for which that is limited.
+Also speeds of tools with a speed limit.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from scheduling.witness.robot import WitnessRobot
 from twin.audits.motion.executed import ReplayedRun, Stay
 
 _SPARE = 0.01
-"""Share of its effort that gravity has to leave a joint which can be held to it."""
+"""Share of a joint's effort limit that gravity must leave for the limit to be checked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,13 +27,13 @@ class RobotEfforts:
     """Efforts of a robot in a run.
 
     Attributes:
-        t: times, shape (m,); those at which something changes hands are there twice, before and
+        t: times, shape (m,); those of object transfers are there twice, before and
             after it does [s].
         effort: of all joints then, shape (m, n) [N m, or N for joints that slide].
-        limit: what its joints can exert, shape (n,), infinite where that is not known.
+        limit: effort limits, shape (n,), infinite if unknown.
         borne: where gravity alone leaves a joint something to exert, and does so at HOME with
             nothing in hand, shape (m, n).
-        unweighed: objects that the robot held and whose mass is not given: they count as nothing.
+        unweighed: held objects without a mass, which count as massless.
     """
 
     t: Array
@@ -51,7 +51,7 @@ class GreatestEffort:
         robot: its name.
         joint: its name.
         effort: with its sign [N m, or N for a joint that slides].
-        limit: what the joint can exert [N m or N].
+        limit: effort limit of the joint [N m or N].
         share: of the limit.
         t_s: when [s].
         unweighed: see RobotEfforts.
@@ -67,7 +67,7 @@ class GreatestEffort:
 
 
 def efforts_of_run(replay: ReplayedRun) -> dict[str, RobotEfforts]:
-    """Return the efforts of the robots that keep to limits of motion and have efforts and masses.
+    """Return the efforts of robots with motion limits, effort limits and masses.
 
     A robot has masses where its description gives one to what its last joint moves.
     """
@@ -86,7 +86,7 @@ def efforts_of_run(replay: ReplayedRun) -> dict[str, RobotEfforts]:
 def greatest_efforts(
     cell: Workcell, efforts: Mapping[str, RobotEfforts]
 ) -> Iterator[GreatestEffort]:
-    """Yield the greatest effort of every joint of which it is known what it can exert."""
+    """Yield the greatest effort of every joint with a known limit."""
     for name, own in efforts.items():
         for j in np.flatnonzero(np.isfinite(own.limit)).tolist():
             worst = int(np.argmax(np.abs(own.effort[:, j])))
@@ -126,7 +126,7 @@ def _efforts(
 
 
 class _Dynamics:
-    """The bodies of a robot with their masses, and of what it holds.
+    """Bodies with masses of a robot and its held object.
 
     Args:
         robot: names, file, joints and base are used.
@@ -142,7 +142,7 @@ class _Dynamics:
         self.has_masses = model.inertias[self._arm.dof].mass > 0.0
 
     def hold(self, held: Sequence[tuple[CellObject, Stay]]) -> None:
-        """Take into the hand what is held from now on, and nothing else."""
+        """Set the held objects."""
         self._model = self._bare.copy()
         for item, stay in held:
             if item.mass > 0.0:
@@ -155,11 +155,11 @@ class _Dynamics:
         self._data = self._model.createData()
 
     def gravity(self, q: Array) -> Array:
-        """Return what joints exert to stand at some configurations, shape (m, n)."""
+        """Return the gravity efforts at given configurations, shape (m, n)."""
         return self.efforts(q, np.zeros_like(q), np.zeros_like(q))
 
     def efforts(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the efforts at some states, shape (m, n)."""
+        """Return the efforts at given states, shape (m, n)."""
         out = np.empty_like(q)
         for k in range(len(q)):
             at = self._arm.state(q[k])
@@ -169,7 +169,7 @@ class _Dynamics:
 
 @dataclass(frozen=True, eq=False)
 class ToolSpeeds:
-    """Speeds of a robot's tool while it holds the same.
+    """Speeds of a robot's tool while its held object stays the same.
 
     Attributes:
         robot: its name.
@@ -187,7 +187,7 @@ class ToolSpeeds:
 
 
 def tool_speeds_of_run(replay: ReplayedRun) -> Iterator[ToolSpeeds]:
-    """Yield the speeds of all tools whose speed is limited, from change to change of what is held."""
+    """Yield the speeds of all speed-limited tools, between changes of the held object."""
     for robot in replay.cell.robots:
         limits, rows = robot.limits, replay.robots[robot.name]
         if limits is None or rows.v is None or len(rows.t) < 2:

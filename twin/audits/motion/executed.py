@@ -1,6 +1,6 @@
-"""What was executed, read back from ``trajectory.parquet`` and ``objects.parquet`` alone.
+"""The execution, read from ``trajectory.parquet`` and ``objects.parquet`` alone.
 
-Where all objects are at any time of it: the one state machine that all rules look at.
+Object poses at any time, by the state machine that all rules share.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ STANDING = 1e-9
 """Joints that move by less than this stand: rounding [rad or m]."""
 
 SETTLING = 5e-3
-"""Joints of a measured robot that stands are pushed by what meets it, or settle, by up to this [rad or m]."""
+"""Largest joint displacement of a measured robot at rest, by contact or settling [rad or m]."""
 
 _SAMPLE_S = 0.01
 """So often a robot is looked at, at least, while it moves [s]."""
@@ -54,7 +54,7 @@ class RobotRows:
     still: float = field(default=STANDING, kw_only=True)
 
     def at(self, times: Array) -> Array:
-        """Return configurations at some times, shape (m, n)."""
+        """Return configurations at given times, shape (m, n)."""
         if self.v is not None and len(self.t) > 1:
             return self._cubic_at(self.v, times)
         k = np.clip(np.searchsorted(self.t, times), 1, max(len(self.t) - 1, 1))
@@ -88,13 +88,13 @@ class RobotRows:
         return self.node[[before, after] if stands else [after]]
 
     def stands(self, begin: float, end: float) -> bool:
-        """Tell whether the robot stands from one time to another [s]."""
+        """Return whether the robot stands between two times [s]."""
         inside = self.t[(self.t > begin) & (self.t < end)]
         q = self.at(np.concatenate([[begin], inside, [end]]))
         return bool(np.all(np.abs(q - q[0]) <= self.still))
 
     def leaves(self, begin: float) -> float:
-        """Return when the robot, which stands at a time, begins to move [s]; never is infinity."""
+        """Return when a robot at rest begins to move [s]; infinity if never."""
         here = self.at(np.array([begin]))[0]
         after = np.flatnonzero(self.t > begin)
         moved = np.any(np.abs(self.q[after] - here) > self.still, axis=1)
@@ -106,7 +106,7 @@ class RobotRows:
     def moving_samples(
         self, begin: float, end: float, step: float = _SAMPLE_S
     ) -> Array:
-        """Return the times of all rows in a span, its ends, and more while the robot moves.
+        """Return sample times in a span: rows, ends, and more while the robot moves.
 
         Args:
             begin, end: of the span [s].
@@ -179,7 +179,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Stay:
-    """An object in one place for a while.
+    """A stay of an object at one place.
 
     Attributes:
         object: its name.
@@ -187,7 +187,7 @@ class Stay:
         pose: of the object's centre, in the holder's flange frame or in the world.
         t: since when; several may be of one moment, of which the last one counts [s].
         until: when the next one begins; infinite for the last one [s].
-        giver: who held it before, None where nobody did.
+        giver: robot that held it before, None without one.
     """
 
     object: str
@@ -202,14 +202,14 @@ class ReplayedRun:
     """The objects of an execution.
 
     Args:
-        cell: says where objects are that the recording says nothing of.
-        recording: what was executed.
+        cell: gives poses of objects that are not in the recording.
+        recording: the execution.
 
     Attributes:
         cell: see there.
         robots: rows of every robot.
         end: time of the last row [s].
-        stays: of each object in their order, the one at its start first.
+        stays: stays of each object in time order.
         in_order: all stays by time.
         measured: see ``Recording``.
     """
@@ -238,7 +238,7 @@ class ReplayedRun:
         return (stay for stay in self.in_order if stay.t > 0.0)
 
     def states(self, *times: float) -> Iterator[tuple[float, dict[str, Stay]]]:
-        """Yield 0, every time at which something changes hands, and given ones, in order [s].
+        """Yield 0, all times of object transfers, and given ones, in order [s].
 
         With each comes where everything is that is there from then on.
         """
@@ -253,17 +253,17 @@ class ReplayedRun:
             yield t, dict(there)
 
     def place(self, name: str, t: float = np.inf) -> Stay | None:
-        """Return where an object is at a time [s], by default at the end; None if it is not there."""
+        """Return the place of an object at a time [s], by default at the end; None if absent."""
         now = [stay for stay in self.stays.get(name, ()) if stay.t <= t]
         return now[-1] if now and now[-1].holder != GONE else None
 
     def at(self, t: float = np.inf) -> dict[str, Stay]:
-        """Return where every object that is there is at a time [s], by default at the end."""
+        """Return the places of all present objects at a time [s], by default at the end."""
         places = ((name, self.place(name, t)) for name in self.stays)
         return {name: stay for name, stay in places if stay is not None}
 
     def held(self, robot: str) -> Iterator[tuple[float, float, list[Stay]]]:
-        """Yield spans of a robot's rows, and what is in its hand in each, from change to change [s]."""
+        """Yield spans between transfers [s] with the object that a robot holds in each."""
         ends = self.robots[robot].t[[0, -1]].tolist()
         for (begin, there), (end, _) in pairwise(self.states(*ends)):
             own = [stay for stay in there.values() if stay.holder == robot]

@@ -1,7 +1,7 @@
-"""Which moving shapes come near each other or boxes at rest, and at which samples.
+"""Broad phase: moving shapes near each other or near boxes at rest, by sample.
 
-Bounds of distances from below, many pairs at a time: between spheres, between upright boxes, and
-from the box that is turned with a shape to the sphere around the other.
+Lower bounds of distances for many pairs: between spheres, between axis-aligned boxes, and from the
+oriented box of a shape to the sphere around the other.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from twin.audits.motion.reach import RobotSamples, motion_bounds
 from twin.audits.worlds.world import AuditWorld, WatchedShape
 
 _AT_ONCE = 400_000
-"""So many pairs times samples are looked at at once, to bound memory."""
+"""Pairs times samples processed together, to bound memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A shape, and what it moves with.
+    """A shape and the link it moves with.
 
     Attributes:
         shape: the shape.
@@ -64,23 +64,23 @@ class Movers:
 
     @cached_property
     def steps(self) -> Array:
-        """How far any point of a shape gets in the world, step by step, shape (m - 1, k) [m]."""
+        """Travel bound of any point of a shape, per step, shape (m - 1, k) [m]."""
         return np.asarray(self.bounds[:, :, 0])
 
     @cached_property
     def moved(self) -> Array:
-        """How far any point of a shape gets until the sample before or the one after, (m, k) [m]."""
+        """Travel bound of any point of a shape to the previous or next sample, (m, k) [m]."""
         steps = np.pad(self.steps, ((1, 1), (0, 0)))
         return np.maximum(steps[:-1], steps[1:])[: len(self.centre)]
 
     @cached_property
     def low(self) -> Array:
-        """Least corners of the upright boxes around all the way, shape (k, 3) [m]."""
+        """Lower corners of the axis-aligned boxes around the whole motion, shape (k, 3) [m]."""
         return np.asarray((self.centre - self.reach).min(axis=0))
 
     @cached_property
     def high(self) -> Array:
-        """Greatest corners of those, shape (k, 3) [m]."""
+        """Upper corners of those boxes, shape (k, 3) [m]."""
         return np.asarray((self.centre + self.reach).max(axis=0))
 
     def at_first(self) -> Movers:
@@ -91,11 +91,11 @@ class Movers:
     def near_movers(
         self, first: Indices, second: Indices, room: Array
     ) -> Iterator[tuple[int, list[int]]]:
-        """Yield which pairs may come nearer than some room, and at which samples.
+        """Yield pairs that may come nearer than a distance, with samples.
 
         Args:
             first, second: the pairs, shape (p,).
-            room: of each, besides what they move, shape (p,) [m].
+            room: distance of each pair, in addition to travel, shape (p,) [m].
         """
         most = self.moved.max(axis=0)
         apart = np.maximum(
@@ -109,7 +109,7 @@ class Movers:
     def near_boxes(
         self, movers: Indices, boxes: Movers
     ) -> Iterator[tuple[int, int, list[int]]]:
-        """Yield which shapes may come near which boxes at rest, and at which samples.
+        """Yield shapes that may come near boxes at rest, with samples.
 
         Args:
             movers: numbers of the shapes.
@@ -129,7 +129,7 @@ class Movers:
     def _near(
         self, first: Indices, other: Movers, second: Indices, room: Array
     ) -> Iterator[tuple[int, list[int]]]:
-        """Yield which pairs with others, of as many samples or one, come near, and when."""
+        """Yield near pairs with other movers, of as many samples or one."""
         for some in self._parts(len(first)):
             i, j = first[some], second[some]
             away = other.centre[:, j] - self.centre[:, i]
@@ -158,7 +158,7 @@ class Movers:
             yield np.arange(start, min(start + size, count))
 
     def _from_boxes(self, shapes: Indices, away: Array) -> Array:
-        """Return how far points are from the turned boxes of shapes, shape (m, p) [m].
+        """Return distances of points from the oriented boxes of shapes, shape (m, p) [m].
 
         Args:
             shapes: p of them.
@@ -169,7 +169,7 @@ class Movers:
 
 
 class StandingTable:
-    """Table of the fixtures, and of the objects that are at rest now: only what changes is worked out.
+    """Table of fixtures and objects at rest, updated incrementally.
 
     Args:
         world: the cell.
@@ -190,7 +190,7 @@ class StandingTable:
             self._put(item.name, item.pose)
 
     def change(self, placements: Mapping[str, Stay]) -> None:
-        """Take over where objects are from now on."""
+        """Update the poses of objects."""
         for name, stay in placements.items():
             if self._placements.get(name) is not stay:
                 self._put(name, None if stay.holder is not None else stay.pose)
@@ -199,7 +199,7 @@ class StandingTable:
         self._placements = placements
 
     def boxes(self) -> Movers:
-        """Return what stands now, at one sample."""
+        """Return the boxes at rest, at one sample."""
         there = [k for k, track in enumerate(self._tracks) if track is not None]
         return Movers(
             [track for track in self._tracks if track is not None],
@@ -222,12 +222,12 @@ class StandingTable:
 
 
 class MovedShapes:
-    """All that one robot moves: its own shapes, then the objects that it holds.
+    """Shapes moved by one robot: its own, then those of held objects.
 
     Args:
         robot: its index.
         own: its shapes.
-        held: the shapes that it holds, each with its pose in the frame of the hand.
+        held: shapes of held objects, each with its pose in the hand frame.
         hand: index of the link that they move with.
 
     Attributes:
@@ -290,6 +290,6 @@ def joined_movers(parts: Sequence[Movers], order: Sequence[int]) -> Movers:
 
 
 def _outside(apart: Array) -> Array:
-    """Return the length of what is apart along axes, 0 where nothing is, shape (..., 3) [m]."""
+    """Return the norm of positive separations along axes, shape (..., 3) [m]."""
     gap = np.maximum(apart, 0.0)
     return np.asarray(np.sqrt(np.sum(gap * gap, axis=-1)))

@@ -1,6 +1,6 @@
-"""Pairs of shapes that could meet in a stretch, and the moments at which to measure them.
+"""Narrow phase: pairs of shapes that could meet, and adaptive times of measurement.
 
-A pair is skipped as long as nothing can have happened: while spheres or boxes around both shapes
+A pair is skipped as long as contact is excluded: while spheres or boxes around both shapes
 are apart, and after each measurement until both together have moved as far as they were apart. Between
 two measurements a pair is no nearer than half of what is left of both distances when the motion in
 between is taken off. Where that does not exclude contact, or a new least distance of two robots,
@@ -49,7 +49,7 @@ class MeasurementThresholds:
     depth: Callable[[WatchedShape, WatchedShape, int], float]
 
     def meant(self, a: WatchedShape, b: WatchedShape, sample: int) -> bool:
-        """Tell whether two shapes are meant to touch at a sample."""
+        """Return whether two shapes may touch at a sample."""
         return self.depth(a, b, sample) > SLACK
 
 
@@ -84,7 +84,7 @@ class WatchedPair:
         return until, self.close[k] if k < len(self.close) else None
 
     def middle(self, start: float, end: float, used: float) -> float:
-        """Return where between two places, in samples, the pair has moved by ``used`` [m]."""
+        """Return the sample position at which the pair has moved by ``used`` [m]."""
         first, last = int(start), ceil(end)
         k = bisect_right(self.moved, used, first + 1, last) - 1
         share = (used - self.moved[k]) / (self.moved[k + 1] - self.moved[k])
@@ -113,7 +113,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class _PairDistance:
-    """A measurement: where, in samples, how far the pair had moved, and its distance [m]."""
+    """A measurement: sample position, travel of the pair, and its distance [m]."""
 
     at: float
     moved: float
@@ -126,16 +126,16 @@ def measured_gaps(
     watched: Sequence[WatchedPair],
     asked: MeasurementThresholds,
 ) -> Iterator[Gap]:
-    """Yield measured gaps that matter, those at samples first, then those in between.
+    """Yield relevant measured gaps, those at samples first, then those in between.
 
     Every overlap deeper than allowed is among them, and between robots every gap that is less
     than all before it, both to within half of ``FINEST``.
 
     Args:
-        world: placed anew at every sample.
+        world: its shapes are placed at every sample.
         stretch: the piece of the run.
         watched: pairs of shapes that could meet.
-        asked: what must be excluded.
+        asked: thresholds to exclude.
     """
     due = [(pair.close[0], k) for k, pair in enumerate(watched)]
     heapq.heapify(due)
@@ -164,7 +164,7 @@ def measured_gaps(
 
 
 class _Between:
-    """Queue of stretches between measurements that still have to be settled.
+    """Queue of intervals between measurements that are still undecided.
 
     Between robots the worst comes first, which settles the most of what is left; of others the
     earliest, so that what is measured at the same moment is placed once.
@@ -180,7 +180,7 @@ class _Between:
         self._count = 0
 
     def add(self, pair: WatchedPair, low: _PairDistance, high: _PairDistance) -> None:
-        """Note two measurements of a pair."""
+        """Add two measurements of a pair."""
         bound = 0.5 * (low.distance + high.distance - (high.moved - low.moved))
         if bound >= 0.0 and not pair.between_robots:
             return
@@ -190,7 +190,7 @@ class _Between:
             heapq.heappush(self._open, (first, self._count, bound, pair, low, high))
 
     def settle(self) -> Iterator[Gap]:
-        """Measure in between until nothing that is asked for is left open."""
+        """Measure in between until all thresholds are decided."""
         while self._open:
             _, _, bound, pair, low, high = heapq.heappop(self._open)
             if bound >= self._needed(pair, low, high):
@@ -232,14 +232,14 @@ def watched_pairs(
     """Yield the pairs that come near each other.
 
     A pair is close at a sample where it may be nearer than it moves until the sample before or
-    the one after: what is not close at two samples is apart all the time between them. In a
-    stretch in which nothing moves pairs are looked at once.
+    the one after: what is not close at two samples is apart all the time between them. In a stretch
+        without motion pairs are measured once.
 
     Args:
         stretch: the piece of the run.
         arms: number of tracks that are of robots; these come first.
         exempt: pairs of one robot's shapes that are not checked, see ``overlapping_at_home``.
-        asked: what must be excluded.
+        asked: thresholds to exclude.
     """
     movers, boxes = stretch.movers, stretch.boxes
     moving = movers.tracks
@@ -252,7 +252,7 @@ def watched_pairs(
     holders = np.array([track.holder for track in moving])
     first, second = _own_pairs(len(moving), exempt)
     loads = [track.shape.entity for track in moving[arms:]]
-    if len(set(loads)) < len(loads):  # what one load is made of may overlap
+    if len(set(loads)) < len(loads):  # shapes of one load may overlap
         whose = np.array([*range(arms), *(arms + loads.index(name) for name in loads)])
         apart = whose[first] != whose[second]
         first, second = first[apart], second[apart]
@@ -292,7 +292,7 @@ def _not_meant(
 def _own_pairs(
     count: int, exempt: frozenset[tuple[int, int]]
 ) -> tuple[Indices, Indices]:
-    """Return all pairs of so many shapes, but for those that are not checked."""
+    """Return all pairs of a number of shapes, except unchecked ones."""
     asked = np.ones((count, count), dtype=bool)
     for i, j in exempt:
         asked[i, j] = False
@@ -301,13 +301,13 @@ def _own_pairs(
 
 
 def _summed(steps: Array) -> Array:
-    """Return how far things have moved up to each sample, from 0 on, shape (m, ...) [m]."""
+    """Return the cumulative travel up to each sample, shape (m, ...) [m]."""
     none = np.zeros((1, *steps.shape[1:]))
     return np.concatenate([none, np.cumsum(steps, axis=0)])
 
 
 class _Placer:
-    """Puts shapes where they are at some time, touching only what has moved since."""
+    """Places shapes at a time, updating only moved ones."""
 
     def __init__(self, world: AuditWorld, stretch: RunStretch) -> None:
         self.world, self._stretch = world, stretch
@@ -359,6 +359,6 @@ class _Placer:
 
 
 def _between(samples: RobotSamples, k: int, share: float) -> Array:
-    """Return the configuration at a sample, or some share of the way to the next."""
+    """Return the configuration at a sample, or interpolated to the next."""
     q = samples.q[k]
     return q if share <= 0.0 else np.asarray(q + share * (samples.q[k + 1] - q))

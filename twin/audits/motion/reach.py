@@ -1,4 +1,4 @@
-"""How far the bodies of a robot can get between samples, from joint travel and lever arms."""
+"""Travel bounds of robot bodies between samples, from joint travel and lever arms."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def motion_bounds(
     centre: Array,
     radius: Array,
 ) -> Array:
-    """Return how far any point of bodies gets from sample to sample, whatever the way there.
+    """Return travel bounds of all points of bodies between samples, for any path.
 
     Joints move at constant speed between samples. A point moves no further than each joint's
     travel times its greatest distance from the joint's axis, added up. That distance is known at
@@ -91,7 +91,7 @@ def motion_bounds(
 
 
 def travel_of_points(rotation: Array, centre: Array, radius: float) -> Array:
-    """Return how far any point of a body gets, step by step, if it goes straight.
+    """Return travel bounds of any point of a body per step, for straight motion.
 
     Args:
         rotation: of the body at m samples, shape (m, 3, 3).
@@ -106,7 +106,7 @@ def travel_of_points(rotation: Array, centre: Array, radius: float) -> Array:
 
 
 def rotation_travel(rotation: Array) -> Array:
-    """Return how far points at distance 1 get from sample to sample, if they go straight.
+    """Return travel bounds of points at distance 1 per step, for straight motion.
 
     Args:
         rotation: of bodies at m samples, shape (m, ..., 3, 3).

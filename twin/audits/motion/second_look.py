@@ -1,4 +1,4 @@
-"""PyBullet's look at samples of a run: it must see no overlap that coal has not seen."""
+"""Cross-check by PyBullet at samples of a run: it must find no overlap that coal has not."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from twin.audits.motion.pairs import Gap, WatchedPair
 from twin.audits.motion.stretches import RunStretch
 
-if TYPE_CHECKING:  # where PyBullet is not installed, nobody calls this
+if TYPE_CHECKING:  # never called without PyBullet
     from twin.audits.worlds.bullet_world import BulletWorld
 
 EVERY_M = 0.4
-"""Some point of a robot or of what it carries moves by about this between two looks [m]."""
+"""Travel of some point of a robot or its load between two samples, about [m]."""
 
 
 def sampled_overlaps(
     world: BulletWorld, stretch: RunStretch, pairs: Iterable[WatchedPair]
 ) -> Iterator[Gap]:
-    """Yield overlaps of pairs of shapes at some samples of a stretch, its first one among them.
+    """Yield overlaps of pairs of shapes at some samples of a stretch, including the first.
 
     Args:
         world: to measure in.

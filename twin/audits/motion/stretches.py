@@ -1,4 +1,4 @@
-"""Stretches of a run in which nobody takes or leaves an object, sampled finely enough."""
+"""Stretches of a run between object transfers, sampled finely enough."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.audits.motion.reach import RobotSamples
 from twin.audits.worlds.world import AuditWorld, shapes_by_entity
 
 STEP = 0.01
-"""No point of a robot or of what it carries moves further than this between samples [m].
+"""Largest travel of any point of a robot or its load between samples [m].
 
 That bounds the whole motion in between, see ``twin.audits.motion.reach``, not only where it begins and ends.
 """
@@ -29,12 +29,12 @@ _ROWS = 1500
 
 @dataclass(frozen=True)
 class RunStretch:
-    """A piece of a run.
+    """A stretch of a run.
 
     Attributes:
         t: times of the samples, shape (m,), the ends included [s].
         robots: in the order of the cell.
-        placements: where every object is that is there: held, or at rest.
+        placements: place of every present object: held, or at rest.
         movers: the shapes of all robots, then of the objects that they hold.
         boxes: the fixtures, then the objects at rest.
     """
@@ -63,14 +63,14 @@ def stretches(world: AuditWorld, replay: ReplayedRun) -> Iterator[RunStretch]:
 
 
 class _Sampler:
-    """Samples an execution finely enough, with what is known of a cell's shapes.
+    """Samples an execution finely enough, with the shapes of the cell.
 
     Args:
         world: the cell.
-        replay: what was executed.
+        replay: the execution.
 
     Attributes:
-        standing: table of what is at rest now.
+        standing: table of objects at rest.
     """
 
     def __init__(self, world: AuditWorld, replay: ReplayedRun) -> None:
@@ -86,7 +86,7 @@ class _Sampler:
         self.standing = StandingTable(world)
 
     def sample(self, knots: Array, placements: Mapping[str, Stay]) -> RunStretch:
-        """Return a stretch between knots, in which objects are where they are now."""
+        """Return a stretch between knots with the current object placements."""
         bodies = [self._carried(k, placements) for k in range(len(self._robots))]
         wide = np.zeros(len(knots) - 1)
         for rows in self._rows:
@@ -113,7 +113,7 @@ class _Sampler:
         raise OutputError(f"robots move too fast to be sampled near {t[0]:.6f} s")
 
     def _carried(self, robot: int, placements: Mapping[str, Stay]) -> MovedShapes:
-        """Return all that a robot moves now."""
+        """Return all shapes that a robot moves now."""
         placed = self._robots[robot]
         flange, hand = placed.model.flange, self._world.robots[robot].dof
         held = [

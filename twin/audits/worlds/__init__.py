@@ -1,4 +1,4 @@
-"""The cell in which the audit measures, with coal, and the same in PyBullet for a second look.
+"""The audit's copy of the cell, with coal, and a second one in PyBullet for cross-checks.
 
-Of twin it imports host only; audit imports it.
+Of twin it imports host only; audits imports it.
 """

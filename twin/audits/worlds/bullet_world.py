@@ -38,7 +38,7 @@ with silence_output():  # it greets on standard error
     from pybullet_utils.bullet_client import BulletClient
 
 MARGIN = 0.001
-"""That Bullet gives every shape of a URDF, and that cannot be taken away [m]."""
+"""Margin that Bullet gives every shape of a URDF, which cannot be removed [m]."""
 
 _INERTIAL = (
     '<inertial><mass value="1"/>'
@@ -51,14 +51,14 @@ class BulletWorld:
     """A PyBullet world without dynamics, for distances between bodies that are posed.
 
     Args:
-        world: whose shapes it has: robots anew from their URDF files, forms for the rest.
+        world: world with the same shapes: robots are read again from URDF files.
 
     Raises:
         RobotModelError: a description cannot be read, or has other joints.
     """
 
     def __init__(self, world: AuditWorld) -> None:
-        with silence_output():  # it tells its options
+        with silence_output():  # prints its build options
             self._bullet = BulletClient(pybullet.DIRECT)
         # A description that changed on disk must not be taken from the cache.
         self._bullet.setPhysicsEngineParameter(enableFileCaching=0)
@@ -92,7 +92,7 @@ class BulletWorld:
     def overlaps(
         self, pairs: Sequence[tuple[WatchedShape, WatchedShape]]
     ) -> Iterator[tuple[int, float]]:
-        """Yield which pairs of shapes have links that overlap, with their distance [m].
+        """Yield pairs of shapes with overlapping links, with their distance [m].
 
         Links of one robot that overlap at HOME are left out.
         """
@@ -132,7 +132,7 @@ class BulletWorld:
         self._bullet.resetJointStatesMultiDof(body, moved, values)
 
     def hand(self, robot: int) -> Transform:
-        """Return where the last link of a robot is, shape (4, 4)."""
+        """Return the pose of a robot's last link, shape (4, 4)."""
         out, (body, moved) = np.eye(4), self._arms[robot]
         state = self._bullet.getLinkState(body, moved[-1], 0, 1)
         out[:3, 3] = state[4]
@@ -229,6 +229,6 @@ def _description(model: RobotModel) -> str:
                         choices=tuple(map(str, model.package_dirs)),
                     )
                 mesh.set("filename", str(found.resolve()))
-    # Bullet breaks lines of more than 8 kB, in the midst of a word.
+    # Bullet breaks lines of more than 8 kB, even within a word.
     ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding="unicode")

@@ -1,4 +1,4 @@
-"""Which engines the audit uses: coal decides distances, PyBullet looks a second time where it is installed."""
+"""Collision engines of the audit: coal decides, PyBullet cross-checks where installed."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _loads_pybullet() -> str | None:
 
 @cache
 def engine_and_version(engine: Engine) -> str:
-    """Return an engine as reports name it: ``"coal 3.0.3, pybullet 3.2.7"``, or the first alone."""
+    """Return the name of an engine in reports: ``"coal 3.0.3, pybullet 3.2.7"``, or the first alone."""
     names = ("coal",) if engine == "coal" else ("coal", engine)
     return ", ".join(map(_with_version, names))
 
@@ -65,7 +65,7 @@ def _with_version(library: str) -> str:
 
 
 def second_world(world: AuditWorld, engine: Engine) -> BulletWorld | None:
-    """Return the same cell in PyBullet, None where coal is to measure alone; close it after use.
+    """Return the same cell in PyBullet, None for coal alone; to be closed after use.
 
     Raises:
         RobotModelError: a description cannot be read.

@@ -19,7 +19,7 @@ from scheduling.witness.robot import WitnessRobot
 from scheduling.witness.shapes import hull_of, primitive_of
 
 BASE = -1
-"""In place of a joint's index: what the base of a robot carries."""
+"""Joint index of shapes on a robot's base."""
 
 
 FAR = 10.0
@@ -27,7 +27,7 @@ FAR = 10.0
 
 
 _WALL = 1.0
-"""Edge of the wall to which the reach of tools is measured, and how far away it stands [m]."""
+"""Edge length and distance of the wall to which the extent of tools is measured [m]."""
 
 Convex = Box | Cylinder | Capsule | Array
 """A form, or the corners of a hull, shape (c, 3)."""
@@ -41,7 +41,7 @@ class WatchedShape:
         entity: the name allowed contacts use, which several shapes may share:
             ``"<robot>/arm"``, ``"<robot>/tool"``, a fixture or an object.
         detail: the link it belongs to, or the entity again.
-        number: what its world knows it by.
+        number: its index in the world.
         robot: index of its robot, None for fixtures and objects.
         joint: index of the joint that moves it, -1 for a robot's base.
         centre: of a sphere around it, in the frame of the link moved by ``joint`` (the origin
@@ -64,12 +64,12 @@ class WatchedShape:
     local: Transform | None = None
 
     def at(self, pose: Transform) -> Transform:
-        """Return its pose where the fixture or object that it belongs to is at ``pose``."""
+        """Return its pose when its fixture or object is at ``pose``."""
         return pose if self.local is None else pose @ self.local
 
 
 class AuditWorld:
-    """Shapes that are posed and measured two by two, with nothing in between.
+    """Shapes that are posed and measured pairwise.
 
     Robots are those of ``scheduling.witness``; what else there is has the forms that the cell gives it.
 
@@ -81,7 +81,7 @@ class AuditWorld:
         robots: of the cell, read from their URDF files.
         robot_shapes: all shapes of all robots: convex primitives, and the hulls of meshes.
         fixtures, objects: at least one shape for each, in the order of the cell.
-        limits: what the joints of each robot allow.
+        limits: joint limits of each robot.
 
     Raises:
         RobotModelError: a description cannot be read, or has other joints.
@@ -142,7 +142,7 @@ class AuditWorld:
         return min(found, reach)
 
     def link_frames(self, robot: int, q: Array) -> tuple[Array, Array]:
-        """Return where the base and the moved links of a robot are.
+        """Return the poses of a robot's base and moved links.
 
         Args:
             robot: its index.
@@ -156,19 +156,19 @@ class AuditWorld:
         return frames[..., :3, :3], frames[..., :3, 3]
 
     def flange_poses(self, robot: int, q: Array) -> Array:
-        """Return where a robot's flange is at configurations, shape (m, 4, 4)."""
+        """Return flange poses at configurations, shape (m, 4, 4)."""
         own = self.robots[robot]
         return np.asarray(own.joint_frames_along(q)[:, -1] @ own.flange)
 
     def reach(self, item: WatchedShape, origin: Array, way: Array) -> float:
-        """Return how far a shape reaches along a direction from a point, as it is placed now [m].
+        """Return the extent of a placed shape along a direction from a point [m].
 
         Measured to a wall in front of it that is larger than any tool.
 
         Args:
             item: the shape.
             origin: the point, in the world, shape (3,) [m].
-            way: the direction, of length one, shape (3,).
+            way: unit direction, shape (3,).
         """
         aside = np.eye(3)[np.argmin(np.abs(way))]
         aside = np.cross(way, aside) / np.linalg.norm(np.cross(way, aside))
@@ -186,7 +186,7 @@ class AuditWorld:
         return tool or [shape for shape in own if shape.joint == last]
 
     def _arm(self, index: int) -> Iterator[WatchedShape]:
-        """Yield the shapes of a robot: what moves each, and a sphere around it."""
+        """Yield the shapes of a robot with their links and bounding spheres."""
         robot, name = self.robots[index], self.cell.robots[index].name
         for part, link in zip(robot.parts, robot.links, strict=True):
             box = part.shape.aabb_local
@@ -196,7 +196,7 @@ class AuditWorld:
             yield WatchedShape(part.entity, detail, number, index, part.joint, *around)
 
     def _add(self, geometry: Any) -> int:
-        """Take up one of coal's shapes; return its number."""
+        """Add a coal shape; return its number."""
         self._geometries.append(geometry)
         self._poses.append(None)
         return len(self._poses) - 1
@@ -260,7 +260,7 @@ def _box_and_ball(form: Convex) -> tuple[Array, float]:
 
 
 def _geometry(form: Convex) -> Any:
-    """Return a form as coal knows it."""
+    """Return the coal geometry of a form."""
     if isinstance(form, np.ndarray):
         return hull_of(form)
     return primitive_of(form)

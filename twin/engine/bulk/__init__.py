@@ -1,4 +1,4 @@
 """Bulk engine: many replications side by side, as longest paths.
 
-Imports engine.execution_model, run and uncertainty; study imports it.
+Imports engine.execution_model, runs and uncertainty; studies imports it.
 """

@@ -1,9 +1,8 @@
-"""Bulk engine: many replications of a plan at once, without events.
+"""Bulk engine: many replications of a plan simultaneously, without events.
 
-It gives the same integer nanoseconds as the event engine wherever nothing happens at times of the
-run's clock: completion times are longest paths then, or follow node by node from what robots know at
-the borders (``driven_times``), if messages take no time. What the policies make of a plan is in
-``policy_graph``.
+It gives the same integer nanoseconds as the event engine wherever no event has a fixed clock time:
+completion times are longest paths then, or follow node by node from the clearances at the borders
+(``driven_times``), if messages take no time. The graph of each policy is in ``policy_graph``.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
 from twin.uncertainty.skill_durations import SkillDraws, cumulative_shares
 
 _SEED = 7_919
-"""Of the draws of forecasts, beside those of the runs."""
+"""Seed of the draws of forecasts, separate from those of runs."""
 
 _DRAWS, _MOST_VALUES = 2000, 10_000_000
 
@@ -64,8 +63,8 @@ class BulkEngine:
     """Executes one plan as often as asked, many replications at a time.
 
     Args:
-        tpg: what to execute.
-        model: how it is executed, and what varies. Messages take no time, whatever it says, where
+        tpg: plan to execute.
+        model: execution model, with disturbances. Messages take no time, whatever it says, where
             robots keep to limits of acceleration.
 
     Raises:
@@ -78,7 +77,7 @@ class BulkEngine:
         self.contraction: Contraction = contract_for_bulk(tpg, model)
         self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, model.policy)
         self._drive = joined_drives(tpg, self.graph) if is_driven(tpg) else None
-        # By the planned clock nobody asks for anything.
+        # Open loop there are no messages.
         asking = Messages() if model.policy == "open-loop" else model.messages
         self._ahead = asking.ahead(driven=True)
         self.messages = model.messages.under(model.policy)
@@ -87,7 +86,7 @@ class BulkEngine:
         self._undisturbed = model.disturbances == Disturbances()
 
     def sample(self, *, seed: int, replications: npt.ArrayLike) -> SegmentTimes:
-        """Draw what every segment takes in some replications."""
+        """Draw the duration of every segment in some replications."""
         numbers = np.asarray(replications, dtype=np.int64)
         if self._undisturbed:
             totals = self._draws.totals(seed=seed, replications=numbers)
@@ -98,7 +97,7 @@ class BulkEngine:
         )
 
     def execute(self, times: SegmentTimes) -> Completions:
-        """Return when everything happens in replications in which no task fails."""
+        """Return all node times of replications without failed tasks."""
         if self._drive is None:
             return completions(self.graph, times.busy_ns, self.messages)
         start, end = self._driven(*self._drawn(times))
@@ -109,7 +108,7 @@ class BulkEngine:
     ) -> Nanoseconds:
         """Return the makespan of every such replication, shape (replications,) [ns].
 
-        On all cores, where robots keep to limits of acceleration: it is asked by who has nothing else to do.
+        On all cores, where robots have acceleration limits: callers have no other work meanwhile.
 
         Args:
             times: of the segments.
@@ -124,7 +123,7 @@ class BulkEngine:
         return makespans(self.graph, np.concatenate(ends).T)
 
     def _drawn(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds, Array]:
-        """Return how long every node moves and stands [ns], and its speed override, shape (replications, nodes) each."""
+        """Return motion time, standstill [ns] and speed override of every node, shape (replications, nodes) each."""
         stood = times.stood_ns()
         return (
             np.ascontiguousarray((times.busy_ns - stood).T),
@@ -148,7 +147,7 @@ class BulkEngine:
         return busy
 
     def least_makespan_ns(self) -> int:
-        """Return the makespan if every skill is as quick as it can be [ns].
+        """Return the makespan with the shortest possible duration of every skill [ns].
 
         No undisturbed run is shorter.
         """
@@ -160,7 +159,7 @@ class BulkEngine:
 
 
 def contract_for_bulk(tpg: TemporalPlanGraph, model: ExecutionModel) -> Contraction:
-    """Return a graph as the bulk engine executes it: nodes joined where that changes no time.
+    """Return a graph for the bulk engine, nodes merged where that changes no time.
 
     Where robots pass borders at speed, or messages take time, every node counts. By the planned clock
     a node that is done before its time is up keeps the next one waiting.
@@ -215,16 +214,15 @@ def _add_shares(totals: Nanoseconds, shares: _Shares, busy: Nanoseconds) -> None
 def with_window_holds(
     tpg: TemporalPlanGraph, model: ExecutionModel
 ) -> TemporalPlanGraph:
-    """Return a graph in which what opens windows waits as the execution model says; see ``with_window_hold_edges``.
+    """Return a graph in which window-opening tasks are held back; see ``with_window_hold_edges``.
 
-    Only where robots wait for each other by the plan: a planned clock, turns and slots hold back themselves.
-    The forecast of when a later step will be ready is the longest path that is left to it, with durations that
-    are drawn as in runs, in the plan without limits of acceleration and messages: each node takes its nominal
-    time but for what varies.
+    Only under asynchronous release: a planned clock, turns and slots hold tasks back by themselves.
+        A later step is forecast by the longest remaining path to it, with durations drawn as in runs,
+        without acceleration limits and messages.
 
     Args:
         tpg: the plan.
-        model: how it is executed, and what varies.
+        model: execution model, with disturbances.
     """
     timed = any(window.most is not None for window in tpg.windows)
     if not timed or model.hold <= 0.0 or model.policy != "asynchronous":

@@ -1,13 +1,13 @@
-"""Times of nodes in many replications, where robots keep to limits of acceleration.
+"""Node times of many replications, where robots have acceleration limits.
 
-How fast a robot passes a border depends on how far it is cleared at that moment, so completion times
-are no longest paths. Replications are executed one after the other, each as a queue of what the
-robots do next, in the order of time: what starts from rest before what is decided on at a border, as
-in the event engine. A robot that is cleared to the end of its stretch has nothing to decide any more.
+The speed at a border depends on the nodes cleared by then, so completion times are no longest paths.
+Replications are executed one after the other, each with a queue of the robots' next actions in time
+order; starts from rest come before decisions at borders, as in the event engine. A robot that is
+cleared to the end of its stretch has nothing to decide any more.
 Where it then begins at rest and nothing disturbs it, it passes its nodes as it did in the replication before.
 
-Inner functions are handed arrays one by one and numbers by value: of an array that is taken out of a tuple
-numba counts the references atomically, each time, which took three quarters of the time.
+Inner functions receive arrays one by one and numbers by value: numba counts references to an array
+taken out of a tuple atomically, which took three quarters of the time.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class _Passages(NamedTuple):
 
 
 def joined_drives(tpg: TemporalPlanGraph, graph: PrecedenceArrays) -> DriveTimes:
-    """Return the drives of a graph whose edges a policy may have added to, nodes numbered through."""
+    """Return the drive times of a graph with a policy's edges, nodes numbered through."""
     drives = [drive_times(c, np.zeros(len(c), dtype=np.int64)) for c in tpg.chains]
     nodes = len(graph.order)
     out = DriveTimes(
@@ -73,7 +73,7 @@ def driven_times(
     """Return start and end of every node, in every replication.
 
     Args:
-        graph: what must wait for what, not contracted.
+        graph: precedence graph, not contracted.
         drive: of its chains.
         motion_ns: durations that were drawn, at full speed, shape (replications, nodes) [ns].
         stand_ns: standstills of each node, of the same shape [ns].
@@ -113,7 +113,7 @@ def driven_times(
             ramp[n] = drive.ramp[n] / factor
             lag[n] = np.int64(np.ceil(drive.lag[n] / factor))
             whole = drive.length[n] / factor
-            # What takes less than at full speed is a shorter way.
+            # A shorter time than at full speed means a shorter path.
             length[n] = whole
             if motion_ns[r, n] < length[n] - 1.0:
                 length[n] = max(1.0, float(motion_ns[r, n]))
@@ -213,7 +213,7 @@ def driven_times(
 
 @inner_kernel
 def _waiting(edge_first: Indices, nodes: int, ahead: int) -> Indices:
-    """Return the next node from each on that may have to wait for somebody, shape (nodes + 1,)."""
+    """Return for each node the next one with dependencies on others, shape (nodes + 1,)."""
     found = np.full(nodes + 1, nodes)
     for n in range(nodes - 1, -1, -1):
         waits = ahead < nodes or edge_first[n + 1] > edge_first[n]
@@ -223,7 +223,7 @@ def _waiting(edge_first: Indices, nodes: int, ahead: int) -> Indices:
 
 @inner_kernel
 def _next(due: Nanoseconds, node: Indices, length: Array) -> int:
-    """Return the chain that does something next, -1 for none: what starts from rest before what decides."""
+    """Return the chain with the next action, -1 for none: starts from rest before decisions."""
     found, first, kind = -1, np.int64(_NEVER), 2
     for k in range(len(due)):
         if due[k] >= 0:
@@ -244,7 +244,7 @@ def _clear(
     first: int,
     ahead: int,
 ) -> np.int64:
-    """Return when a node is cleared, as far as it is known."""
+    """Return the clearance time of a node, as far as known."""
     t = np.int64(0)
     for e in range(edge_first[n], edge_first[n + 1]):
         met = done[source[e]]
@@ -258,10 +258,10 @@ def _clear(
 
 @inner_kernel
 def _settled(length: Array, ramp: Array, n: int, last: int, end: int) -> int:
-    """Return the last node of which the speed at its end is settled now: often many are."""
+    """Return the last node whose end speed is fixed now; often many are."""
     if last == end:
         return last
-    # What becomes clear later counts only within the way of braking.
+    # Later clearances count only within the braking distance.
     far, stop = 0.0, last
     while stop > n and far < 0.5:
         far += length[stop] / ramp[stop]
@@ -280,7 +280,7 @@ def _pass(
     speed: float,
     pending: np.int64,
 ) -> tuple[np.int64, float, float, np.int64]:
-    """Take a node, as ``Passage.go`` does without stops by the clock."""
+    """Pass a node, as ``Passage.go`` does without stops."""
     gone = 0.0
     if pending > 0:
         took, leave, gone = brake_within_piece(length, speed, ramp)

@@ -1,24 +1,24 @@
-"""Completion times of many replications at once, and what decided them: max-plus longest paths.
+"""Completion times and critical paths of many replications as max-plus longest paths.
 
-Where every node starts as soon as what it waits for is complete, its end is the greatest end of
-its predecessors plus its own time. That needs no events: one pass over the nodes in a total
-order, for all replications side by side, in the same integer nanoseconds as the event engine.
-What robots waited for, and critical paths, are found from node times of either engine.
+Where every node starts as soon as its predecessors are complete, its end is their greatest end plus its
+own time. That needs no events: one pass over the nodes in a total order, for all replications in
+parallel, in the same integer nanoseconds as the event engine.
+Causes of waits and critical paths are derived from node times of either engine.
 
 Completion times with latencies and short queues, as longest paths.
 
-A dispatcher that lets a robot have d nodes ahead releases node n once node n - d is reported
-complete and so is everything that n waits for, in order. Releases and reports take time on their
-way. All of that is a maximum of sums, so it needs no events::
+A dispatcher that lets a robot have d nodes ahead releases node n once node n - d and all predecessors
+of n are reported complete, in order. Releases and reports take time. All of that is a maximum of sums,
+so it needs no events::
 
     released(n) = max(released(n - 1), end(n - d) + report, end(source) + report, ...)
     start(n)    = max(end(n - 1), released(n) + release)
 
-What has happened already may be given, then the rest follows from it.
+The past of a run may be given; the rest is computed from it.
 
 Precedence graph of a plan under an execution policy, as flat arrays for compiled passes.
 
-Every policy releases nodes by what is complete, never by durations; so each of them is a graph.
+Every policy releases nodes by completions, never by durations, so each is a graph.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from twin.runs.execution_record import Policy
 from twin.uncertainty.skill_durations import nominal_ns
 
 OTHER = 2
-"""Cause of a wait that the plan did not ask for: a message under way, the clock, a turn."""
+"""Cause of a wait without an edge of the plan: a message in transit, the clock, the sequence."""
 
 _BLOCK = 64
 """Replications computed together: their ends of all nodes of a cell stay in the cache."""
@@ -60,7 +60,7 @@ class PrecedenceArrays(NamedTuple):
         first, chain, order, edge_first, source: see FlatGraph.
         cause: why, by edge, shape (edges,).
         not_before: no node starts before this, shape (nodes,) [ns].
-        last: of each chain the node with which it is done, -1 for none, shape (chains,).
+        last: last node of each chain, -1 for none, shape (chains,).
         patience: how long after the begin of its source each edge holds at most, shape (edges,) [ns]; empty
             where every edge holds until its source is complete.
     """
@@ -77,13 +77,14 @@ class PrecedenceArrays(NamedTuple):
 
 
 def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
-    """Return what every node of a plan waits for under a policy.
+    """Return the predecessors of every node of a plan under a policy.
 
     Args:
         tpg: the plan.
         policy: ``"asynchronous"`` waits by the edges of the plan, ``"synchronous"`` for
             everyone at the end of each slot as well; ``"sequential"`` is one chain of all
-            nodes of robots, beside which machines go on; under ``"open-loop"`` a node waits for its planned time and nothing else.
+            nodes of robots, while machines run in parallel; under ``"open-loop"`` a node waits for its
+            planned time and nothing else.
 
     Raises:
         PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
@@ -104,13 +105,13 @@ def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
 def precedence_arrays(
     tpg: TemporalPlanGraph, not_before_ns: Nanoseconds | None = None
 ) -> PrecedenceArrays:
-    """Return what every node of a TPG, contracted or not, waits for.
+    """Return the precedence arrays of a TPG, contracted or not.
 
     Args:
         tpg: the graph.
         not_before_ns: no node starts before this, shape (nodes,) [ns]; 0 by default.
     """
-    # What is held back may wait for what was planned later.
+    # A task held back may depend on one planned later.
     flat = followed_order(flatten_graph(planned_ranks(tpg.chains), tpg.edges), tpg)
     return PrecedenceArrays(
         flat.first,
@@ -126,9 +127,9 @@ def precedence_arrays(
 
 
 def _in_turns(tpg: TemporalPlanGraph) -> PrecedenceArrays:
-    """Return one chain of all nodes of robots, in the order in which they take their turns.
+    """Return one chain of all nodes of robots, in the planned sequence of tasks.
 
-    Machines take no turns: what waits for them, and they for others, is as in the plan.
+    Machines are not in the sequence: their dependencies stay as planned.
     """
     kept = np.isin(tpg.edges[:, [0, 2]], list(machine_chains(tpg))).any(axis=1)
     turns = turn_edges(tpg)
@@ -150,7 +151,7 @@ class Completions:
     Attributes:
         start_ns, end_ns: of every node, shape (nodes, replications) [ns].
         chain_end_ns: when each chain is done, shape (chains, replications) [ns].
-        waited_ns: what each robot waited for, shape (chains, 3, replications) [ns], by
+        waited_ns: waiting time of each robot, shape (chains, 3, replications) [ns], by
             TASK_DEPENDENCY, MOTION_CONFLICT and OTHER: the time until the last of the nodes
             waited for was complete is its edge's, a dependency's on a tie, and what is left is
             OTHER.
@@ -185,10 +186,10 @@ class Past(NamedTuple):
     """State of a run in progress, by node; nodes are numbered through, chain by chain.
 
     Attributes:
-        now_ns: the time; what has not started starts no earlier [ns].
+        now_ns: the current time; later nodes start no earlier [ns].
         start_ns: -1 for a node that has not started, shape (nodes,) [ns].
         end_ns: -1 for a node that is not complete, shape (nodes,) [ns].
-        not_before_ns: when each robot can go on, shape (chains, replications) [ns].
+        not_before_ns: earliest continuation of each robot, shape (chains, replications) [ns].
     """
 
     now_ns: int
@@ -203,14 +204,14 @@ def end_times(
     messages: Messages = AT_ONCE,
     past: Past | None = None,
 ) -> Nanoseconds:
-    """Return when every node is complete, in every replication.
+    """Return the completion time of every node in every replication.
 
     Args:
-        graph: what must wait for what; contracted only if messages take no time.
+        graph: precedence graph; contracted only if messages take no time.
         busy_ns: standstills and duration of each node together, for a node under way what is left
             of it from now on, shape (nodes, replications) [ns].
         messages: between robots and dispatcher.
-        past: what has happened already, None for nothing.
+        past: the past of a run, None without one.
 
     Returns:
         Shape (nodes, replications) [ns].
@@ -229,7 +230,7 @@ def end_times(
 def completions(
     graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages = AT_ONCE
 ) -> Completions:
-    """Return when everything happens in every replication, and what decided it; see ``end_times``."""
+    """Return node times, waits and critical paths of every replication; see ``end_times``."""
     end = end_times(graph, busy_ns, messages)
     return explain_completions(graph, end - busy_ns, end)
 
@@ -308,10 +309,10 @@ def _message_end_times(
 
 @kernel
 def _lower(graph: PrecedenceArrays, end: Nanoseconds, latest: Nanoseconds) -> None:
-    """Lower how late nodes may end from the makespan, by a pass in reverse order.
+    """Compute the latest ends of nodes in a backward pass from the makespan.
 
-    What a node takes counts from when all that the graph has it wait for is over: a message that
-    is on its way, or a turn, leaves nobody room.
+    The time of a node counts from the completion of its predecessors: messages in transit and turns
+        leave no slack.
     """
     for k in range(len(graph.order) - 1, -1, -1):
         n = graph.order[k]
@@ -338,7 +339,7 @@ def explain_completions(
     """Return waiting times by cause, slack, and the critical path of each replication.
 
     Args:
-        graph: what must wait for what.
+        graph: precedence graph.
         start_ns, end_ns: of every node, shape (nodes, replications) [ns].
     """
     start = np.ascontiguousarray(start_ns, dtype=np.int64)
@@ -356,7 +357,7 @@ def explain_completions(
 def _latest_source(
     graph: PrecedenceArrays, end: Nanoseconds, n: int, r: int
 ) -> tuple[int, int]:
-    """Return the edge whose source was complete last, and when; -1 and 0 without edges."""
+    """Return the edge whose source was complete last, and its time; -1 and 0 without edges."""
     found, latest, cause = -1, 0, OTHER
     for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
         done = end[graph.source[e], r]
@@ -394,7 +395,7 @@ def _waits(
 def _critical_paths(
     graph: PrecedenceArrays, end: Nanoseconds, last_end: Nanoseconds
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Mark one critical path a replication, from the end back to the start of the run."""
+    """Mark one critical path per replication, from the end back to the start of the run."""
     critical = np.zeros(end.shape, np.bool_)
     critical_edge = np.zeros((len(graph.source), end.shape[1]), np.bool_)
     for r in range(end.shape[1]):
@@ -409,7 +410,7 @@ def _critical_paths(
             since = end[own, r] if own >= 0 else 0
             edge, done = _latest_source(graph, end, n, r)
             if graph.not_before[n] > max(since, done):
-                break  # the clock let it start, nobody else
+                break  # started by the clock, not by another node
             if edge >= 0 and done > since:
                 critical_edge[edge, r] = True
                 n = graph.source[edge]
@@ -419,7 +420,7 @@ def _critical_paths(
 
 
 def _last_ends(graph: PrecedenceArrays, end: Nanoseconds) -> Nanoseconds:
-    """Return when each chain is done, 0 for one without anything to do."""
+    """Return the end of each chain, 0 for an empty one."""
     out = np.zeros((len(graph.last), end.shape[1]), dtype=np.int64)
     done = graph.last >= 0
     out[done] = end[graph.last[done]]

@@ -28,7 +28,7 @@ class Topic:
     Attributes:
         name: its name.
         type: of its messages, one of DEFINITIONS.
-        latched: whether who comes late gets the last message.
+        latched: whether late subscribers get the last message.
     """
 
     name: str

@@ -23,7 +23,7 @@ class CdrMessage:
 
     @property
     def data(self) -> bytes:
-        """What has been written so far."""
+        """The bytes written so far."""
         return bytes(self._data)
 
     def numbers(self, form: str, *values: float) -> None:

@@ -24,7 +24,7 @@ def link_frame(robot: str, link: str) -> str:
 
 
 def flange_frame(robot: str) -> str:
-    """Return the name of the frame that held objects hang on."""
+    """Return the name of the frame that held objects are attached to."""
     return f"{robot}/@flange"
 
 
@@ -82,7 +82,7 @@ class ObjectsThere:
 
     Attributes:
         t_ns: when [ns].
-        changed: names of those that come, or change hands.
+        changed: names of those that arrive or are transferred.
         gone: whether one has left.
         frames: of all that are there, by name.
     """
@@ -99,7 +99,7 @@ def object_frame(name: str) -> str:
 
 
 def objects_there(run: RunResult) -> Iterator[ObjectsThere]:
-    """Yield which objects are where whenever that changes, by time."""
+    """Yield object placements after each change, by time."""
     table = run.objects
     times = np.rint(table["t_s"].to_numpy() * NANOSECONDS).astype(np.int64)
     columns = ("object", "parent", "xyz", "quat_wxyz")

@@ -1,7 +1,7 @@
-"""A run as an MCAP file: joint states, frames, trajectories and what everything looks like.
+"""A run as an MCAP file: joint states, frames, trajectories and markers.
 
-Times are those of the run, from 0 on. What moves has messages at a rate; once a second everything is
-said again, so that whoever joins in the middle soon knows all, until nothing has moved for a minute.
+Times are those of the run, from 0 on. Moving things have messages at a rate; once a second everything
+is repeated for late subscribers, until nothing has moved for a minute.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _FIXTURES = Topic("/fixtures", MARKER_ARRAY, latched=True)
 _OBJECTS = Topic("/objects", MARKER_ARRAY, latched=True)
 
 _REPEATED_NS = 60 * NANOSECONDS
-"""For so long after something has moved, everything is said again once a second [ns]."""
+"""Time after the last motion for which all messages are repeated once a second [ns]."""
 
 
 def mcap_files(run: RunResult, *, rate_hz: float = RATE_HZ) -> Mapping[str, bytes]:
@@ -77,7 +77,7 @@ def mcap_files(run: RunResult, *, rate_hz: float = RATE_HZ) -> Mapping[str, byte
 
 
 def _messages(run: RunResult, rate_hz: float) -> Iterator[Message]:
-    """Yield all messages, in no order but that of what is said of one time."""
+    """Yield all messages; only those of the same time are in order."""
     cell = run.tpg.cell
     colours = team_colours([robot.name for robot in cell.robots])
     drawn = {
@@ -135,7 +135,7 @@ def _messages(run: RunResult, rate_hz: float) -> Iterator[Message]:
 
 
 def _times(motion: Trajectory, rate_hz: float) -> Nanoseconds:
-    """Return times at a rate at which a robot moves, begins or ends to, and one every second [ns].
+    """Return message times of a robot: at a rate while it moves, and every second [ns].
 
     Of a standstill that lasts for more than a minute there are those of the first minute.
     """
@@ -176,7 +176,7 @@ def _whole_numbers(low: Array, high: Array) -> Indices:
 
 
 def _objects(run: RunResult) -> Iterator[Message]:
-    """Yield where objects are, whenever one changes hands and once a second, and how they look."""
+    """Yield object poses at every transfer and every second, and their markers."""
     there: ObjectsThere | None = None
     spans = [_moving(motion) for motion in run.motions.values()]
     begins, ends = map(np.concatenate, zip(*spans, strict=True))

@@ -1,4 +1,4 @@
-"""Checks of constructions: what their lower bounds rule out."""
+"""Checks of constructions: infeasibility by lower bounds."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def construction_kind(subject: CheckContext) -> ConstructionKind:
 
 
 def _check_construction(subject: CheckContext) -> Findings:
-    """Ask the planner of constructions for the first thing that its lower bounds rule out."""
+    """Return the first infeasibility found by the lower bounds of the planner."""
     from planning.construction.problem.reach_bounds import reach_bounds
     from twin.planning.pipeline import motion_settings
 
@@ -51,7 +51,7 @@ class ConstructionChecks(KindChecks):
     skills = ("pick", "place-down")
 
     def reach(self) -> Findings:
-        """Yield the first thing that lower bounds rule out, and robots that serve no part."""
+        """Yield the first infeasibility by lower bounds, and robots that serve no part."""
         return _check_construction(self.subject)
 
     def goal_pieces(self) -> Iterator[tuple[str, Array]]:

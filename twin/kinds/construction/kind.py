@@ -43,7 +43,7 @@ class ConstructionKind(AssemblyKind):
     """A construction of a scenario.
 
     Attributes:
-        section: what the file says.
+        section: the scenario section.
     """
 
     section_class = ConstructionSection
@@ -62,7 +62,7 @@ class ConstructionKind(AssemblyKind):
         return len(self.parts)
 
     def supply(self) -> str:
-        """Return in words what there is to build with."""
+        """Return a description of the supply."""
         mass = sum(part.mass for part in self.parts)
         return f"{len(self.parts)} parts, {mass:.0f} kg"
 
@@ -81,7 +81,7 @@ class ConstructionKind(AssemblyKind):
         return "the floor" if name == GROUND else None
 
     def problems(self, cell: CellSection) -> Found:
-        """Yield what is joined that is not there, or to itself, or by a step."""
+        """Yield invalid joints: of unknown parts, or of a part with itself."""
         from planning.construction.problem.site import GROUND
 
         for i, robot in enumerate(cell.listed):
@@ -115,7 +115,7 @@ class ConstructionKind(AssemblyKind):
         return (ground_fixture(self.section.ground_m),)
 
     def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
-        """Return the parts where they are at the start."""
+        """Return the parts at their start poses."""
         from planning.construction.problem.site import part_objects
         from planning.construction.problem.supply_layout import Rows, Spiral
 
@@ -130,7 +130,7 @@ class ConstructionKind(AssemblyKind):
         return part_objects(self.parts, laid_out, starts, near=supply.near)
 
     def wanted(self, _cell: CellSection) -> Expectations:
-        """Return the places of the parts, which whatever they are joined to holds."""
+        """Return the goals of the parts, held by their joints."""
         kinds = {item.name: item.kind for item in self.objects()}
         places = tuple(
             Place("its place in the structure", part.goal, kinds[part.name], part.name)
@@ -141,7 +141,7 @@ class ConstructionKind(AssemblyKind):
         )
 
     def _statics(self) -> StandingRules | None:
-        """Return what everything must stand by; None where that is not looked at."""
+        """Return the statics settings; None without a balance check."""
         section = self.section
         if not section.balance.check:
             return None
@@ -155,7 +155,7 @@ class ConstructionKind(AssemblyKind):
         return to_planning_class(StandingRules, section.balance, joints=joints)
 
     def steps_served(self, robot: str, motions: PlannedMotions) -> tuple[int, int]:
-        """Return how many parts a robot could fetch, hand over or place, by its reach alone, and how many there are."""
+        """Return the number of parts that a robot could handle by its reach alone, and of all parts."""
         from planning.construction.problem.reach_bounds import reach_bounds
 
         problem = motions.assembly.problem
@@ -200,12 +200,12 @@ class ConstructionKind(AssemblyKind):
         settings: MotionSettings,
         parts: Sequence[ModelPart] | None = None,
     ) -> ConstructionProblem:
-        """Return the construction problem, checked as far as lower bounds go.
+        """Return the construction problem, checked by lower bounds.
 
         Args:
             cell: built of the same scenario.
             settings: nominal durations of the skills, and the seed of everything that is drawn.
-            parts: those that are placed where not all are, or elsewhere than the file says; such a problem
+            parts: placed parts, if not all, or with other goals than in the file; such a problem
                 is not checked.
 
         Raises:

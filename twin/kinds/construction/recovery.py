@@ -1,7 +1,7 @@
-"""What is done when something fails in a construction: the parts that are left, planned from where all is.
+"""Recovery of constructions: the remaining parts are planned from the current state.
 
-A part that fell or broke cannot be had again. Of the parts of its kind one that is not placed yet takes its
-place, and what is given up is the place on which least rests.
+A part that fell or broke is lost. An unplaced part of its kind takes its place, and the goal with the
+fewest dependents is abandoned.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class _Built(RecoveryState):
     Attributes:
         parts: where each belongs by now.
         step_of: step that puts it there, by its name.
-        kept: parts that would fall and are kept hold of, see ``ConstructionResumePoint``.
+        kept: parts that would fall and are held, see ``ConstructionResumePoint``.
     """
 
     parts: tuple[ModelPart, ...]
@@ -72,7 +72,7 @@ class _Built(RecoveryState):
     kept: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def exchanged(self, one: str, other: str) -> _Built:
-        """Return the same where each of two parts has the other's place."""
+        """Return the state with the goals of two parts exchanged."""
         if one == other:
             return self
         goals = {part.name: part.goal for part in self.parts}
@@ -84,14 +84,14 @@ class _Built(RecoveryState):
 
 @dataclass
 class ConstructionRecovery(Planner[_Built]):
-    """Plans what is left of a construction whenever something has failed.
+    """Replans the rest of a construction after failures.
 
     Args:
-        scenario: its recovery section says how.
-        motions: what the first plan was made of.
-        tpg: the first plan, or what was executed of it.
+        scenario: scenario with its recovery section.
+        motions: base motions of the first plan.
+        tpg: the first plan, or its executed part.
         draw: times of new nodes.
-        person: who is asked before something is given up.
+        person: answers questions before a step is abandoned.
         gone: parts that are lost already.
         steps: whether robots bring their steps to an end before the cut; their tasks only otherwise.
     """
@@ -106,7 +106,7 @@ class ConstructionRecovery(Planner[_Built]):
     _made: dict[object, ConstructionProblem] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Take note of the first plan."""
+        """Store data of the first plan."""
         building = self.motions.assembly.building
         kind = assembly_kind(self.scenario.assembly)
         assert isinstance(kind, ConstructionKind)
@@ -121,7 +121,7 @@ class ConstructionRecovery(Planner[_Built]):
         self.initial = _Built(tpg, TaskSeeds.of(tpg), ledger, kind.parts, steps)
 
     def begun(self, state: _Built, counts: Sequence[int]) -> set[int]:
-        """Return the steps that have begun once so many nodes of each chain are executed."""
+        """Return the steps started by given numbers of executed nodes of each chain."""
         complete = complete_tasks(state.tpg, counts)
         done = (state.tpg.tasks[k] for k in complete)
         return {task.step for task in done if task.kind in ("pick", "handover", _PUT)}
@@ -131,13 +131,13 @@ class ConstructionRecovery(Planner[_Built]):
         return False
 
     def is_short(self, state: _Built) -> bool:
-        """Return whether less is built in a state than is wanted."""
+        """Return whether the plan of a state lacks wanted parts."""
         return bool(state.ledger.given_up)
 
     def end(
         self, state: _Built, trigger: ReplanTrigger, why: str
     ) -> tuple[_Built, Extension]:
-        """Return the state in which every step that is not done is given up, and the committed graph alone."""
+        """Return the state with all remaining steps abandoned, and the committed graph alone."""
         tpg, ledger = state.tpg, state.ledger.copy()
         about = self.scenario.execution, ledger, self.person
         triage = FailureTriage(*about).decide(tpg, trigger)
@@ -156,7 +156,7 @@ class ConstructionRecovery(Planner[_Built]):
         *,
         more_steps: bool = True,
     ) -> tuple[_Built, Extension]:
-        """Return the next state and a longer graph, see ``Planner``."""
+        """Return the next state and an extended graph, see ``Planner``."""
         tpg, ledger = state.tpg, state.ledger.copy()
         section = self.scenario.execution
         triage = FailureTriage(section, ledger, self.person).decide(tpg, trigger)
@@ -221,7 +221,7 @@ class ConstructionRecovery(Planner[_Built]):
     def _there(
         self, ledger: OperationLedger, at: CommittedPrefix
     ) -> Mapping[str, Attachment]:
-        """Return where parts are, by the names with which plans know them."""
+        """Return the poses of parts, by their plan names."""
         pending = ledger.pending(at.committed.tasks)
         return ledger.where(at.state.attachments, pending, at.committed.cell)
 
@@ -232,7 +232,7 @@ class ConstructionRecovery(Planner[_Built]):
         at: CommittedPrefix,
         placed: Sequence[str],
     ) -> tuple[dict[str, tuple[str, str]], tuple[str, ...]]:
-        """Return what is kept hold of, and what is placed: before that by which it stands, or last."""
+        """Return the held parts, and the order of placed parts: held ones before their support, or last."""
         kept, order = {}, list(placed)
         for name, (robot, last) in state.kept.items():
             if name in placed:
@@ -255,7 +255,7 @@ class ConstructionRecovery(Planner[_Built]):
         placed: Sequence[str],
         there: Mapping[str, Attachment],
     ) -> _Built:
-        """Return where parts belong once another one of its kind has the place of one that is lost."""
+        """Return the goals of parts after a lost one is replaced by another of its kind."""
         ledger, steps = built.ledger, built.step_of
         if steps[name] in ledger.undone:
             return built
@@ -277,13 +277,13 @@ class ConstructionRecovery(Planner[_Built]):
         return built.exchanged(name, least)
 
     def _alike(self, part: ModelPart) -> object:
-        """Return what parts have in common of which each may have the place of the other."""
+        """Return the key of interchangeable parts."""
         ways = {own.name: own.insertion for own in self.kind.section.parts}
         about = part.size.tobytes(), part.mass, part.faces
         return *about, ways.get(part.name)
 
     def _above(self, ledger: OperationLedger, step: int) -> int:
-        """Return on how many steps a step is not to be missed, those given up left out."""
+        """Return the number of remaining steps that depend on a step."""
         found, todo = set[int](), [step]
         while todo:
             more = ledger.resting.get(todo.pop(), frozenset()) - found - ledger.undone
@@ -299,7 +299,7 @@ class ConstructionRecovery(Planner[_Built]):
         there: Mapping[str, Attachment],
         out: frozenset[str],
     ) -> ConstructionProblem:
-        """Return the problem of all parts that stand or are to."""
+        """Return the problem of all placed or remaining parts."""
         ledger = built.ledger
         wanted = tuple(
             part
@@ -328,7 +328,7 @@ class ConstructionRecovery(Planner[_Built]):
     def _give_up(
         self, built: _Built, placed: Mapping[str, float] | Sequence[str]
     ) -> None:
-        """Give up the steps of parts that are not placed, with the reason."""
+        """Abandon the steps of unplaced parts, with the reason."""
         ledger = built.ledger
         undone = {k: name for name, k in built.step_of.items() if name not in placed}
         for step, name in sorted(undone.items()):
@@ -352,7 +352,7 @@ class ConstructionRecovery(Planner[_Built]):
         world: World,
         cell: Workcell,
     ) -> MotionPlan:
-        """Return the motions of what is left, numbered on, with what persons take from hands at its end."""
+        """Return the motions of the rest, renumbered, with removals by persons at the end."""
         plan, first = motion_plan(problem, rest), world.tasks
         order, steps = list(rest.placed), built.step_of
         tasks = [
@@ -384,7 +384,7 @@ class ConstructionRecovery(Planner[_Built]):
     def _removed(
         self, rest: BuildState, world: World, cell: Workcell, first: int
     ) -> Iterator[tuple[str, Sequence[AllowedContact], Task]]:
-        """Yield whoever has something in its hand at HOME that goes nowhere, and how that is taken from it."""
+        """Yield robots that hold a useless object at HOME, with its removal."""
         for name, own in world.held():
             holder = str(own.holder)
             if own.holder in world.out or name in rest.placed:
@@ -403,7 +403,7 @@ class ConstructionRecovery(Planner[_Built]):
         plan: MotionPlan,
         at: CommittedPrefix,
     ) -> np.ndarray:
-        """Return what waits for what, of what is new and what is committed, shape (e, 2)."""
+        """Return the edges between new and committed nodes, shape (e, 2)."""
         before = [task for task in at.committed.tasks if task.kind in ("pick", _PUT)]
         name_of = ledger.lost
         put = {name_of(str(t.object)): t.index for t in before if t.kind == _PUT}

@@ -28,7 +28,7 @@ class GoalsKind(AssemblyKind):
     """Goals of a scenario.
 
     Attributes:
-        section: what the file says.
+        section: the scenario section.
     """
 
     section_class = GoalsSection
@@ -45,7 +45,7 @@ class GoalsKind(AssemblyKind):
         return "no parts"
 
     def problems(self, cell: CellSection) -> Found:
-        """Yield the moves of robots that the file does not have."""
+        """Yield moves of unknown robots."""
         names = tuple(robot.name for robot in cell.robots)
         for k, move in enumerate(self.section.moves):
             at = ("assembly", "moves", k, "robot")
@@ -58,7 +58,7 @@ class GoalsKind(AssemblyKind):
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
     ) -> PlannedMotions:
-        """Find the configurations of all goals, then the ways to them."""
+        """Find the configurations of all goals, then the paths to them."""
         from planning.steps.robot_goals import prepare_goals
         from twin.planning.in_turns import ASSIGNMENT, plan_sequentially
 

@@ -1,4 +1,4 @@
-"""Checks of tools for bricks: they touch what they hold and support, by the distances that the audit allows."""
+"""Checks of brick tools: contact with held and supported bricks, by the audit's tolerances."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def lego_kind(subject: CheckContext) -> LegoKind:
 
 
 def check_brick_tools(subject: CheckContext) -> Findings:
-    """Yield robots whose tool, by their tool frames, is away from bricks that it holds or supports, or in them.
+    """Yield robots whose tool misses or penetrates bricks that it holds or supports.
 
     Beyond what the audit allows it is an error.
     """
@@ -130,7 +130,7 @@ def check_brick_tools(subject: CheckContext) -> Findings:
 
 
 def check_brick_places(subject: CheckContext) -> Findings:
-    """Yield fixtures that are in the way of bricks in their places: all bricks of a structure, or of steps."""
+    """Yield fixtures that overlap bricks at their goals."""
     section = lego_kind(subject).section
     assembly = build_lego(section)
     fixtures = {
@@ -183,7 +183,7 @@ def _bricks_at(
 
 
 def check_helpers(subject: CheckContext) -> Findings:
-    """Yield temporary bricks that nobody can take out again: an error where the rules ask for that."""
+    """Yield temporary bricks that no robot can remove: an error where the rules require removal."""
     from planning.lego.sequencing.remedies import Design
     from planning.lego.sequencing.removal import find_unremovable_bricks
 
@@ -238,7 +238,7 @@ def _check_bricks(subject: CheckContext, section: LegoSection) -> Findings:
 def _handles_bricks(
     robot: PlacedRobot, assembly: LegoAssembly, structure: Sequence[PlacedBrick]
 ) -> bool:
-    """Tell whether a robot comes to a brick of the stock, or to the place of one, with a tool for bricks."""
+    """Return whether a robot with a brick tool reaches a stock brick or a brick's goal."""
     model = robot.model
     if "tool" not in model.frames:
         return True  # said elsewhere
@@ -296,7 +296,7 @@ class LegoChecks(KindChecks):
     )
 
     def reach(self) -> Findings:
-        """Yield steps that no robot reaches, and robots that come to no brick."""
+        """Yield unreachable steps, and robots that reach no brick."""
         return _check_bricks(self.subject, lego_kind(self.subject).section)
 
     def goal_pieces(self) -> Iterator[tuple[str, Array]]:

@@ -271,7 +271,7 @@ def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
 
 
 def _mend_path(robot: dict[str, Any], old: Path, new: Path) -> None:
-    """Let a robot that is described in a file be found from another folder."""
+    """Adapt the path of a robot's description to another folder."""
     import os
 
     from planning.files import is_file

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from scheduling.planned_motions import PlannedMotions
 
 _BESIDE_STOCK = 3
-"""So many studs beside the stock no temporary brick stands beyond what it carries."""
+"""Margin around the stock in studs without temporary bricks."""
 
 SEQUENCE = "which brick when"
 """Name of a stage for progress displays."""
@@ -59,7 +59,7 @@ class LegoKind(AssemblyKind):
     """A LEGO assembly of a scenario.
 
     Attributes:
-        section: what the file says.
+        section: the scenario section.
     """
 
     section_class = LegoSection
@@ -75,7 +75,7 @@ class LegoKind(AssemblyKind):
         return len(self.section.steps if structure is None else structure)
 
     def supply(self) -> str:
-        """Return in words what there is to build with."""
+        """Return a description of the supply."""
         return f"{len(self.section.stock)} bricks in stock"
 
     def names(self) -> Iterator[tuple[KeyPath, str]]:
@@ -88,7 +88,7 @@ class LegoKind(AssemblyKind):
         yield from dict.fromkeys(item.brick for item in self.section.stock)
 
     def reserved(self, name: str) -> str | None:
-        """Return whether a name is that of a plate, or of a brick that comes up later."""
+        """Return whether a name is reserved for a plate, or for a brick that arrives later."""
         from planning.lego.bricks.brick_world import STORAGE, station_of
 
         stations = {item.name for item in self.section.stock if item.station}
@@ -143,7 +143,7 @@ class LegoKind(AssemblyKind):
         return stock_objects(build_lego(self.section))
 
     def wanted(self, _cell: CellSection) -> Expectations:
-        """Return the places of all bricks, of any brick of the type, and which steps are held."""
+        """Return the goals of all bricks, for any brick of the type, and the supported steps."""
         from planning.lego.bricks.grid import box_pose
         from planning.lego.sequencing.remedies import raise_on_plinth
 
@@ -175,7 +175,7 @@ class LegoKind(AssemblyKind):
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
     ) -> PlannedMotions:
-        """Find the sequence where the file gives a structure, then plan one task after another.
+        """Find the sequence of a given structure, then plan one task after another.
 
         Given steps are checked: the structure must stand, and bear every press. The stages are
         sequence (where there is a structure), assignment and motion.
@@ -194,7 +194,7 @@ class LegoKind(AssemblyKind):
         return self.finished(motions)
 
     def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
-        """Return the work of any number of first steps, in an order in which the structure stands.
+        """Return the work of any number of first steps, in a stable order.
 
         The structure and the room for the tool are settled for all of it. What the arms can do at a step
         is found when it is planned: a sequence that they cannot do is not sought anew.
@@ -223,7 +223,7 @@ class LegoKind(AssemblyKind):
         return WorkAhead(len(assembly.steps), first, len(assembly.steps))
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
-        """Return motions whose bricks have the colours of the places that they go to."""
+        """Return motions with bricks in the colours of their goals."""
         colours, plan = brick_colours(self.section), motions.motion_plan
         wanted = {
             task.object: colours.get(motions.assembly.steps[task.step - 1].cell)
@@ -242,7 +242,7 @@ class LegoKind(AssemblyKind):
         return sequencing_rules(self.section, robots=robots, carrier=carrier)
 
     def _given(self, cell: Workcell, rules: SequencingRules) -> LegoAssembly:
-        """Return the assembly of the steps that the file gives, which are checked by the rules."""
+        """Return the assembly of the listed steps, checked by the rules."""
         from planning.lego.sequencing.blocking import check_reach
         from planning.lego.sequencing.stable_steps import stable_steps
 
@@ -253,7 +253,7 @@ class LegoKind(AssemblyKind):
         return assembly
 
     def _sequenced(self, cell: Workcell, watch: StageWatch) -> AssemblyWork:
-        """Find a sequence whose steps the arms can do."""
+        """Find a sequence that is feasible for the arms."""
         from planning.lego.skills.expansion import lego_work
 
         return lego_work(buildable_sequence(self.section, cell, watch).candidates)
@@ -262,7 +262,7 @@ class LegoKind(AssemblyKind):
 def buildable_sequence(
     section: LegoSection, cell: Workcell, watch: StageWatch
 ) -> ArmSequence:
-    """Return a sequence of an assembly whose steps the arms of a cell can do.
+    """Return a sequence of an assembly that is feasible for the arms of a cell.
 
     Where none is found, it is the first one that the tool has room for. The stages are sequence
     and assignment.
@@ -324,7 +324,7 @@ def build_structure(lego: LegoSection) -> tuple[PlacedBrick, ...] | None:
 def structure_and_helpers(
     lego: LegoSection,
 ) -> tuple[tuple[PlacedBrick, ...], tuple[PlacedBrick, ...]]:
-    """Return the bricks of the finished structure, and the temporary ones that steps name."""
+    """Return the bricks of the finished structure, and the temporary ones of steps."""
     structure, assembly = build_structure(lego), build_lego(lego)
     if structure is not None:
         return structure, ()
@@ -336,7 +336,7 @@ def structure_and_helpers(
 
 
 def tool_carrier(cell: Workcell) -> str:
-    """Return the registered robot whose tool sequencing makes room for: that of all, or a GP4."""
+    """Return the registered robot whose tool sequencing makes room for: that of all robots, or a GP4."""
     from planning.robots.registry import ROBOTS
 
     models = {robot.model.name: robot.model for robot in cell.robots}
@@ -347,7 +347,7 @@ def tool_carrier(cell: Workcell) -> str:
 def sequencing_rules(
     lego: LegoSection, *, robots: int, carrier: str = "gp4"
 ) -> SequencingRules:
-    """Return the rules of a sequence: what the file allows, and the robots can do.
+    """Return the rules of a sequence, from the file and the robots.
 
     Args:
         lego: the section.
@@ -397,7 +397,7 @@ def find_sequence(
         lego: the section.
         rules: of the sequence, see ``sequencing_rules``.
         robots: how many there are.
-        progress: told how many partial structures were looked at, and of how many at most.
+        progress: receives the number of examined partial structures, and the maximum.
 
     Raises:
         InfeasibleStepError: the structure does not stand, or no order leads to it.
@@ -439,7 +439,7 @@ def _step(section: BrickStepSection, types: Mapping[str, BrickType]) -> LegoStep
 
 
 def brick_colours(section: LegoSection) -> dict[Cell, Colour]:
-    """Return the colours that steps or bricks of the structure are given, by their cells."""
+    """Return the given colours of steps or bricks, by cell."""
     structure = () if section.structure is None else section.structure.bricks
     given = {brick_cell(item): item.colour for item in section.steps}
     given |= {brick_cell(item): item.colour for item in structure}

@@ -51,7 +51,7 @@ class ShownBrick:
         pose: of the centre of its box in the frame of the plate.
         height: of its box [m].
         colour: (r, g, b), 0 to 255.
-        step: in which it comes, 0 for what stands there from the start.
+        step: its step, 0 for bricks present from the start.
     """
 
     kind: BrickType
@@ -78,7 +78,7 @@ def ldraw_files(run: RunResult) -> Mapping[str, bytes]:
 
 
 def ldraw_of_scenario(scenario: Scenario, file: Path) -> bytes:
-    """Return what a scenario builds as a model, before anything is planned.
+    """Return the structure of a scenario as a model, before planning.
 
     Steps are those that it gives; of a structure every layer is one.
 
@@ -136,7 +136,7 @@ def ldraw_model(name: str, bricks: Iterable[ShownBrick]) -> bytes:
 def _shown(
     tpg: TemporalPlanGraph, assembly: LegoAssembly, types: Mapping[str, BrickType]
 ) -> list[ShownBrick]:
-    """Return the scaffolding and what is built, each brick with the step that puts it there.
+    """Return scaffolding and structure, each brick with its step.
 
     A brick that is put down and taken away again comes where it is put down last.
     """
@@ -165,7 +165,7 @@ def _shown(
 def _scaffold(
     assembly: LegoAssembly, types: Mapping[str, BrickType]
 ) -> list[ShownBrick]:
-    """Return the scaffolding, without what feeding stations stand on."""
+    """Return the scaffolding, without the supports of feeding stations."""
     away = inverse(assembly.plate.pose)
     stations = [item.span for item in assembly.stock if item.station]
     out = []

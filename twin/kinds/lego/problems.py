@@ -1,4 +1,4 @@
-"""Checks of LEGO sections: known bricks, in places of their own, not in the air, and enough.
+"""Checks of LEGO sections: known bricks, without overlaps, supported, and enough of them.
 
 Steps are checked one after another, a drawn structure as a whole.
 """
@@ -26,7 +26,7 @@ from twin.kinds.lego.structure import read_structure
 
 
 def find_lego_problems(assembly: LegoSection) -> Found:
-    """Yield everything in a LEGO section that cannot be as it is written.
+    """Yield all inconsistencies of a LEGO section.
 
     Args:
         assembly: passed the checks of its single values.
@@ -50,7 +50,7 @@ def _unknown_bricks(assembly: LegoSection, types: Mapping[str, BrickType]) -> Fo
 
 
 def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Found:
-    """No two bricks in one place, nothing off the plate, nothing in the air."""
+    """Yield bricks that overlap, are off the plate, or unsupported."""
     studs = assembly.plate.studs
     owner: dict[str, StockSection] = {s.name: s for s in assembly.stock}
     taken: dict[GridPlace, str] = {}
@@ -103,7 +103,7 @@ def _check_step(
 ) -> Found:
     if step.press is not None:
         along = brick.studs[1] if step.press.side in (1, 4) else brick.studs[0]
-        # A one-stud edge is gripped with half of the tool beside it.
+        # A one-stud edge is gripped with half of the tool off it.
         most = max(along - 2, 0)
         if step.press.offset > most:
             text = f"the edge has {along} studs: an offset of at most {most} fits"
@@ -122,7 +122,7 @@ def _check_stock(
     studs: Sequence[int],
     taken: dict[GridPlace, str],
 ) -> Found:
-    """Check the stock of one plate, and note the studs it takes.
+    """Check the stock of one plate, and record its occupied studs.
 
     Every brick must be joined to the plate through others, never through a station.
     """
@@ -148,7 +148,7 @@ def _check_stock(
 
 
 def _check_supply(assembly: LegoSection) -> Found:
-    """Every step must find a brick."""
+    """Yield steps without a brick in stock."""
     free, stations, supply = _free_stock(assembly)
     owner = {s.name: s for s in assembly.stock}
     used: dict[str, int] = {}
@@ -183,7 +183,7 @@ def _check_supply(assembly: LegoSection) -> Found:
 def _free_stock(
     assembly: LegoSection,
 ) -> tuple[list[StockSection], set[str], Counter[str]]:
-    """Return the stock that steps may use, the types of its stations, and its types counted."""
+    """Return the stock available to steps, the types of its stations, and counts by type."""
     free = [item for item in assembly.stock if not item.fixed]
     stations = {item.brick for item in free if item.station}
     return free, stations, Counter(item.brick for item in free)
@@ -219,7 +219,7 @@ def _ordinal(n: int) -> str:
 
 
 def find_structure_problems(assembly: LegoSection) -> Found:
-    """Yield everything in the structure of an assembly that cannot be as it is drawn.
+    """Yield all inconsistencies of a drawn structure.
 
     No two bricks in one place, none off the plate or in the air, and enough in stock.
 

@@ -1,4 +1,4 @@
-"""``twin sequence``: in which order a structure can be assembled, and how each brick goes in."""
+"""``twin sequence``: assembly sequence of a structure, with the placement of each brick."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def _with_scaffold(lego: LegoSection, scaffold: str) -> LegoSection:
 
 
 def _explain(assembly: LegoAssembly, number: int, rules: SequencingRules) -> None:
-    """Print what the structure bears at a step, and draw it."""
+    """Print the loads of the structure at a step, and draw it."""
     from planning.lego.sequencing.explained_step import MOST, explain_step
     from twin.kinds.lego.step_picture import draw_step
 
@@ -154,7 +154,7 @@ def _row(number: int, item: SequencedStep) -> dict[str, Any]:
 
 
 def step_section(item: SequencedStep) -> dict[str, Any]:
-    """Return a step as a scenario file writes it."""
+    """Return a step in the form of a scenario file."""
     step = item.step
     out: dict[str, Any] = {"brick": step.brick.name, **step.cell.entry}
     if step.temporary:

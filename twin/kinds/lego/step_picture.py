@@ -26,7 +26,7 @@ def draw_step(step: ExplainedStep) -> bytes:
 
 
 def step_figure(step: ExplainedStep) -> Figure:
-    """Return a picture of a step: bricks by how strained they are, press and holds as arrows."""
+    """Return a picture of a step: bricks coloured by load, press and holds as arrows."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -54,13 +54,13 @@ def step_figure(step: ExplainedStep) -> Figure:
 
 
 def _colour(share: float) -> tuple[float, float, float]:
-    """Return the colour of a brick whose joints use a share of what they can."""
+    """Return the colour of a brick by the load ratio of its joints."""
     pale = 1.0 - 0.85 * min(1.0, share)
     return 1.0, pale, pale
 
 
 def _draw_legend(figure: Figure, step: ExplainedStep) -> None:
-    """Say what colours, edges and arrows mean, as far as they are there."""
+    """Draw a legend of the colours, edges and arrows present."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

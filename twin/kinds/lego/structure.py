@@ -1,4 +1,4 @@
-"""Structures in a scenario file: the sections, and the bricks they draw, with their places.
+"""Structures in a scenario file: sections and their bricks.
 
 A structure takes the place of the steps; the planner then finds the steps itself. Drawings and
 lists may be mixed: all bricks together are the structure.
@@ -115,7 +115,7 @@ def read_structure(
     """Return the bricks of a structure.
 
     Args:
-        section: what the file says.
+        section: the scenario section.
         types: brick types by name.
     """
     drawn: list[DrawnBrick] = []

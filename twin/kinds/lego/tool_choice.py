@@ -1,4 +1,4 @@
-"""Choice of the tool with which a LEGO scenario can be done, where its robots come with several."""
+"""Choice of a tool with which a LEGO scenario is feasible, for robots with several."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ToolChoice:
-    """The steps that are left without a robot with each tool that was tried.
+    """Steps without a robot, for each tool tried.
 
     Attributes:
         impossible: numbers of the steps by tool, in the order in which tools were tried.
@@ -24,12 +24,12 @@ class ToolChoice:
 
     @property
     def tool(self) -> str:
-        """The first tool that leaves the fewest steps without a robot."""
+        """The first tool with the fewest steps without a robot."""
         return min(self.impossible, key=lambda name: len(self.impossible[name]))
 
     @property
     def words(self) -> str:
-        """What was found, in one line."""
+        """Result in one line."""
         found = [
             f"with the {tool} tool "
             + (f"{_steps(steps)} cannot be done" if steps else "every step can be done")
@@ -39,7 +39,7 @@ class ToolChoice:
 
 
 def choose_tool(scenario: Scenario, assembly: LegoAssembly, folder: Path) -> ToolChoice:
-    """Return the tool with which some robot can do every step, that of the model if it can.
+    """Return a tool with which every step has a robot, preferably the model's own.
 
     Looked for are free and reachable picks, places, handovers and supports; ways between them are
     left to planning.

@@ -1,7 +1,7 @@
-"""Parts that are alike, written out: each with a name of its own, a place where it lies, perhaps a goal.
+"""Expansion of interchangeable parts: each with its own name, start pose, and optional goal.
 
-The first parts of a kind have its goals, and each goal a step. That is one of the ways to share them
-out, of which the planner chooses one; what a scenario allows is that any part of the kind fills a goal.
+The first parts of a kind get its goals, and each goal a step. The planner may reassign them: any part
+of the kind can fill a goal.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class AlikeParts:
     """Parts of a kind.
 
     Attributes:
-        kind: what the scenario calls them.
+        kind: their name in the scenario.
         names: of all of them: KIND.1, KIND.2, ...
-        goals: how many goals there are; the first so many names are those that are written out with one.
+        goals: number of goals; the first names have one each.
         sourced: whether they come from a source, which gives one after another: then nothing is chosen.
     """
 
@@ -41,12 +41,12 @@ class AlikeParts:
 
     @property
     def with_goals(self) -> tuple[str, ...]:
-        """Names of those that are written out with a goal."""
+        """Names of the parts with a goal."""
         return self.names[: self.goals]
 
 
 def alike_parts(section: PartsSection) -> tuple[AlikeParts, ...]:
-    """Return the parts that are alike, kind by kind."""
+    """Return the interchangeable parts, kind by kind."""
     found = []
     for part in section.parts:
         if part.several:
@@ -58,7 +58,7 @@ def alike_parts(section: PartsSection) -> tuple[AlikeParts, ...]:
 
 
 def with_named_parts(section: PartsSection) -> PartsSection:
-    """Return an assembly in which every part has an entry, and every goal a step; others as they are.
+    """Return an assembly with an entry for every part and a step for every goal.
 
     Args:
         section: passed its checks.
@@ -71,7 +71,7 @@ def with_named_parts(section: PartsSection) -> PartsSection:
         for part in section.parts
         for named in (_named(part, kinds[part.name]) if part.several else (part,))
     )
-    # What others call a step of a kind stands for all of its goals.
+    # A reference to a step of a kind means all of its goals.
     goals = {
         step.known_as: tuple(
             f"{step.known_as}-goal-{k}" for k in range(1, kinds[step.place].goals + 1)
@@ -93,7 +93,7 @@ def with_named_parts(section: PartsSection) -> PartsSection:
 
 
 def listed_steps(section: PartsSection) -> tuple[int, ...]:
-    """Return for every step that is written out the number of the one in the file, counted from 0."""
+    """Return for every expanded step the number of its step in the file, from 0."""
     goals = {own.kind: own.goals for own in alike_parts(section)}
     return tuple(
         k
@@ -132,7 +132,7 @@ def _steps(
 
 
 def _pairs(pairs: Sequence[Pair], kinds: dict[str, AlikeParts]) -> tuple[Pair, ...]:
-    """Return what is said of pairs, of a kind for each of its parts that has a goal."""
+    """Return pairs with kinds expanded to their parts with a goal."""
     return tuple(
         item if both == item.parts else item.changed(parts=both)
         for item in pairs
@@ -145,7 +145,7 @@ def _pairs(pairs: Sequence[Pair], kinds: dict[str, AlikeParts]) -> tuple[Pair, .
 def expand_pairs(
     pairs: Mapping[frozenset[str], float], alike: Sequence[AlikeParts]
 ) -> dict[frozenset[str], float]:
-    """Return what holds for pairs, of a kind for each of its parts.
+    """Return pairs with kinds expanded to all their parts.
 
     Args:
         pairs: of names in the file.
@@ -160,7 +160,7 @@ def expand_pairs(
 
 
 def find_alike_problems(section: PartsSection) -> Found:
-    """Yield what cannot be of parts that are alike: too few of them, or of the places where they lie.
+    """Yield problems of interchangeable parts: too few parts or start poses.
 
     Args:
         section: passed the checks of its single values.

@@ -41,12 +41,12 @@ from twin.scenario.sections.shapes import (
 
 
 def build_assembly(section: PartsSection) -> PartAssembly:
-    """Return goals, steps, grips and supplies of a section, its products written out."""
+    """Return goals, steps, grips and supplies of a section, with products expanded."""
     return assembly_of(write_out_line(section))
 
 
 def assembly_of(line: Line) -> PartAssembly:
-    """Return goals, steps, grips and supplies of what is written out."""
+    """Return goals, steps, grips and supplies of an expanded section."""
     section = line.section
     usual = to_planning_class(
         PartHandling, section, grips=_grip_rules(section.grips, GripRules())
@@ -73,7 +73,7 @@ def assembly_of(line: Line) -> PartAssembly:
 
 
 def overlaps_of(section: PartsSection) -> Overlaps:
-    """Return how deep what is joined, and what is pressed into each other, may be in each other."""
+    """Return the allowed overlaps of joined and of press-fitted parts."""
     joined = frozenset(joined_pairs(section))
     said = dict.fromkeys(joined, section.joined_overlap_m)
     for fit in section.fits:
@@ -83,12 +83,12 @@ def overlaps_of(section: PartsSection) -> Overlaps:
 
 
 def joined_pairs(section: PartsSection) -> dict[frozenset[str], float]:
-    """Return the pairs that are joined, each with the room between the two [m]."""
+    """Return the joined pairs with their gaps [m]."""
     return {frozenset(item.parts): item.gap_m for item in section.joined}
 
 
 def _balance(section: PartsSection) -> StandingRules | None:
-    """Return what an assembly must stand by; None where that is not looked at."""
+    """Return the statics settings of an assembly; None without a balance check."""
     own = section.balance
     if not own.check:
         return None
@@ -103,7 +103,7 @@ def _balance(section: PartsSection) -> StandingRules | None:
 
 
 def _grip_rules(section: PartGripSection, rules: GripRules) -> GripRules:
-    """Return rules with what a section says in place of what they say."""
+    """Return grip rules overridden by a section."""
     values = plain_values(section)
     for key in ("close_s", "open_s"):
         values.pop(key, None)  # when, not where: execution asks for them
@@ -113,7 +113,7 @@ def _grip_rules(section: PartGripSection, rules: GripRules) -> GripRules:
 
 
 def _ways(part: PartSection, usual: PartHandling) -> PartHandling:
-    """Return how one part is handled: as it says, else as the assembly says."""
+    """Return the handling of a part: its own settings, else the assembly's."""
     rules = usual.grips
     if part.grips is not None:
         rules = _grip_rules(part.grips, rules)
@@ -165,7 +165,7 @@ def _spot(section: PartsSection, at: PlaceOfWork) -> Spot:
 
 
 def _process(section: PartsSection, step: StepSection) -> Process:
-    """Return the process of a step, with what the step says of it."""
+    """Return the process of a step, with the step's settings."""
     assert step.process is not None
     own = section.processes[step.process]
     turn = own.turn_deg if step.turn_deg is None else step.turn_deg
@@ -181,7 +181,7 @@ def _process(section: PartsSection, step: StepSection) -> Process:
 
 
 def _words(at: PlaceOfWork) -> str:
-    """Return a place of work in words: its owner and frame, else where it is."""
+    """Return a text on a place of work: owner and frame, else position."""
     named = [name for name in (at.part or at.fixture, at.frame) if name is not None]
     if at.pose is not None and at.frame is None:
         named.append("(" + ", ".join(f"{v:g}" for v in at.pose.xyz_m) + ")")

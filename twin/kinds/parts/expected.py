@@ -1,4 +1,4 @@
-"""Expectations of an assembly of parts: goals, processes, and where parts lie on their way."""
+"""Expectations of an assembly of parts: goals, processes, and intermediate places."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from twin.scenario.sections.shapes import build_transform
 
 
 def expectations_of(section: PartsSection, cell: CellSection) -> Expectations:
-    """Return the goals of the parts, where they lie on their way, and what is done to them."""
+    """Return the goals, intermediate places and processes of the parts."""
     line = write_out_line(section, whole=True)
     assembly, parts = assembly_of(line), {p.name: p for p in line.section.parts}
     gone = {

@@ -1,4 +1,4 @@
-"""How parts fit where they are put, and how often robots that repeat so well meet their places."""
+"""Fits of parts at their places, and success probability from robot repeatability."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NEVER = 1e-9
 
 @dataclass(frozen=True)
 class KnownFit:
-    """The fit of a part, and the chances of robots that may put it there.
+    """Fit of a part, with the success probabilities of its robots.
 
     Attributes:
         fit: the part, and its play.
@@ -39,7 +39,7 @@ class KnownFit:
 
     @property
     def words(self) -> str:
-        """What it is, for people."""
+        """Description, for people."""
         by = ", ".join(f"{100 * p:.3g} % by {name}" for name, p in self.chances.items())
         return self.fit.words + (f"; fits in {by}" if by else "")
 
@@ -60,7 +60,7 @@ class KnownFit:
 def place_misses(
     parts: OrderedParts, robots: Sequence[RobotSection]
 ) -> dict[str, float]:
-    """Return how likely robots whose repeatability is stated miss the places of parts, by ROBOT/PART.
+    """Return the probability of missing a place, by ROBOT/PART, for robots with a repeatability.
 
     Of a part that is put down in several places it is the likeliest of these.
 
@@ -79,7 +79,7 @@ def place_misses(
 def known_fits(
     parts: OrderedParts, robots: Sequence[RobotSection]
 ) -> tuple[KnownFit, ...]:
-    """Return how the parts of an assembly fit where they are put, in the order of the steps.
+    """Return the fits of parts at their places, in the order of the steps.
 
     Of parts of several products, which fit alike, only those of the first one are there. See ``place_misses``
     for the arguments.

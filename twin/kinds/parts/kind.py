@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 _GREY_BLUE = (196, 214, 226)
 
 _ROUNDING = 0.001
-"""What is joined may be deeper in each other than its file says by this [m]."""
+"""Rounding tolerance of the depth of joined parts [m]."""
 
 ORDERS = "orders tried"
 """Name of the stage for progress displays."""
@@ -54,7 +54,7 @@ class PartKind(AssemblyKind):
     """An assembly of parts of a scenario.
 
     Attributes:
-        section: what the file says.
+        section: the scenario section.
         whole: whether all products are written out, and not those of a pattern only.
     """
 
@@ -85,14 +85,14 @@ class PartKind(AssemblyKind):
         return self.steps() - spare * len(listed_steps(self.section))
 
     def products(self) -> int:
-        """Return how many products are made; of those that are written out, with the spare ones."""
+        """Return the number of products, spare ones included if expanded."""
         products = self.section.products
         if products is None:
             return 1
         return products.count + (products.spare if self.whole else 0)
 
     def supply(self) -> str:
-        """Return in words what there is to build with."""
+        """Return a description of the supply."""
         return f"{len(with_named_parts(self.section).parts)} parts"
 
     def names(self) -> Iterator[tuple[KeyPath, str]]:
@@ -114,7 +114,7 @@ class PartKind(AssemblyKind):
         return self.section.machines
 
     def disturbed_machines(self) -> Iterable[str]:
-        """Return the names of the machines that may be disturbed; what nobody does is none."""
+        """Return the names of the machines that may be disturbed, without unattended processes."""
         return disturbed_machines(self.section)
 
     def lies_as_given(self) -> bool:
@@ -124,7 +124,7 @@ class PartKind(AssemblyKind):
     def place_misses(
         self, cell: Workcell, robots: Sequence[RobotSection]
     ) -> Mapping[str, float]:
-        """Return how likely robots whose repeatability is stated miss the places of parts, by ROBOT/PART."""
+        """Return the probability of missing a place, by ROBOT/PART, for robots with a repeatability."""
         from planning.steps.tool_changes import with_all_tools_mounted
         from twin.kinds.parts.fits import place_misses
         from twin.kinds.parts.ordered_parts import OrderedParts
@@ -134,7 +134,7 @@ class PartKind(AssemblyKind):
         )
 
     def default_durations(self) -> Mapping[str, AnyDuration]:
-        """Return nothing: skills take their motions, and what tools take to close and to open."""
+        """Return nothing: skills last as long as motions and tool actuations."""
         return {}
 
     def processes(self) -> Mapping[str, AnyDuration | None]:
@@ -143,7 +143,7 @@ class PartKind(AssemblyKind):
         return {name: process.duration for name, process in processes.items()}
 
     def actuations(self, cell: CellSection) -> Mapping[ActuationKey, DurationModel]:
-        """Return how long tools take to close and to open: as they say, or else as the section does."""
+        """Return actuation times of tools: their own, else the section's."""
         found: dict[ActuationKey, DurationModel] = {}
         rules = self.section.grips
         for robot in (outfit for one in cell.robots for outfit in one.outfits):
@@ -158,7 +158,7 @@ class PartKind(AssemblyKind):
         return found
 
     def problems(self, cell: CellSection) -> Found:
-        """Yield the problems of the section: steps and parts name what there is, no part twice."""
+        """Yield the problems of the section, such as unknown or repeated names."""
         return find_part_problems(self.section, cell)
 
     def object_kinds(self) -> Iterable[str]:
@@ -166,15 +166,15 @@ class PartKind(AssemblyKind):
         return dict.fromkeys(part.shape_words for part in self.section.parts)
 
     def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
-        """Return the parts where they are at the start."""
+        """Return the parts at their start poses."""
         return _objects(self.line, folder)
 
     def machines(self) -> tuple[str, ...]:
-        """Return the machines of sources, those that work, and what takes products away."""
+        """Return the machines of sources, the processing machines, and product removal."""
         return self.line.machines()
 
     def machine_durations(self) -> tuple[SkillOverride, ...]:
-        """Return how long these take for their tasks."""
+        """Return the durations of machine tasks."""
         return machine_durations(self.section)
 
     def due(self) -> tuple[tuple[float, ...], int | None]:
@@ -183,20 +183,20 @@ class PartKind(AssemblyKind):
         return ((), None) if products is None else (products.due_s(), products.start_up)
 
     def contact_depth(self) -> float:
-        """Return how deep they may be: bars that are joined may meet in a node [m]."""
+        """Return the allowed contact depth: joined bars may meet in a node [m]."""
         from twin.kinds.parts.built import overlaps_of
 
         said = overlaps_of(self.section).said.values()
         return max([CONTACT_DEPTH, *(deep + _ROUNDING for deep in said)])
 
     def wanted(self, cell: CellSection) -> Expectations:
-        """Return the goals of the parts, the processes, and how far fingers stand open."""
+        """Return the goals of the parts, the processes, and finger openings."""
         from twin.kinds.parts.expected import expectations_of
 
         return expectations_of(self.section, cell)
 
     def why_unable(self, robot: PlacedRobot, motions: PlannedMotions) -> IdleReason:
-        """Return whether it may do no step, has no tool for any, or reaches none."""
+        """Return why: not allowed, without tool, or out of reach for every step."""
         from twin.kinds.parts.unable import why_unable
 
         return why_unable(robot, motions)
@@ -211,7 +211,7 @@ class PartKind(AssemblyKind):
         return self.finished(plan_sequentially(cell, assembly, work, settings, watch))
 
     def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
-        """Return the work of any number of products, looked at when they are planned; see ``AssemblyKind``.
+        """Return the work of any number of products, computed on demand; see ``AssemblyKind``.
 
         All are looked at beforehand where that is one search, so only for the sake of spare ones.
         """
@@ -235,7 +235,7 @@ class PartKind(AssemblyKind):
         return WorkAhead(self.steps(), first, self.wanted_steps(), period)
 
     def _work(self, cell: Workcell, watch: StageWatch) -> tuple[Any, AssemblyWork]:
-        """Return what is built, and its work."""
+        """Return the assembly and its work."""
         from planning.parts.alike import find_alike_candidates
         from planning.parts.candidates import find_candidates
         from planning.parts.order import find_ordered_candidates, order_steps_by_search
@@ -256,7 +256,7 @@ class PartKind(AssemblyKind):
         return found.assembly if assembly.alike else assembly, work
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
-        """Return motions with the way in which they go on, and which tasks are for which product."""
+        """Return motions with their repetition pattern and the product of each task."""
         line = self.line
         if line.products == 1 or self.whole:
             return motions

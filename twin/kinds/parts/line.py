@@ -1,4 +1,4 @@
-"""Lines, written out: parts, steps, machines' jobs and supplies of the products of a pattern."""
+"""Expansion of lines: parts, steps, machine jobs and supplies of the products of a pattern."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ OUTFEED = "outfeed"
 
 @dataclass(frozen=True)
 class MachineJob:
-    """A step that is done without a robot.
+    """A step without a robot.
 
     Attributes:
-        machine: whose task it is; what nobody does has a chain of its own for every step.
+        machine: its machine; an unattended step has its own chain.
         door: name of the object that is its door for as long as it works, None for none.
         part: what this door is called in every product, None for none.
         product: for which product it works, from 1.
@@ -52,7 +52,7 @@ class MachineJob:
 
 
 def machine_jobs(section: PartsSection, period: int) -> Mapping[int, MachineJob]:
-    """Return what does the steps that no robot does, by their numbers from 1.
+    """Return the jobs of steps without robots, by step number from 1.
 
     Args:
         section: with the steps of all products that are written out.
@@ -87,16 +87,16 @@ def machine_jobs(section: PartsSection, period: int) -> Mapping[int, MachineJob]
 
 @dataclass(frozen=True)
 class Line:
-    """An assembly as it is planned: as many products as it takes until all is as it was.
+    """An expanded line: as many products as its period takes.
 
     Attributes:
         section: parts and steps of these products, every part at the place of its source.
-        supply: what comes up and leaves meanwhile.
+        supply: arriving and leaving objects.
         later: parts that are not there at the start.
         products: how many there are to be.
         period: how many are written out.
         numbers: part and product by name of a numbered part.
-        jobs: what does the steps that no robot does, by their numbers from 1.
+        jobs: jobs of steps without robots, by step number from 1.
         alike: parts that are alike, kind by kind; of products by their names without numbers.
     """
 
@@ -111,7 +111,7 @@ class Line:
 
     @cached_property
     def lags(self) -> Mapping[int, tuple[TimeLag, ...]]:
-        """How long after others steps come that say so, by their numbers from 1."""
+        """Minimum time lags of steps after others, by step number from 1."""
         found: dict[int, tuple[TimeLag, ...]] = {}
         taken: Counter[str] = Counter()
         for number, step in enumerate(self.section.steps, start=1):
@@ -129,7 +129,7 @@ class Line:
         return found
 
     def machines(self) -> tuple[str, ...]:
-        """Return the machines that have something to do."""
+        """Return the machines with jobs."""
         refills = list(self.supply.refills.values())
         names = [item.arrivals for item in refills] + [item.machine for item in refills]
         names += [item.machine for item in self.supply.leaves.values()]
@@ -164,7 +164,7 @@ def _has_line(section: PartsSection) -> bool:
 
 
 def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
-    """Return how long machines take for their tasks."""
+    """Return the durations of machine tasks."""
     found: list[tuple[str, str, AnyDuration]] = []
     for name, source in section.sources.items():
         if isinstance(source, ConveyorSection):
@@ -185,12 +185,12 @@ def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
 
 
 def feeding_machine(name: str, source: SourceSection) -> str:
-    """Return the machine after whose task the next part is there."""
+    """Return the machine that delivers the next part."""
     return f"{name}.end" if isinstance(source, ConveyorSection) else name
 
 
 def source_places(source: SourceSection) -> tuple[Transform, ...]:
-    """Return where the parts of a full source lie, in the order in which they are taken."""
+    """Return the places of parts in a full source, in the order of removal."""
     pose = build_transform(source.pose)
     if isinstance(source, TraySection):
         return tuple(read_only_copy(pose @ at) for at in source.grid.places())
@@ -201,7 +201,7 @@ def source_places(source: SourceSection) -> tuple[Transform, ...]:
 
 
 class _Writer:
-    """Writes out one line."""
+    """Expands one line."""
 
     def __init__(self, section: PartsSection, whole: bool) -> None:
         self.section = section
@@ -282,7 +282,7 @@ class _Writer:
         )
 
     def _period(self) -> int:
-        """Return after how many products sources are full and places empty, all at once."""
+        """Return the period: number of products after which all sources are full and places empty."""
         period = 1
         for source, names in self.taken.items():
             size = len(self.slots[source])
@@ -299,7 +299,7 @@ class _Writer:
         return self._name(names[q % len(names)], q // len(names) + 1)
 
     def _taken_in(self, names: list[str], q: int) -> int:
-        """Return the number of the step in which a part of a source is taken, counted from 0."""
+        """Return the step that takes a part of a source, counted from 0."""
         steps = [step.place for step in self.section.steps]
         return q // len(names) * len(steps) + steps.index(names[q % len(names)]) + 1
 
@@ -317,7 +317,7 @@ class _Writer:
         return part.model_copy(update=update)
 
     def _refill(self, source: str, first: int) -> Refill:
-        """Return what comes up at a source with a part counted from 0."""
+        """Return the refill of a source at a part counted from 0."""
         names, places = self.taken[source], self.slots[source]
         last = min(first + len(places), self.products * len(names))
         parts: tuple[PlacedPart, ...] = tuple(
@@ -330,7 +330,7 @@ class _Writer:
         return Refill(machine, parts)
 
     def _leaves(self) -> Iterator[tuple[int, Leaving]]:
-        """Yield what leaves after which step."""
+        """Yield leaving objects with their steps."""
         together, steps = len(self.places), len(self.section.steps)
         if self.section.products is None or together > self.products:
             return
@@ -356,14 +356,14 @@ class _Writer:
             yield joint.model_copy(update={"by": by})
 
     def _of_products(self, pairs: Sequence[Pair]) -> Iterator[tuple[Pair, int]]:
-        """Yield what is said of pairs with the names of each product, and its number; what is of none once."""
+        """Yield pairs with names expanded for each product and its number; others once."""
         for product, item in product_of(range(1, self.period + 1), pairs):
             parts = tuple(self._name(name, product) for name in item.parts)
             if parts != item.parts or product == 1:
                 yield item.model_copy(update={"parts": parts}), product
 
     def _step(self, step: StepSection, product: int) -> StepSection:
-        """Return a step for a product, with names of that."""
+        """Return a step for a product, with that product's names."""
         if self.section.products is None:
             return step
         update: dict[str, object] = {
@@ -387,7 +387,7 @@ class _Writer:
 
 
 def _elsewhere(steps: Sequence[StepSection]) -> frozenset[int]:
-    """Return the numbers of the steps in which parts are put down on their way, or worked at there."""
+    """Return the numbers of the steps at intermediate places."""
     on_the_way: set[str] = set()
     found = set()
     for number, step in enumerate(steps, start=1):

@@ -1,4 +1,4 @@
-"""An assembly of parts in its order, listed or found."""
+"""An assembly of parts in its step order, listed or found."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class OrderedParts:
 
     Attributes:
         cell: its objects are the parts.
-        section: what the file says.
+        section: the scenario section.
     """
 
     cell: Workcell
@@ -29,7 +29,7 @@ class OrderedParts:
 
     @property
     def count(self) -> int:
-        """Number of its steps; of those of a product where several are made."""
+        """Number of its steps, per product."""
         return len(listed_steps(self.section))
 
     @cached_property
@@ -41,14 +41,14 @@ class OrderedParts:
 
     @cached_property
     def there(self) -> Workcell:
-        """The cell as steps find it: parts that are alike are nowhere, as each may come from anywhere."""
+        """The cell without interchangeable parts, as each may come from any place."""
         from planning.parts.alike import without_start_places
 
         return without_start_places(self.cell, self.listed)
 
     @cached_property
     def found(self) -> PartAssembly | str:
-        """The assembly in its order, the one that is found if the file asks for that; or why not."""
+        """The assembly in its order, found by search if requested; or the reason of failure."""
         from planning.parts.order import order_steps_by_search
 
         if self.section.order != "find":
@@ -60,7 +60,7 @@ class OrderedParts:
 
     @cached_property
     def steps(self) -> tuple[KnownStep, ...] | None:
-        """Its steps in that order; None where one cannot be, or there is no order."""
+        """Its steps in that order; None if one is infeasible or there is no order."""
         if isinstance(self.found, str):
             return None
         try:
@@ -69,12 +69,12 @@ class OrderedParts:
             return None
 
     def step_at(self, number: int, *keys: str) -> KeyPath:
-        """Return where a step is in the file, by its number from 1; all products share theirs."""
+        """Return the path of a step in the file, by its number from 1; products share paths."""
         listed = listed_steps(self.section)
         return ("assembly", "steps", listed[(number - 1) % len(listed)], *keys)
 
     def works(self) -> Iterator[tuple[int, KnownStep, Work, list[PlacedRobot]]]:
-        """Yield processes of robots in that order: number as listed, from 1, and who may do each.
+        """Yield robot processes in that order: listed number from 1, and allowed robots.
 
         There are none where a step cannot be, which is said elsewhere.
         """

@@ -12,7 +12,7 @@ from twin.kinds.parts.line import Line
 
 
 def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
-    """Return how the plan of a line, whose tasks are given in order, goes on."""
+    """Return the repetition pattern of a line's plan, from its tasks in order."""
     steps = len(line.section.steps) // line.period
     product = np.array(
         [
@@ -34,7 +34,7 @@ def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
 
 
 def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
-    """Yield what waits for what in an earlier copy."""
+    """Yield dependencies on earlier copies of the pattern."""
     # A part that is put down on its way is picked again: it has left the source by then.
     picks = {t.object: t.index for t in reversed(tasks) if t.kind == "pick"}
     come: dict[str, list[int]] = {}

@@ -1,4 +1,4 @@
-"""Checks of assemblies of parts: steps, sources and products name what there is and go together."""
+"""Checks of assembly sections: references and consistency of steps, sources and products."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from twin.scenario.sections.standing import check_distinct_ends
 
 
 def find_part_problems(section: PartsSection, cell: CellSection) -> Found:
-    """Yield everything in an assembly of parts that cannot be as it is written.
+    """Yield all inconsistencies of an assembly of parts.
 
     Args:
         section: passed the checks of its single values.
@@ -74,7 +74,7 @@ def _check_steps(section: PartsSection) -> Found:
 
 
 def _check_until(section: PartsSection, names: dict[str, int]) -> Found:
-    """What is kept hold of is let go of after a step that comes later."""
+    """Yield holds that do not end with a later step."""
     for k, step in enumerate(section.steps):
         at: KeyPath = ("assembly", "steps", k, "until")
         yield from check_known_name(at, "step", step.until, names)
@@ -120,7 +120,7 @@ def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Found:
 
 
 def _check_machine_step(step: StepSection, at: KeyPath) -> Found:
-    """What no robot does is done at a part, where that lies."""
+    """Yield machine steps that are not at a resting part."""
     for key in ("robots", "hold", "path", "turn_deg"):
         if getattr(step, key) is not None:
             yield (*at, key), f"no robot does {step.process}: leave {key} out"
@@ -134,7 +134,7 @@ def _check_machine_step(step: StepSection, at: KeyPath) -> Found:
 
 
 def _check_machines(section: PartsSection) -> Found:
-    """Processes are done by machines that there are, and every machine does one."""
+    """Yield unknown machines of processes, and machines without a process."""
     machines = section.machines
     for name, process in section.processes.items():
         at: KeyPath = ("assembly", "processes", name, "machine")
@@ -149,7 +149,7 @@ def _check_machines(section: PartsSection) -> Found:
 def _unless_framed(
     at: KeyPath, owner: str, frame: str | None, frames: tuple[str, ...]
 ) -> Found:
-    """Yield that a part or fixture at which a step works has no such frame."""
+    """Yield a step's part or fixture without the named frame."""
     if frame is None or frame in frames:
         return
     words = f"{owner}: {unknown_name('frame', frame, frames)}"
@@ -178,7 +178,7 @@ def _check_placed_once(section: PartsSection) -> Found:
 
 
 def _check_order(section: PartsSection, names: dict[str, int]) -> Found:
-    """Steps come after steps that there are, and not after themselves."""
+    """Yield steps after unknown steps or themselves."""
     at: KeyPath
     after: nx.DiGraph[int] = nx.DiGraph()
     for k, step in enumerate(section.steps):
@@ -199,7 +199,7 @@ def _check_order(section: PartsSection, names: dict[str, int]) -> Found:
 
 
 def _check_line(section: PartsSection) -> Found:
-    """Parts come from sources that there are, and every source gives some."""
+    """Yield unknown sources of parts, and unused sources."""
     placed, sources = set(section.placed), tuple(section.sources)
     used = {part.source for part in section.parts}
     for i, part in enumerate(section.parts):
@@ -242,14 +242,14 @@ def machine_names(section: PartsSection) -> Found:
 
 
 def disturbed_machines(section: PartsSection) -> Iterator[str]:
-    """Yield the names of the machines that may be disturbed; what nobody does is none."""
+    """Yield the names of the machines that may be disturbed, without unattended processes."""
     for at, machine in machine_names(section):
         if at[1] not in ("processes", "steps"):
             yield machine
 
 
 def _check_work(section: PartsSection, cell: CellSection) -> Found:
-    """Robots of the cell can do the processes, and it has the places."""
+    """Yield processes without capable robots, and unknown places."""
     robots = cell.robots
     worn = (own.tool for robot in robots for own in robot.outfits)
     tools = tuple(dict.fromkeys(tool for tool in worn if tool))

@@ -1,4 +1,4 @@
-"""Robots that can do no step of an assembly of parts, and why."""
+"""Reasons why a robot can do no step of an assembly of parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans that knew from the beginning what would be lost: what planning anew is compared with."""
+"""Plans with hindsight of losses, the reference for replanning."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _ALWAYS_AGAIN = 1000
 
 @dataclass
 class Hindsight:
-    """Executes plans that knew what would be lost, with attempts that fail and never for good.
+    """Executes plans with hindsight; attempts fail, but never for good.
 
     Each plan is made once for the same objects that are lost. Its tasks have the luck that they have in
     the first plan.
 
     Attributes:
         scenario: of the plan.
-        motions: what it was made of.
+        motions: its base motions.
         tpg: the plan, which lost nothing.
         model: how it is executed.
     """
@@ -47,10 +47,10 @@ class Hindsight:
     _known: dict[frozenset[str], Simulator | None] = field(default_factory=dict)
 
     def makespan_ns(self, done: Operation) -> int | None:
-        """Return the makespan of a plan that knew what an operation lost [ns].
+        """Return the makespan of a plan with hindsight of an operation's losses [ns].
 
-        None where steps were given up, or robots, parts or orders changed by the clock, so that the two would
-        not do the same; and where there is no such plan.
+        None where steps were abandoned, or robots, parts or orders changed at clock times, so that the
+        two differ in work; and where there is no such plan.
         """
         if done.given_up or self.scenario.execution.known_when_it_happens():
             return None

@@ -1,4 +1,4 @@
-"""Replications that are operated: what fails for good in them is planned anew, as ``twin operate`` does."""
+"""Operated replications: with replanning after failures, as in ``twin operate``."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from twin.operations.replicated.hindsight import Hindsight
 from twin.scenario.sections.scenario import Scenario
 
 RUNGS = ("done_again", "begun_anew", "not_done_any_more", "robots_out", "asked")
-"""What was done about failures for good: the same with the same object, its step with another object, nothing;
-then how many robots were out, and how often a person was asked."""
+"""Kinds of recovery from failures for good: retry with the same object, the step with another object, none;
+then outages of robots, and questions to a person."""
 
 SAME = "same"
-"""Outcome of a replication that need not be computed, as it is that of what it is compared with."""
+"""Outcome of a replication that equals its reference and need not be computed."""
 
 
 @dataclass(frozen=True)
 class OperatedRows:
-    """What came of operating, a column a replication; nothing but ``knew_ns`` where no skill failed for good.
+    """Results of operations, one column per replication; only ``knew_ns`` where no skill failed for good.
 
     Attributes:
         versions: graphs that took over, shape (r,).
-        recoveries: how often what was done, in the order of RUNGS, shape (5, r).
+        recoveries: count of each kind of recovery, in the order of RUNGS, shape (5, r).
         steps: numbers of all steps, shape (s,).
-        given_up: 1 for a step that was given up, shape (s, r).
+        given_up: 1 for an abandoned step, shape (s, r).
         skills: those that may fail, shape (k,).
         failed: 1 for a skill of which an attempt failed in a replication that was operated, shape (k, r).
-        knew_ns: makespan of a plan that knew what would be lost; -1 where there is none, shape (r,) [ns].
+        knew_ns: makespan of the plan with hindsight; -1 without one, shape (r,) [ns].
     """
 
     versions: Indices
@@ -51,7 +51,7 @@ class OperatedRows:
     knew_ns: Nanoseconds
 
     def columns(self, makespan_ns: Nanoseconds) -> dict[str, Any]:
-        """Return the columns of ``replications.parquet`` beside those of every study."""
+        """Return the columns of ``replications.parquet`` in addition to those of every study."""
         known = self.knew_ns >= 0
         lost = (makespan_ns - self.knew_ns) / NANOSECONDS
         gone = [self.steps[own > 0].tolist() for own in self.given_up.T]
@@ -65,15 +65,15 @@ class OperatedRows:
 
 @dataclass(frozen=True)
 class OperatingWorkload:
-    """What it takes to operate a plan, sent along with its timing graph.
+    """Data to operate a plan, sent along with its timing graph.
 
     Attributes:
-        scenario: says what is done about failures.
-        motions: what the plan was made of, with all candidates.
+        scenario: scenario with its recovery section.
+        motions: base motions of the plan, with all candidates.
         tpg: the plan.
         skills: those that may fail.
-        only: numbers of the replications to operate, of what is compared with replications that are there;
-            None for all, and to make plans that knew what would be lost.
+        only: numbers of the replications to operate for a comparison with existing ones; None for
+            all, with plans with hindsight.
     """
 
     scenario: Scenario
@@ -84,15 +84,15 @@ class OperatingWorkload:
 
     @property
     def robots(self) -> tuple[str, ...]:
-        """All robots, as those without work may get some."""
+        """All robots, as idle ones may get tasks."""
         return tuple(robot.name for robot in self.motions.cell.robots)
 
     def leaves(self, replication: int) -> bool:
-        """Tell whether a replication need not be operated."""
+        """Return whether a replication need not be operated."""
         return self.only is not None and replication not in self.only
 
     def rows(self, count: int) -> OperatedRows:
-        """Return rows of replications in which nothing has failed."""
+        """Return rows of replications without failures."""
         steps = sorted(choice.step for choice in self.motions.task_plan.choices)
         return OperatedRows(
             np.zeros(count, dtype=np.int64),
@@ -130,7 +130,7 @@ class Operator:
         )
 
     def enter(self, rows: OperatedRows, place: int, done: Operation) -> None:
-        """Enter what came of a replication."""
+        """Enter the result of a replication."""
         own = self._operated
         rows.versions[place] = len(done.versions)
         rows.recoveries[:, place] = _recoveries(done)
@@ -142,7 +142,7 @@ class Operator:
 
 
 def _recoveries(done: Operation) -> list[int]:
-    """Return how often what was done about failures for good, in the order of RUNGS."""
+    """Return the count of each kind of recovery, in the order of RUNGS."""
     counts = dict.fromkeys(RUNGS, 0)
     tasks = done.tpg.tasks
     for k, task in enumerate(tasks):
@@ -164,7 +164,7 @@ def _recoveries(done: Operation) -> list[int]:
 
 
 def _failed_skills(first: TemporalPlanGraph, done: Operation) -> Sequence[str]:
-    """Return the skills at which attempts failed, for good or not."""
+    """Return the skills with failed attempts, for good or not."""
     kinds: dict[int, str] = {}
     for graph in (first, *(version.tpg for version in done.versions)):
         for k, task in enumerate(graph.tasks):

@@ -1,4 +1,4 @@
-"""``twin.replay``: look at a run in the Rerun viewer, or render pictures of it."""
+"""``twin.replay``: show a run in the Rerun viewer, or render stills."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from twin.trial.loaded_scenario import PathOrName
 from twin.trial.run_result import RunResult
 
 STILLS = "stills"
-"""Folder of pictures beside a recording."""
+"""Folder of pictures next to a recording."""
 
 
 @checks_arguments
@@ -26,7 +26,7 @@ def replay(
     stills: Sequence[float] = (),
     out: PathOrName | None = None,
 ) -> tuple[Path, ...]:
-    """Look at a run again.
+    """Show a run in the Rerun viewer, or render stills of it.
 
     Without stills and ``out`` this opens the viewer and returns once it is closed. Pictures need
     no display, but a Vulkan driver; a software one does.
@@ -34,7 +34,7 @@ def replay(
     Args:
         run: a run, its folder, or an ``.rrd`` file.
         stills: render pictures at these simulated times instead [s].
-        out: folder for the pictures, by default ``stills`` beside the recording; without stills,
+        out: folder for the pictures, by default ``stills`` next to the recording; without stills,
             the ``.rrd`` file that is written instead of opening the viewer.
 
     Returns:
@@ -42,7 +42,7 @@ def replay(
 
     Raises:
         OutputError: there is no recording, or a file cannot be written.
-        ViewerError: the viewer or a display is missing; says what to do then.
+        ViewerError: the viewer or a display is missing; names the remedy.
         RequestError: pictures of a run without a folder need one.
     """
     with TemporaryDirectory() as name:
@@ -63,7 +63,7 @@ def replay(
 
 
 def _recording(run: RunResult | PathOrName, place: Path) -> Path:
-    """Return the recording of a run; written to a place where there is none."""
+    """Return the recording of a run, writing one if missing."""
     if not isinstance(run, str | PathLike):
         if run.record is not None and run.folder is None:
             from twin.recorders.rerun.recorder import write_recording

@@ -1,8 +1,7 @@
-"""Fixtures and objects in the Rerun recording: what they look like, where they are.
+"""Robots, fixtures and objects in the Rerun recording: shapes, poses and names.
 
-Robots in the Rerun recording: what they look like, how they move. Their names, each with that of what
-it holds, stand at their feet: a name beside a part would hide it, and where several robots work at one
-place the names would hide the work. What lies still is named on hovering.
+Robot names, with those of held objects, are at the robots' bases: next to a part a name would hide it.
+Objects at rest are named on hovering.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ _NAME_COLOUR = (255, 255, 255)  # names stand on dark plates
 
 
 def flange_frame(robot: str) -> str:
-    """Return the name of the frame that held objects hang on."""
+    """Return the name of the frame that held objects are attached to."""
     return f"{robot}/@flange"
 
 
@@ -92,7 +91,7 @@ def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot, colour: str) -> Urdf
     )
     entry = ROBOTS.get(robot.model.name)
     for name, value in (entry.frozen if entry else {}).items():
-        # All joints are drawn at zero for good; what has a row in time stands there instead.
+        # All joints are drawn at zero statically; rows in time override this.
         rec.send_columns(
             entity_path(part, "joints", name),
             indexes=[time_column([0])],
@@ -114,14 +113,14 @@ def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot, colour: str) -> Urdf
 
 
 def _log_shapes(rec: rr.RecordingStream, tree: UrdfTree, part: str) -> None:
-    """Draw what a URDF shows, in full colour; collision shapes only where it shows nothing."""
+    """Draw the visual shapes of a URDF; collision shapes where it has none."""
     chunks = list(tree.stream())
     visual = entity_path(part, tree.name, "visual_geometries")
     collision = entity_path(part, tree.name, "collision_geometries")
     if any(chunk.entity_path.startswith(visual) for chunk in chunks):
         chunks = [c for c in chunks if not c.entity_path.startswith(collision)]
     rr.send_chunks(chunks, recording=rec)
-    # Primitives come as wire frames unless told otherwise.
+    # Primitives are wire frames by default.
     for chunk in chunks:
         columns = " ".join(chunk.to_record_batch().schema.names)
         for shape in (rr.Boxes3D, rr.Cylinders3D, rr.Ellipsoids3D):
@@ -133,7 +132,7 @@ def _log_shapes(rec: rr.RecordingStream, tree: UrdfTree, part: str) -> None:
 def move_robot(
     rec: rr.RecordingStream, tree: UrdfTree, robot: PlacedRobot, motion: Trajectory
 ) -> None:
-    """Move a robot that has been drawn along a trajectory, or a piece of one."""
+    """Move a drawn robot along a trajectory or a part of one."""
     t_ns = frame_times(motion)
     q = motion.at(t_ns)
     part = robot_part(robot.name)
@@ -153,7 +152,7 @@ def move_robot(
 
 
 def frame_times(motion: Trajectory) -> Nanoseconds:
-    """Return times at which to show a robot so that its motion looks smooth, shape (f,) [ns].
+    """Return frame times for a smooth display of a robot's motion, shape (f,) [ns].
 
     Rerun holds a pose until the next: a motion between rows is cut into pieces of at most 50 ms
     or 0.02 rad or m of every joint, whichever are longer. A robot that stands needs no pieces.
@@ -170,7 +169,7 @@ def frame_times(motion: Trajectory) -> Nanoseconds:
 
 
 def draw_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
-    """Draw what never moves."""
+    """Draw the fixtures."""
     for k, (fixture, colour) in enumerate(coloured_fixtures(cell)):
         entity = entity_path(entities.FIXTURES, fixture.name)
         if not fixture.shape.is_box:
@@ -202,9 +201,9 @@ def draw_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
 def log_objects(
     rec: rr.RecordingStream, cell: Workcell, placements: Sequence[Placement]
 ) -> None:
-    """Hang every object on what holds it: one row a change.
+    """Attach every object to its parent: one row per change.
 
-    What comes up later is drawn from then on, what leaves the cell until then.
+    Objects are drawn from their arrival until they leave the cell.
     """
     rows: dict[str, list[Placement]] = {}
     for placement in placements:
@@ -227,7 +226,7 @@ def log_objects(
 
 
 def hidden_until_later(item: CellObject) -> Placement:
-    """Return where an object is to come up, from the start on.
+    """Return placements that hide an object until it arrives.
 
     A frame needs a pose before there is anything in it: the viewer warns of one that has none.
     """
@@ -247,7 +246,7 @@ def draw_temporary_object(
     t_ns: Sequence[int],
     seen: Sequence[bool],
 ) -> None:
-    """Draw an object that comes or leaves: at some times [ns], whether it is seen from then on."""
+    """Draw an object that arrives or leaves: visibility from given times [ns] on."""
     count = sum(seen)
     for path, (kind, fields) in _looks(item).items():
         columns = [*rr.CoordinateFrame.columns(frame=[_frame(item.name)] * len(t_ns))]
@@ -264,7 +263,7 @@ def draw_temporary_object(
 def place_object(
     rec: rr.RecordingStream, name: str, placements: Sequence[Placement]
 ) -> None:
-    """Hang an object that has been drawn on what holds it, from some times on."""
+    """Attach a drawn object to its parents from given times on."""
     parents = [
         WORLD_FRAME if p.holder is None else flange_frame(p.holder) for p in placements
     ]
@@ -286,7 +285,7 @@ def _frame(name: str) -> str:
 
 
 def _mesh_fields(shape: Shape, colour: tuple[int, int, int]) -> dict[str, Any]:
-    """Return what is drawn of what is no box: triangles in one colour."""
+    """Return the mesh of a shape that is no box: triangles in one colour."""
     drawn = triangles_of(shape)
     return {
         "vertex_positions": drawn.vertices.astype(np.float32),
@@ -297,14 +296,14 @@ def _mesh_fields(shape: Shape, colour: tuple[int, int, int]) -> dict[str, Any]:
 
 
 def _looks(item: CellObject) -> dict[str, tuple[Any, dict[str, Any]]]:
-    """Return what is drawn of an object: by entity its archetype, and the rows of each of its fields."""
+    """Return the drawing of an object: archetype and field rows by entity."""
     entity = entity_path(entities.OBJECTS, item.name)
     if not item.shape.is_box:
         return {entity: (rr.Mesh3D, _mesh_fields(item.shape, item.colour))}
     fill = rr.components.FillMode
     half = item.size / 2.0
     body = {"half_sizes": [half], "colors": [item.colour], "fill_mode": [fill.Solid]}
-    # Edges tell neighbours of one colour apart.
+    # Edges separate neighbours of one colour.
     edges = {
         "half_sizes": [half],
         "colors": [tuple(channel // 3 for channel in item.colour)],
@@ -315,16 +314,16 @@ def _looks(item: CellObject) -> dict[str, tuple[Any, dict[str, Any]]]:
 
 
 class RobotNames:
-    """Takes placements of objects by time, and writes what each robot's name is from when on."""
+    """Collects placements of objects by time, and writes each robot's name with its held object."""
 
     def __init__(self, rec: rr.RecordingStream, robots: Iterable[str]) -> None:
-        """Begin with empty hands."""
+        """Begin with no held objects."""
         self._rec = rec
         self._held: dict[str, list[str]] = {robot: [] for robot in robots}
         self._rows = {robot: [(0, robot)] for robot in self._held}
 
     def take(self, placement: Placement) -> None:
-        """Take note that an object has changed hands."""
+        """Record a transfer of an object."""
         for robot, held in self._held.items():
             had = placement.object in held
             if had:
@@ -336,7 +335,7 @@ class RobotNames:
                 self._rows[robot].append((placement.t_ns, name))
 
     def send(self) -> None:
-        """Write what there is since the last time."""
+        """Write the rows since the last call."""
         for robot, rows in self._rows.items():
             if rows:
                 self._rec.send_columns(

@@ -1,4 +1,4 @@
-"""Camera of a recording, placed such that the whole site is in the picture."""
+"""Camera of a recording that shows the whole site."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 _TAN_UP = 0.5206  # of half the viewer's vertical angle of view, 55 degrees
 _ASPECT = 1.75  # of the 3-D view in a window of common shape
 _MARGIN = 1.04
-"""Width of the view over that of what is to be seen."""
+"""Width of the view over that of the scene."""
 
 _MOST_CONFIGURATIONS = 60
 """Configurations of each robot that are to be in the view, about."""
@@ -30,10 +30,10 @@ _CORNERS = 0.5 * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).
 
 
 def camera(tpg: TemporalPlanGraph) -> rrb.EyeControls3D:
-    """Look from above at everything that is ever somewhere.
+    """Return a camera that looks from above at all places of the run.
 
-    Arms are seen across their line, a site that robots drive on across what is built there,
-    from the side from which it can be seen from the nearest.
+    Arms are seen across their line, a site of mobile robots across the construction, from the side with
+    the nearest view.
     """
     points = site_points(tpg)
     views = [camera_looking_at(points, towards) for towards in _directions(tpg)]
@@ -46,8 +46,8 @@ def camera(tpg: TemporalPlanGraph) -> rrb.EyeControls3D:
 def site_points(tpg: TemporalPlanGraph) -> Array:
     """Return points that the site spans, shape (p, 3) [m].
 
-    They are the corners of the objects wherever they rest, and those of the robots on their
-    ways. Fixtures do not count: the ground may reach far.
+    They are the corners of resting objects, and of the robots along their paths. Fixtures do not count:
+    the ground may be large.
     """
     points = [np.zeros((0, 3))]
     things = {item.name: item for item in tpg.cell.objects}
@@ -81,11 +81,11 @@ def _outline(robot: PlacedRobot, q: Array) -> Array:
 
 
 def camera_looking_at(points: Array, towards: Array) -> tuple[Array, Array]:
-    """Return what an eye looks at and where it is, so that points fill its picture.
+    """Return target and position of a camera so that points fill its picture.
 
     Args:
         points: shape (p, 3) [m].
-        towards: from what it looks at towards the eye, of length one.
+        towards: unit vector from the target to the camera.
     """
     if len(points) == 0:
         points = np.zeros((1, 3))
@@ -112,7 +112,7 @@ def _corners(item: CellObject, pose: Transform) -> Array:
 
 
 def _directions(tpg: TemporalPlanGraph) -> list[Array]:
-    """Return directions from the site towards the eye that are good, each of length one."""
+    """Return suitable directions from the site to the camera, unit vectors."""
     if any(robot.model.is_mobile for robot in tpg.cell.robots):
         along = _main_axis([h.pose[:2, 3] for h in tpg.handlings if h.holder is None])
         turns, rise = np.concatenate([_TURNS, _TURNS + math.pi]), _STEEP
@@ -127,7 +127,7 @@ def _directions(tpg: TemporalPlanGraph) -> list[Array]:
 
 
 def _main_axis(places: list[Array]) -> float:
-    """Return the direction in which places on the ground lie farthest apart [rad]."""
+    """Return the direction of largest extent of places on the ground [rad]."""
     if len(places) < 2:
         return 0.0
     _, vectors = np.linalg.eigh(np.cov(np.array(places).T))

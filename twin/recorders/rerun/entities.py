@@ -38,7 +38,7 @@ def time_column(t_ns: npt.ArrayLike) -> rr.TimeColumn:
 
 
 def quat_xyzw(pose: Array) -> Array:
-    """Return a rotation as Rerun wants it: (x, y, z, w)."""
+    """Return a rotation as a Rerun quaternion: (x, y, z, w)."""
     return np.roll(quat_wxyz(pose), -1)
 
 

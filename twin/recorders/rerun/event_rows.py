@@ -30,7 +30,7 @@ _LEVELS = {
 
 
 def long_waits(events: Sequence[Event], end_ns: int) -> dict[int, bool | None]:
-    """Return of each event that tells of a wait, by its place, whether that is a long one.
+    """Return for each wait event, by index, whether the wait is long.
 
     Args:
         events: of a run, or a part of it.
@@ -53,22 +53,22 @@ def long_waits(events: Sequence[Event], end_ns: int) -> dict[int, bool | None]:
 class EventBacklog:
     """Event rows, as text for people and as columns for programs.
 
-    Those of a run that goes on are kept back until it is known which waits become long ones.
+    Events of an ongoing run are buffered until the length of their waits is known.
     """
 
     def __init__(self) -> None:
-        """Begin without any."""
+        """Begin without events."""
         self._events: list[tuple[Event, str]] = []
         self._held = set[str]()
 
     def take(self, event: Event, waits: str) -> None:
-        """Take note of an event and, where it tells of a wait, what for in words."""
+        """Add an event and, for a wait, its cause as text."""
         self._events.append((event, waits))
 
     def send(
         self, rec: rr.RecordingStream, words: PlanWords, now_ns: int, *, ended: bool
     ) -> None:
-        """Write what is known at a time [ns], all there is once the run has ended."""
+        """Write the events known at a time [ns], all once the run has ended."""
         long = long_waits([event for event, _ in self._events], now_ns)
         later = {k for k, known in long.items() if known is None and not ended}
         events, sentences, levels = [], [], []
@@ -100,7 +100,7 @@ class EventBacklog:
         )
 
     def _takes(self, event: Event) -> bool:
-        """Keep who holds what; return whether a robot takes what nobody held."""
+        """Track holders of objects; return whether a robot grasps a free object."""
         if event.kind == "detached":
             self._held.discard(event.object)
         if event.kind != "attached" or event.object in self._held:
@@ -110,13 +110,13 @@ class EventBacklog:
 
 
 def _column(values: Sequence[str] | Sequence[int]) -> pa.Array:
-    """Return one value a row, as Rerun makes it of any sequence, in a tenth of the time."""
+    """Return one value per row, equal to Rerun's own conversion, ten times faster."""
     rows = np.arange(len(values) + 1, dtype=np.int32)
     return pa.ListArray.from_arrays(rows, pa.array(values))
 
 
 def _level(words: PlanWords, event: Event) -> str:
-    """Return the level of an event: single nodes of a motion are too many to show."""
+    """Return the log level of an event: lower for single nodes of a motion."""
     if event.kind in ("started", "completed"):
         return _SHOWN if words.is_skill(event.task) else _QUIET
     return _LEVELS.get(event.kind, _SHOWN)

@@ -1,8 +1,8 @@
-"""Fingers in the Rerun recording: they close on what they take, and open to let go of it.
+"""Fingers in the Rerun recording: they close on grasped objects and open to release them.
 
-Fingers of robots that come with them are joints of their description; those of a tool that a cell puts
-on a flange are made joints of it, as far as shapes tell which they are. They close until they touch the part, see
-``planning.grips.pads``. A tool that a robot takes from a rack is drawn as an object, with its fingers open.
+Fingers of robots are joints of their description; those of a mounted tool are turned into joints where
+its shapes identify them. They close until they touch the part, see ``planning.grips.pads``. A tool from
+a rack is drawn as an object with open fingers.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _FRAME_NS = NANOSECONDS // 20
 
 
 def open_finger_joints(robot: PlacedRobot, tree: UrdfTree) -> dict[str, float]:
-    """Return the joints of a robot's fingers, and at which value each is open [m].
+    """Return the joints of a robot's fingers and their open values [m].
 
     Args:
         robot: whose fingers they are.
@@ -54,13 +54,13 @@ def open_finger_joints(robot: PlacedRobot, tree: UrdfTree) -> dict[str, float]:
 
 
 def _own_fingers(robot: PlacedRobot) -> dict[str, float]:
-    """Return the joints of the fingers that a robot comes with, and how far each is held open [m]."""
+    """Return the finger joints of a robot's own description and their open values [m]."""
     entry = ROBOTS.get(robot.model.name)
     return dict(entry.frozen) if entry and robot.tool is None else {}
 
 
 def split_fingers(robot: PlacedRobot, root: Element) -> None:
-    """Make the fingers of a tool slide in a description of a robot: each a link on a joint, open at zero.
+    """Make the fingers of a tool prismatic links in a robot description, open at zero.
 
     What a link shows is a finger where all that it collides with is on one side, see
     ``planning.grips.pads.finger_sides``; else each of its shapes on one side is one, if there is one to
@@ -106,7 +106,7 @@ def split_fingers(robot: PlacedRobot, root: Element) -> None:
 
 
 def _sliding(parent: str, name: str, visual: Element, axis: Array) -> Iterator[Element]:
-    """Yield a link that shows one thing, and the joint along which it slides on another link."""
+    """Yield a link with one visual, and its prismatic joint on another link."""
     link, joint = (
         Element("link", name=name),
         Element("joint", name=name, type="prismatic"),
@@ -122,7 +122,7 @@ def _sliding(parent: str, name: str, visual: Element, axis: Array) -> Iterator[E
 def closing_distance(
     robot: PlacedRobot, item: CellObject, in_flange: Transform
 ) -> float:
-    """Return how far each finger of a robot closes on a part; 0 where they would not touch it [m].
+    """Return the closing travel of each finger on a part; 0 where they would not touch it [m].
 
     Args:
         robot: whose fingers close along the y axis of their frame.
@@ -145,7 +145,7 @@ def finger_motions(
     placements: Sequence[Placement],
     robot: PlacedRobot,
 ) -> Iterator[tuple[int, int, str, float]]:
-    """Yield when a robot's fingers move: from, to [ns], what they do, and how far each moves [m]."""
+    """Yield finger motions of a robot: from, to [ns], action, and travel of each [m]."""
     rows: dict[str, list[Placement]] = {}
     for placement in placements:
         rows.setdefault(placement.object, []).append(placement)
@@ -170,10 +170,10 @@ def finger_motions(
 def _in_flange(
     robot: PlacedRobot, q: Array, task: Task, before: Sequence[Placement]
 ) -> Transform | None:
-    """Return where a part is in the frame of the flange of who closes on it or lets go of it.
+    """Return the pose of a part in the flange frame of the robot that grasps or releases it.
 
     Args:
-        robot: who does.
+        robot: the robot.
         q: where it stands, if it is its own task, shape (n,).
         task: in which it does.
         before: where the part was up to the end of that, by time.
@@ -181,7 +181,7 @@ def _in_flange(
     for handling in task.handlings:
         if handling.object == task.object and handling.holder == robot.name:
             return handling.pose
-    # What another robot has been given was in this one's hand before.
+    # An object handed over was held by this robot before.
     for at in before[:-3:-1]:
         if at.holder == robot.name:
             return at.pose
@@ -196,7 +196,7 @@ def move_fingers(
     robot: PlacedRobot,
     moves: Sequence[tuple[int, int, str, float]],
 ) -> None:
-    """Move the fingers of a robot that has been drawn, if it has any.
+    """Move the fingers of a drawn robot, if it has any.
 
     Args:
         rec: the recording.

@@ -1,4 +1,4 @@
-"""Names, times and poses as a Rerun recording holds them, and its layout: camera, lanes, plots, text."""
+"""Layout of a Rerun recording: scene, lanes, plots, text."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def run_layout(
     """Return the layout of a run: scene and text above, lanes and plots below.
 
     Args:
-        tpg: what was executed.
+        tpg: the executed plan.
         makespan_s: how long it took [s].
         measured: whether it was measured how far robots were from their paths.
     """

@@ -17,10 +17,10 @@ _VERBS = {
 
 
 class PlanWords:
-    """Says what the tasks of a plan are, and which tasks of others a node waits for."""
+    """Describes the tasks of a plan and the waits of its nodes."""
 
     def __init__(self, tpg: TemporalPlanGraph) -> None:
-        """Speak of a plan.
+        """Describe a plan.
 
         Args:
             tpg: the plan; with the barriers of its slots where these are waited for.
@@ -34,25 +34,25 @@ class PlanWords:
         self._tasks = [self._describe(task) for task in tpg.tasks]
 
     def task(self, task: int) -> str:
-        """Return what a task is about: what is done, with which part, in which step.
+        """Return a description of a task: action, part and step.
 
-        There is nothing to be said of a task that the plan does not have.
+        Empty for a task that the plan does not have.
         """
         return self._tasks[task] if 0 <= task < len(self._tasks) else ""
 
     def is_skill(self, task: int) -> bool:
-        """Tell whether the plan has a task and it is more than a transit."""
+        """Return whether a task is in the plan and no transit."""
         return 0 <= task < len(self._tasks) and self._tpg.tasks[task].kind != TRANSIT
 
     def state(self, state: str, task: int) -> str:
-        """Return what a robot does in a state of its lane, a wait apart."""
+        """Return a description of a state of a robot's lane, other than a wait."""
         words = self.task(task)
         if not words or state == IDLE:
             return state
         return f"{_VERBS.get(state, state)}: {words}" if state in TOLD else words
 
     def wait(self, chain: int, node: int, complete: Callable[[int, int], bool]) -> str:
-        """Return whom a node waits for, and for what of theirs; empty when it is nobody.
+        """Return which robots and tasks a node waits for; empty for none.
 
         Args:
             chain: whose node.
@@ -71,7 +71,7 @@ class PlanWords:
         return self._wait(*self._owner(chain, last), more=more)
 
     def lane(self, chain: int) -> Iterator[tuple[str, str]]:
-        """Yield everything that the lane of a robot may say, each with its state."""
+        """Yield all possible texts of a robot's lane, each with its state."""
         yield IDLE, IDLE
         yield WAITING, WAITING
         for task in dict.fromkeys(self._tpg.chains[chain].task.tolist()):

@@ -1,6 +1,6 @@
 """The 3-D recording ``run.rrd``: the cell in motion, lanes, plots and the event rows.
 
-It is written in columns after the run, which is some hundred times faster than row by row.
+It is written in columns after the run, about a hundred times faster than row by row.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def write_recording(
 
     Args:
         path: of the ``.rrd`` file, replaced when it exists.
-        tpg: what was executed.
+        tpg: the executed plan.
         run: how.
         events: the rows of the event log.
         name: of the recording, such as the scenario's.
@@ -113,7 +113,7 @@ def write_recording(
         backlog.send(rec, words, run.makespan_ns, ended=True)
         rec.send_property("makespan_s", rr.AnyValues(value=run.makespan_s))
         rec.flush()
-        # Rerun's own file writer tells of a full disk on standard error only, or never ends.
+        # Rerun's own file writer reports a full disk on standard error only, or hangs.
         temporary.write_bytes(recording.drain_as_bytes() or b"")
         rec.disconnect()
 
@@ -124,7 +124,7 @@ def _log_progress(
     run: ExecutionRecord,
     colours: Mapping[str, str],
 ) -> None:
-    """Plot tasks complete per robot, and how many robots wait."""
+    """Plot completed tasks per robot, and the number of waiting robots."""
     machines = machine_chains(tpg)
     for k, chain in enumerate(tpg.chains):
         if k in machines:
@@ -162,7 +162,7 @@ def _log_tracking(
     run: ExecutionRecord,
     colours: Mapping[str, str],
 ) -> None:
-    """Plot how far from its path each robot was that was measured."""
+    """Plot the tracking error of each measured robot."""
     for name, own in run.measured.items():
         if (k := tpg.chain_index.get(name)) is not None:
             near = nearest_on_path(tpg.chains[k], own.q, own.node)
@@ -199,12 +199,12 @@ def draw_lane(
     states: Mapping[str, str],
     known: Mapping[str, str],
 ) -> str:
-    """Say which colours the words of a robot's lane have; return the lane's entity.
+    """Set the colours of a robot's lane; return the lane's entity.
 
     Args:
         rec: the recording.
         robot: whose lane.
-        states: the state that each text of the lane tells of.
+        states: state of each text of the lane.
         known: colour of each state.
     """
     colours = [known[state] for state in states.values()]
@@ -226,7 +226,7 @@ def log_lanes(
     events: Sequence[Event],
     words: PlanWords,
 ) -> None:
-    """Show what each robot and each machine that works does as a lane, idle when it is done."""
+    """Show the activities of each robot and processing machine as a lane, idle at the end."""
     told = robot_activities(tpg, events)
     index = tpg.chain_index
     names = [robot.name for robot in tpg.cell.robots]
@@ -253,7 +253,7 @@ def log_lanes(
 def describe_wait(
     words: PlanWords, run: ExecutionRecord, chain: int, node: int, t_ns: int
 ) -> str:
-    """Return whom a node of a run waited for at a time [ns], in words; empty for nobody."""
+    """Return which robots a node waited for at a time [ns], as text; empty for none."""
     if run.policy == "open-loop" or node < 0:
         return ""
 

@@ -1,4 +1,4 @@
-"""The Rerun viewer: open it on a recording, or have it render stills without a display."""
+"""The Rerun viewer: open a recording, or render stills without a display."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def open_viewer(recording: Path) -> None:
     """Open the viewer window on a recording and return when it is closed.
 
     Raises:
-        ViewerError: there is no viewer or no display; says how to look at the file otherwise.
+        ViewerError: there is no viewer or no display; names alternatives.
     """
     program = _program(f"; the recording is {recording}")
     _require_display(
@@ -55,7 +55,7 @@ def open_viewer(recording: Path) -> None:
 
 
 def live_viewer() -> str:
-    """Open a viewer window that shows what is sent to it, and return where to send it.
+    """Open a viewer window; return the recording stream that it shows.
 
     The window stays open when this program ends.
 
@@ -70,7 +70,7 @@ def live_viewer() -> str:
 
 
 def web_viewer() -> tuple[str, str]:
-    """Serve a viewer to browsers of this machine; return where to send what it shows, and its page.
+    """Serve a viewer to browsers of this machine; return its stream and its page.
 
     It is there until this program ends.
 
@@ -193,7 +193,7 @@ def _program(remark: str = "") -> str:
 
 @contextmanager
 def _headless_viewer(recording: Path) -> Iterator[Any]:
-    """Run a viewer without a window, give what commands it, and end it with all its children."""
+    """Run a headless viewer, yield its client, and end it with all its children."""
     program = _program(f"; the recording is {recording}")
     port = _free_port()
     command = [program, "--headless", "--bind", _HOST, "--port", str(port)]
@@ -229,7 +229,7 @@ def _state(process: subprocess.Popen[bytes]) -> str:
 
 
 def _last_words(log: Path) -> str:
-    """Return why a viewer panicked, else the last line of its log."""
+    """Return the panic message of a viewer, else the last line of its log."""
     lines = [
         line for line in log.read_text(errors="replace").splitlines() if line.strip()
     ]
@@ -238,7 +238,7 @@ def _last_words(log: Path) -> str:
 
 
 def _connected(process: subprocess.Popen[bytes], port: int) -> Any:
-    """Return what commands a viewer, once it answers."""
+    """Return a client of a viewer, once it answers."""
     from rerun.experimental import ViewerClient
 
     until = time.monotonic() + _START_S

@@ -53,7 +53,7 @@ _OF_A_TEAM = ("model", "tool", "flange", "limits", "joints")
 
 
 def actuation_model(given: ActuationTime | None, *, suction: bool) -> DurationModel:
-    """Return how long a tool takes to close or to open, given what is said of it."""
+    """Return the duration model of a tool's closing or opening."""
     if isinstance(given, DurationModel):
         return given
     usual = SUCTION_S if suction else FINGERS_S
@@ -384,10 +384,10 @@ class CellSection(Section):
 
 
 def choose_robots(cell: dict[str, Any], count: int) -> None:
-    """Change the number of robots in the content of a cell section.
+    """Set the number of robots in the content of a cell section.
 
-    A team gets that many robots, beside those given one by one; without a team, the first
-    ``count`` of those given one by one stay.
+    A team gets that many robots, in addition to those listed; without a team, the first ``count``
+    listed robots are kept.
 
     Args:
         cell: the section as a mapping with all defaults filled in, changed in place.

@@ -1,4 +1,4 @@
-"""Interface of a kind of assembly: its section of a scenario, and how it is planned."""
+"""Interface of a kind of assembly: its scenario section and its planner."""
 
 from __future__ import annotations
 

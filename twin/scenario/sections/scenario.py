@@ -35,7 +35,7 @@ from twin.uncertainty.base_errors import PoseErrorSection
 
 
 def _any_assembly() -> Any:
-    """Return the type of the assembly section: that of any kind, by its ``kind``."""
+    """Return the union type of the assembly sections of all kinds, by ``kind``."""
     sections = [kind.section_class for kind in KINDS.load_all().values()]
     if len(sections) == 1:
         return sections[0]
@@ -236,7 +236,7 @@ class Scenario(Section):
 
 
 def follow_references(scenario: Scenario) -> Scenario:
-    """Return a scenario in which every skill but processes takes as long as its reference path.
+    """Return a scenario in which every skill but processes lasts as long as its reference path.
 
     That is how APEX-MR V-A executes skills in simulation: without force control, the same each time.
     """
@@ -260,7 +260,7 @@ def resolve_scenario(scenario: Scenario) -> dict[str, Any]:
     content = scenario.model_dump(mode="json", by_alias=True, exclude=wings)
     skills = scenario.execution.skills
     for name, duration in scenario.processes.items():
-        if skills.get(name) == duration:  # said by the process itself
+        if skills.get(name) == duration:  # given by the process itself
             content["execution"]["skills"].pop(name, None)
     return content
 
@@ -269,7 +269,7 @@ def restore_scenario(content: Mapping[str, Any]) -> Scenario:
     """Return the scenario whose resolved content is given.
 
     Raises:
-        ScenarioError: it is not valid; says the first place where it is not, and why.
+        ScenarioError: it is not valid; names the first invalid place and the reason.
     """
     try:
         # As JSON: sections are strict, and a list is a tuple only there.

@@ -84,12 +84,12 @@ def pose_section(transform: Transform) -> PoseSection:
 
 
 def to_planning_class(model: type[Planned], section: Section, **own: Any) -> Planned:
-    """Return the data class of planning that a section describes.
+    """Return the planning data class that a section describes.
 
     Args:
-        model: the class; what it has no field for is left out.
+        model: the class; values without a field are omitted.
         section: the section, see ``plain_values``.
-        own: fields that the section does not give, or not in this way.
+        own: fields missing in the section, or in another form there.
     """
     names = {field.name for field in fields(model)}
     given = {k: v for k, v in plain_values(section).items() if k in names}
@@ -97,7 +97,7 @@ def to_planning_class(model: type[Planned], section: Section, **own: Any) -> Pla
 
 
 def plain_values(section: Section) -> dict[str, Any]:
-    """Return what a section gives, as classes of planning have it: by names without units.
+    """Return the values of a section by their names in planning, without units.
 
     ``size_m`` becomes ``size``, ``yaw_deg`` becomes ``yaw`` in radians, and poses become
     transforms. What has no value is left out.
@@ -115,7 +115,7 @@ def plain_values(section: Section) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value with transforms for poses."""
+    """Return a value with poses converted to transforms."""
     if isinstance(value, PoseSection):
         return read_only_copy(build_transform(value))
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Bodies at rest in a scenario file: what is joined, and how everything must stand."""
+"""Statics in a scenario file: joined bodies, and balance after every step."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class JoinedSection(Section):
 
 
 def _joint_spelt_out(joined: Any) -> Any:
-    """Return a joint in full: a pair of names alone bears whatever comes."""
+    """Return a joint in full: a pair of names alone bears any load."""
     own = with_tuples(joined)
     return {"parts": own} if isinstance(own, tuple) else own
 
@@ -65,7 +65,7 @@ def check_distinct_ends(
     done: str,
     by: str = "",
 ) -> Found:
-    """Yield that what is said of two things is said of one, or that neither of them is placed."""
+    """Yield problems of a pair of equal names, or without a placed part."""
     first, second = ends
     if first == second:
         yield at, f"{first} cannot be {done} itself"

@@ -1,4 +1,4 @@
-"""What is worth fixing: by how much a study's makespans fall when one thing takes less time.
+"""Gains: reduction of a study's makespans by interventions that shorten parts of a plan.
 
-Imports engine, recorders, run, uncertainty and study.replications; the rest of study imports it.
+Imports engine, recorders, runs, uncertainty and studies.replications; the rest of studies imports it.
 """

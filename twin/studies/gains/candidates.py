@@ -1,4 +1,4 @@
-"""Candidates: the levers of a plan that were critical most, judged before any is tried."""
+"""Candidate interventions on a plan: those that were critical for longest, rated before any is tried."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Scored = Iterator[tuple[float, Intervention]]
 
 
 class CandidateLimits(NamedTuple):
-    """Most candidates of each kind, those that were critical for the longest time.
+    """Limits of the number of candidates of each kind.
 
     Attributes:
         tasks, skills, waits: single ones.
@@ -46,7 +46,7 @@ class CandidateLimits(NamedTuple):
 
     @property
     def levers(self) -> int:
-        """Most candidates of all kinds."""
+        """Maximum number of candidates of all kinds."""
         groups = self.robots + self.skills + 3 * (self.robots + 1)
         return self.tasks + self.waits + groups + 5
 
@@ -62,7 +62,7 @@ def candidates(
     model: ExecutionModel,
     most: CandidateLimits = MANY,
 ) -> list[Intervention]:
-    """Return what is worth trying, by kind.
+    """Return the candidate interventions, by kind.
 
     The time that a lever takes on the critical path, in the mean over the replications, is the
     most that the mean makespan can gain by it; levers are chosen by that.
@@ -87,7 +87,7 @@ def candidates(
 
 
 def task_names(tasks: Sequence[Task]) -> list[str]:
-    """Return tasks in words, with a number where words alone would name two."""
+    """Return names of tasks, numbered where ambiguous."""
     names = [f"{task.label} ({task.robot}, step {task.step})" for task in tasks]
     times = Counter(names)
     return [
@@ -97,7 +97,7 @@ def task_names(tasks: Sequence[Task]) -> list[str]:
 
 
 def _best(scored: Scored, most: int) -> list[Intervention]:
-    """Return the levers that were critical longest; none that never were."""
+    """Return the interventions that were critical for longest, without those that never were."""
     ordered = sorted(
         ((score, k, lever) for k, (score, lever) in enumerate(scored) if score > 0),
         key=lambda entry: (-entry[0], entry[1]),
@@ -134,7 +134,7 @@ def _robots(replay: Replay, work: Nanoseconds) -> Scored:
 
 
 def _waits(replay: Replay, found: Completions) -> Scored:
-    """Yield waits of one task for another that robots could do without."""
+    """Yield avoidable waits of one task for another."""
     graph = replay.graph
     tasks = np.concatenate([chain.task for chain in replay.tpg.chains])
     target = np.repeat(np.arange(len(tasks)), np.diff(graph.edge_first))
@@ -178,7 +178,7 @@ def _rows_of_robots(replay: Replay) -> Iterator[tuple[str, Nanoseconds]]:
 
 
 def _others(model: ExecutionModel) -> list[Intervention]:
-    """Return what belongs to no node: stops by the clock, and messages."""
+    """Return interventions without nodes: stops and messages."""
     levers = []
     own = model.disturbances
     if own.breakdowns is not None and own.breakdowns.clock == "run":

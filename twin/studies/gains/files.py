@@ -18,7 +18,7 @@ JSON, CSV = "gains.json", "gains.csv"
 def write_gains(
     folder: Path, experiment: Experiment, cells: Sequence[CellGains]
 ) -> None:
-    """Write what is worth fixing in every cell of a study, as JSON and as CSV.
+    """Write the gains in every cell of a study, as JSON and as CSV.
 
     Raises:
         OutputError: a file cannot be written.

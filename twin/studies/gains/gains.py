@@ -1,4 +1,4 @@
-"""Gains: by how much makespans fall when one thing in a plan takes less time, or none."""
+"""Gains: reduction of makespans by interventions that shorten parts of a plan."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SHORTER, GONE = 0.2, 1.0
 """By which share a lever is made shorter."""
 
 QUANTILE = 0.9
-"""Quantile of the makespan whose gain is told besides that of the mean."""
+"""Quantile of the makespan whose gain is reported besides that of the mean."""
 
 LEADING = 7
 """Most gains of either kind on the first page of the report and in the summary."""
@@ -56,7 +56,7 @@ LEVER_FIELDS = ("kind", "many", "name", "robot", "task")
 
 
 class Saving(Figures):
-    """Fall of the makespan.
+    """Reduction of the makespan.
 
     Attributes:
         mean_s: of its mean [s].
@@ -69,10 +69,10 @@ class Saving(Figures):
 
 @dataclass(frozen=True)
 class Gain:
-    """Fall of the makespan by one lever.
+    """Reduction of the makespan by one intervention.
 
     Attributes:
-        lever: what takes less time.
+        lever: the intervention.
         shorter: when it takes a fifth less.
         gone: when it takes none.
     """
@@ -98,12 +98,12 @@ class CellGains:
     gains: tuple[Gain, ...]
 
     def best(self, most: int, *, many: bool) -> tuple[Gain, ...]:
-        """Return the greatest gains of many things at once, or of one thing each."""
+        """Return the greatest gains of joint or of single interventions."""
         return tuple(g for g in self.gains if g.lever.many == many)[:most]
 
     @property
     def leading(self) -> tuple[dict[str, Any], ...]:
-        """The greatest gains for JSON: of one thing each, then of many at once."""
+        """The greatest gains for JSON: of single interventions, then of joint ones."""
         found = (self.best(LEADING, many=many) for many in (False, True))
         return tuple(gain_content(gain) for gains in found for gain in gains)
 
@@ -114,7 +114,7 @@ def study_gains(
     counts: Sequence[int],
     progress: Report = report_nothing,
 ) -> list[CellGains]:
-    """Return what is worth fixing in every cell of a study, from so many replications of each."""
+    """Return the gains in every cell of a study, from a number of replications of each."""
     found = []
     for k, (load, count) in enumerate(zip(loads, counts, strict=True)):
         progress(TRYING, k, len(loads))
@@ -126,7 +126,7 @@ def study_gains(
 def cell_gains(
     experiment: Experiment, load: Workload, count: int, *, share: float = 1.0
 ) -> CellGains:
-    """Return what is worth fixing in one cell, the greatest gain first.
+    """Return the gains in one cell, the greatest first.
 
     The same draws are executed again with one lever shortened. How many replications and
     candidates are tried follows from the size of the plan alone, never from the clock.
@@ -177,7 +177,7 @@ def _gains(
 
 
 def _affordable(load: Workload, count: int, share: float) -> int:
-    """Return how many replications of a cell are executed again."""
+    """Return the number of replications of a cell to execute again."""
     levers, least, most, budget = MANY.levers, _LEAST_RUNS, _MOST_RUNS, _BUDGET
     if needs_event_engine(load):
         levers, budget = FEW.levers, _BUDGET_BY_EVENTS

@@ -21,7 +21,7 @@ class PairedQuantiles:
     """Differences of a quantile between two samples of the same replications, with intervals.
 
     An interval is the union of two. One is the percentile bootstrap: both samples are resampled
-    together, so what they have in common does not widen it. Alone it is too narrow where few
+    together, so their common variation does not widen it. Alone it is too narrow where few
     replications are beyond the quantile. The other holds the differences of the order statistics
     of equal rank, over the ranks between which ``quantile_interval`` lies; it is exact where
     the replications of both samples have the same order. Both sides are infinite for samples too
@@ -65,7 +65,7 @@ class PairedQuantiles:
         self._resampled = self._resample(self._base)
 
     def fall(self, changed: npt.ArrayLike) -> Interval:
-        """Return by how much the quantile of a changed sample is below that of the base."""
+        """Return the reduction of a quantile from the base to a changed sample."""
         values = np.asarray(changed, dtype=float)
         ordered, n = np.sort(values), len(values)
         estimate = float(self._ordered[self._rank - 1] - ordered[self._rank - 1])
@@ -90,7 +90,7 @@ class PairedQuantiles:
         return np.asarray(values[order[place]])
 
     def _place(self, falling: Indices) -> Indices:
-        """Return the place of each resample's quantile among the largest values.
+        """Return the rank of each resample's quantile among the largest values.
 
         It is the smallest value above which there are few enough others.
         """

@@ -1,4 +1,4 @@
-"""Levers, which take time and could take less, and replays: the same draws with a lever shortened."""
+"""Interventions that shorten parts of a plan, and replays with the same draws."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ def _none() -> Indices:
 
 @dataclass(frozen=True)
 class Intervention:
-    """Something that takes time in a plan, and could take less or none.
+    """Part of a plan whose time could be reduced.
 
     Attributes:
         kind: a task, all tasks of a kind, all work of a robot, waits of one task for another or all waits of a
             cause, standstills, or messages.
-        name: in words.
-        robot: whose it is, empty where it is nobody's own.
+        name: name for people.
+        robot: its robot, empty without one.
         task: index of the task, of a wait that of the task that waits; None where there is none.
         rows: nodes whose time it is a part of, numbered through chain by chain.
         causes: the standstills of these nodes that it is; none where it is their work.
-        edges: what is waited for, as indices of edges.
+        edges: indices of the edges waited for.
         stops: the stops by the run's clock that it is, empty where it is none.
         messages: True where it is the messages between robots and dispatcher.
     """
@@ -73,14 +73,14 @@ class Intervention:
 
     @property
     def many(self) -> bool:
-        """True where it is many things at once, and not one task, wait or robot's standstills."""
+        """True for a joint intervention, not of a single task, wait or robot's standstills."""
         if self.kind in ("task", "wait"):
             return self.task is None
         return self.kind != "stall" or not self.robot
 
 
 def needs_event_engine(load: Workload) -> bool:
-    """Tell whether a plan can be executed again by the event engine only."""
+    """Return whether replays need the event engine."""
     model = load.execution
     return bool(load.reasons) and (
         is_driven(load.tpg)
@@ -90,7 +90,7 @@ def needs_event_engine(load: Workload) -> bool:
 
 
 def replay_cost(load: Workload) -> int:
-    """Return how many nodes and edges are looked at in one replication."""
+    """Return the number of nodes and edges processed per replication."""
     tpg = load.tpg
     if not (needs_event_engine(load) and load.execution.policy == "open-loop"):
         tpg = contract_for_bulk(tpg, load.execution).tpg
@@ -98,16 +98,16 @@ def replay_cost(load: Workload) -> int:
 
 
 class Replay:
-    """Replications of one workload that can be executed again with something shortened.
+    """Replications of one workload that can be replayed with an intervention.
 
     The bulk engine does it where it can, else the event engine, one replication after the other.
     Replications in which a task fails for good are left out.
 
     Attributes:
-        tpg: what is executed, contracted where that changes nothing.
-        graph: what must wait for what, until all work is done.
+        tpg: plan to execute, contracted where that changes nothing.
+        graph: precedence graph, until all work is done.
         numbers: of the replications, shape (r,).
-        times: what every node takes in them.
+        times: node times of the replications.
         eases_waits: whether waits can be shortened.
     """
 
@@ -119,7 +119,7 @@ class Replay:
         Args:
             load: the work of one cell.
             numbers: of the replications.
-            by_events: whether the event engine executes them; None to do what must be done.
+            by_events: whether the event engine executes them; None to choose.
         """
         model = self._model = load.execution
         self._seed = load.seed
@@ -152,7 +152,7 @@ class Replay:
         return np.asarray(self.times.busy_ns - self.times.stood_ns())
 
     def base(self) -> Completions:
-        """Return what came of the replications as they were drawn."""
+        """Return the results of the replications without an intervention."""
         if self._bulk is not None:
             return self._bulk.execute(self.times)
         return explain_completions(
@@ -160,7 +160,7 @@ class Replay:
         )
 
     def makespans_ns(self, lever: Intervention, share: float) -> Nanoseconds:
-        """Return when all work is done with a lever a share shorter, shape (r,) [ns]."""
+        """Return makespans with an intervention shortened by a share, shape (r,) [ns]."""
         if len(lever.edges):
             busy_ns = self.times.busy_ns
             return makespans_with_eased_waits(self.graph, busy_ns, lever.edges, share)
@@ -178,7 +178,7 @@ class Replay:
 
     @contextmanager
     def _shortened(self, lever: Intervention, share: float) -> Iterator[SegmentTimes]:
-        """Give the times of nodes while a lever takes a share less.
+        """Yield node times with an intervention shortened by a share.
 
         Each node is made shorter by itself; standstills stay as they were drawn unless they
         are the lever, and the work stays as it was drawn where they are. The array of ``times``
@@ -240,7 +240,7 @@ class Replay:
 def graph_until_work_is_done(
     tpg: TemporalPlanGraph, graph: PrecedenceArrays
 ) -> PrecedenceArrays:
-    """Return the graph of runs that are over when all work is done.
+    """Return the graph of runs that end when all work is done.
 
     Work is all but transits on which nothing depends: a robot that goes HOME after its last skill has
     done its part. In a plan without skills, all is work.
@@ -257,10 +257,10 @@ def graph_until_work_is_done(
 def makespans_with_eased_waits(
     graph: PrecedenceArrays, busy_ns: Nanoseconds, edges: Indices, share: float
 ) -> Nanoseconds:
-    """Return makespans when what nodes wait for by some edges alone is a share shorter.
+    """Return makespans when the waits along some edges are shortened by a share.
 
     Args:
-        graph: what must wait for what.
+        graph: precedence graph.
         busy_ns: time of each node, shape (nodes, r) [ns].
         edges: whose waits are eased.
         share: 1 for robots that do not wait by these edges at all.
@@ -295,12 +295,12 @@ def makespans_with_eased_waits(
 
 
 def shorten_times(times_ns: Nanoseconds, share: float) -> Nanoseconds:
-    """Return times less a share of them, in whole nanoseconds."""
+    """Return times reduced by a share, in whole nanoseconds."""
     return np.asarray(np.rint((1.0 - share) * times_ns), dtype=np.int64)
 
 
 def speed_up_messages(messages: Messages, share: float) -> Messages:
-    """Return messages that take a share less time."""
+    """Return messages with latencies reduced by a share."""
     report, release = shorten_times(
         np.array([messages.report_ns, messages.release_ns]), share
     ).tolist()
@@ -308,7 +308,7 @@ def speed_up_messages(messages: Messages, share: float) -> Messages:
 
 
 def _shorter_stops(own: Disturbances, which: str, share: float) -> Disturbances:
-    """Return disturbances whose stops by the clock last a share less."""
+    """Return disturbances with stops shortened by a share."""
     if which == "breakdowns" and own.breakdowns is not None:
         mttr_s = (1.0 - share) * own.breakdowns.mttr_s
         return own.changed(breakdowns=own.breakdowns.changed(mttr_s=mttr_s))

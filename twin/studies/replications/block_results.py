@@ -1,6 +1,6 @@
 """Results of blocks of replications: rows, sums over tasks, and a file of each block.
 
-A file is whole or not there: what a killed study goes on from.
+A file is complete or absent: a killed study resumes from them.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ _TALLY = ("critical", "critical_edges", "slack_ns", "start_ns", "end_ns")
 
 @dataclass(frozen=True)
 class ReplicationRows:
-    """Rows of a block of replications; what did not complete has no waits.
+    """Rows of a block of replications; incomplete ones have no waits.
 
     Attributes:
         replication: number of each, shape (r,).
@@ -77,9 +77,9 @@ class ReplicationRows:
             (robots and machines, r) [ns]; -1 where unknown.
         waited_ns: waits of all robots by cause, shape (3, r) [ns]; -1 where unknown.
         engine: ``bulk`` or ``events``.
-        error: what went wrong, empty where nothing did, shape (r,).
+        error: error message, empty without one, shape (r,).
         robots: names of robots and machines.
-        operated: what came of planning anew; None where that is not done.
+        operated: results of replanning; None without it.
     """
 
     replication: Indices
@@ -95,12 +95,12 @@ class ReplicationRows:
     def fill(
         self, which: npt.NDArray[np.bool_], found: Completions, tpg: TemporalPlanGraph
     ) -> None:
-        """Enter what came of replications that completed.
+        """Enter the results of completed replications.
 
         Args:
             which: those rows, shape (r,).
             found: their times.
-            tpg: what was executed.
+            tpg: the executed plan.
         """
         robots, machines = worker_chains(tpg)
         self.outcome[which] = COMPLETED
@@ -157,7 +157,7 @@ class TaskTally:
     end_ns: Nanoseconds
 
     def plus(self, other: TaskTally) -> TaskTally:
-        """Return both together; ``other`` has the later replications."""
+        """Return the sum of both; ``other`` has the later replications."""
         return TaskTally(
             self.count + other.count,
             self.critical + other.critical,
@@ -183,7 +183,7 @@ class TaskGroups:
     last: Indices
 
     def tally(self, replications: Indices, found: Completions) -> TaskTally:
-        """Sum up what came of some replications that completed."""
+        """Sum up completed replications."""
         kept = replications < min(KEPT, max(_FEWEST, _MOST_KEPT // len(self.task)))
         critical = np.logical_or.reduceat(found.critical, self.first, axis=0)
         slack = np.minimum.reduceat(found.slack_ns, self.first, axis=0).sum(axis=1)
@@ -199,7 +199,7 @@ class TaskGroups:
 
 @dataclass(frozen=True)
 class ProductTimes:
-    """Times at which products began and were complete in replications that completed.
+    """Start and completion times of products in completed replications.
 
     Attributes:
         product_begin_ns, product_end_ns: shape (products, r) [ns].
@@ -215,7 +215,7 @@ class WindowTimes:
 
     Attributes:
         gap_ns: UNKNOWN where a replication did not complete, shape (windows, r) [ns].
-        free_gap_ns: the same where nothing is held back; empty where nothing is anyway.
+        free_gap_ns: the same without holding back; empty where the plan has none.
         free_makespan_ns: and its makespan, -1 where that did not complete, shape (r,) [ns].
     """
 
@@ -231,7 +231,7 @@ class BlockResult:
     Attributes:
         block: which.
         rows: one a replication.
-        tally: what is kept of tasks; replications that did not complete are not in it.
+        tally: sums over tasks of completed replications.
         products: None where there is only one.
         windows: None where there are none.
     """
@@ -260,7 +260,7 @@ def empty_rows(
     engine: str,
     operated: OperatingWorkload | None = None,
 ) -> ReplicationRows:
-    """Return rows to be filled, of those robots that have work, or may get some."""
+    """Return empty rows for the robots that have or may get tasks."""
     count = block.count
     robots, machines = worker_chains(tpg)
     work = [tpg.chains[k].robot for k in (*robots, *machines)]
@@ -285,14 +285,14 @@ def block_result(
     found: Completions,
     tpg: TemporalPlanGraph,
 ) -> BlockResult:
-    """Return the result of a block, with the rows of what completed filled.
+    """Return the result of a block, with the rows of completed replications.
 
     Args:
         block: which.
         rows: of all its replications.
         well: those that completed, shape (r,).
         found: their times.
-        tpg: what was executed, contracted or not.
+        tpg: the executed plan, contracted or not.
     """
     rows.fill(well, found, tpg)
     tally = task_groups(tpg).tally(rows.replication[well], found)
@@ -323,7 +323,7 @@ def write_block(folder: Path, result: BlockResult, made_from: str = "") -> None:
 
     Args:
         folder: of the blocks.
-        result: what came of it.
+        result: its result.
         made_from: hash of all that it depends on, see ``Workload``.
 
     Raises:
@@ -342,7 +342,7 @@ def write_block(folder: Path, result: BlockResult, made_from: str = "") -> None:
 
 
 def read_block(folder: Path, block: Block, made_from: str | None = None) -> BlockResult:
-    """Return what ``write_block`` wrote.
+    """Read a file of ``write_block``.
 
     Args:
         folder: of the blocks.
@@ -379,7 +379,7 @@ def read_block(folder: Path, block: Block, made_from: str | None = None) -> Bloc
 
 
 def _part(kind: type[Part], arrays: Mapping[str, Any]) -> Part | None:
-    """Return a part of what a block holds; None where it is not in it."""
+    """Return a part of a block's file; None if missing."""
     names = [item.name for item in fields(kind)]
     return kind(**{k: arrays[k] for k in names}) if names[0] in arrays else None
 
@@ -387,7 +387,7 @@ def _part(kind: type[Part], arrays: Mapping[str, Any]) -> Part | None:
 def _digest(
     arrays: Mapping[str, npt.NDArray[Any]], block: Block, made_from: str
 ) -> str:
-    """Return a hash of what a block holds, which it is, and what it was made from."""
+    """Return a hash of a block's content, identity and inputs."""
     digest = hashlib.sha256(f"{block} {made_from}".encode())
     for piece in digest_parts(arrays):
         digest.update(piece)
@@ -395,7 +395,7 @@ def _digest(
 
 
 def quarantine_block(folder: Path, block: Block) -> Path:
-    """Move the file of a block that cannot be used out of the way; return where it is now.
+    """Move an unusable block file away; return its new path.
 
     Raises:
         OutputError: it cannot be moved.
@@ -411,14 +411,14 @@ def quarantine_block(folder: Path, block: Block) -> Path:
 
 
 def blocks_done(folder: Path) -> Iterator[Block]:
-    """Yield the blocks of which there is a file."""
+    """Yield the blocks that have a file."""
     for path in folder.glob("*.npz"):
         if match := _NAME.fullmatch(path.name):
             yield Block(*map(int, match.groups()))
 
 
 def cell_blocks(folder: Path, cell: int) -> Iterator[BlockResult]:
-    """Yield what came of the blocks of a cell, in the order of their replications."""
+    """Yield the results of a cell's blocks, in the order of replications."""
     own = [block for block in blocks_done(folder) if block.cell == cell]
     for block in sorted(own, key=lambda block: block.first):
         yield read_block(folder, block)
@@ -430,7 +430,7 @@ def cell_makespans_s(folder: Path, cell: int) -> Array:
 
 
 def cell_part(folder: Path, cell: int, name: Literal["products", "windows"]) -> Any:
-    """Return a part of what came of a cell, over all its blocks; None where there is none."""
+    """Return a part of a cell's results over all blocks; None if missing."""
     parts = [getattr(block, name) for block in cell_blocks(folder, cell)]
     parts = [part for part in parts if part is not None]
     if not parts:

@@ -20,10 +20,10 @@ T = TypeVar("T")
 
 
 class InProcess(Executor):
-    """Executor that computes at once, in the calling process: for debugging and for oracles."""
+    """Executor that computes immediately in the calling process: for debugging and tests."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Call the function now; the future that is returned is done."""
+        """Call the function now; return a finished future."""
         future: Future[T] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -39,7 +39,7 @@ def open_executor(
     *,
     answer_within_s: float = ANSWER_WITHIN_S,
 ) -> Iterator[Executor]:
-    """Give an executor; it ends with the context.
+    """Yield an executor, closed with the context.
 
     Args:
         workers: processes on this machine; 0 for none besides this one, None for one a core.
@@ -74,7 +74,7 @@ def check_cluster(cluster: Cluster) -> None:
 
 
 def parallelism(executor: Executor) -> int:
-    """Return how many calls an executor works on at once, as far as it tells; at least 1."""
+    """Return the number of parallel calls of an executor, if known; at least 1."""
     threads = getattr(executor, "threads", None)
     workers = threads() if callable(threads) else getattr(executor, "_max_workers", 1)
     return max(1, int(workers))

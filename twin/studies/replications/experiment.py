@@ -13,12 +13,12 @@ from twin.scenario.variations import Variant
 from twin.studies.replications.statistics import Precision
 
 GROWTH = 1.5
-"""By how much the number of replications grows until the mean is known well enough."""
+"""Growth factor of the number of replications until the precision is reached."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Replications that are computed together, always the same ones.
+    """A fixed block of replications that are computed together.
 
     Attributes:
         cell: index into ``Experiment.cells``.
@@ -42,11 +42,11 @@ class Experiment:
     Attributes:
         policies: names of twin.runs.policies, the first being the reference of differences.
         variants: values of the varied inputs, at least one (empty when nothing is varied).
-        replications: of every policy and variant; None to go on until ``precision``.
+        replications: of every policy and variant; None to continue until ``precision``.
         precision: when replications are enough, where no number of them is given.
         antithetic: replications 2k and 2k + 1 are mirror images.
         audited: replications of the open-loop policy whose motion is checked for collisions.
-        audit_engine: what checks it; by default PyBullet where it is installed, else coal.
+        audit_engine: collision engine; by default PyBullet where it is installed, else coal.
     """
 
     policies: tuple[str, ...]
@@ -78,7 +78,7 @@ class Experiment:
         return tuple((p, v) for v in self.variants for p in self.policies)
 
     def targets(self) -> Iterator[int]:
-        """Yield numbers of replications after which to see whether they are enough."""
+        """Yield numbers of replications after which to check the precision."""
         if self.replications is not None:
             yield self.replications
             return

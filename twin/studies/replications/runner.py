@@ -1,4 +1,4 @@
-"""Runner of replications: on any executor, until there are enough."""
+"""Runner of replications on any executor, until the precision is reached."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MOST_TASKS = 3_000_000
 _log = logging.getLogger(__name__)
 
 _RESTARTS = 3
-"""Times that a pool is opened anew after one of its workers died."""
+"""Number of restarts of a pool after a worker died."""
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]
 
@@ -51,22 +51,21 @@ def run_replications(
 ) -> int:
     """Run replications that have no file yet, and write a file for every block of them.
 
-    Which replications there are, what comes of each and how they are cut into blocks depends
-    neither on the executor nor on how often the study was interrupted.
+    Replications, their results and their blocks depend neither on the executor nor on interruptions.
 
     Args:
         experiment: how many are wanted.
         workloads: one for each of its cells.
         folder: of the block files, made where it is missing.
-        open_executor: gives who computes; asked once, and again when a worker has died.
-        progress: told of replications done and wanted, of all cells together; how many
+        open_executor: opens an executor; called again after a worker has died.
+        progress: receives replications done and wanted, of all cells together; how many
             are wanted is a forecast until the precision is reached.
 
     Returns:
         Replications of each cell.
 
     Raises:
-        TwinError: workers died again and again; what was done is kept.
+        TwinError: workers died repeatedly; finished blocks are kept.
         OutputError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -92,16 +91,16 @@ def run_replications(
 
 
 def _block_size(load: Workload) -> int:
-    """Return how many replications are worth sending away, and have room in memory together."""
+    """Return a number of replications per block that balances overhead and memory."""
     if load.reasons or load.operated is not None:
         return EVENTS_BLOCK
     return max(1, min(BULK_BLOCK, _MOST_TASKS // max(len(load.tpg.tasks), 1)))
 
 
 class _Run:
-    """Replications on their way into files; of those that are there it keeps the makespans.
+    """State of a running study: pending blocks, and makespans of finished ones.
 
-    Workers are opened when there is something to do, and kept until one dies or all is done.
+    Workers are started on demand, and kept until one dies or all is done.
     """
 
     def __init__(
@@ -131,7 +130,7 @@ class _Run:
         self._opened.close()
 
     def takes_kept(self, block: Block) -> bool:
-        """Count a block that has a file; False, and the file out of the way, if it cannot be used."""
+        """Count a block that has a file; if it is unusable, move the file away and return False."""
         try:
             self._count(read_block(self._folder, block, self._made_from[block.cell]))
         except OutputError as error:
@@ -161,7 +160,7 @@ class _Run:
                     ) from error
 
     def has_enough(self, target: int) -> bool:
-        """Tell whether the means of all cells are known well enough after so many replications."""
+        """Return whether the means of all cells are precise enough after a number of replications."""
         if self._experiment.replications is not None:
             return True
         rule, mirror = self._experiment.precision, self._experiment.antithetic
@@ -187,14 +186,14 @@ class _Run:
 
     @contextmanager
     def _at_work(self) -> Iterator[Executor]:
-        """Give the executor; what is raised meanwhile ends it, and the next one is a new one."""
+        """Yield the executor; an exception closes it, and the next call opens a new one."""
         if self._executor is None:
             self._executor = self._opened.enter_context(self._open())
         try:
             yield self._executor
         except BaseException as error:
             self._executor = None
-            # An executor may have better words for it.
+            # An executor may have a better message.
             self._opened.__exit__(type(error), error, error.__traceback__)
             raise
 

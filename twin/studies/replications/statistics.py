@@ -1,7 +1,7 @@
 """Statistics of replications: means, quantiles and shares with confidence intervals.
 
 Replications are independent: each has draws of its own. An assembly ends, so there is no warm-up
-to cut off. A share that was never seen, such as 0 failures of 50, still has an upper bound.
+to cut off. A share of 0, such as 0 failures of 50, still has an upper bound.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Interval:
     """An estimate with its confidence interval.
 
     Attributes:
-        estimate: what was measured.
+        estimate: the estimate.
         low, high: bounds of the interval; infinite on a side that the sample is too small for.
         count: replications it rests on.
         replications_needed: sample size from which both bounds are finite; None where both are.
@@ -92,7 +92,7 @@ SummaryEntry = Annotated[Interval, PlainSerializer(Interval.content)]
 
 
 class Figures(BaseModel):
-    """Some figures of the file; those that were never set are not in it."""
+    """Base of figures in a file, without unset ones."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -170,7 +170,7 @@ def paired_interval(
     confidence: float = 0.95,
     antithetic: bool = False,
 ) -> Interval | None:
-    """Return by how much values are greater than others, replication by replication.
+    """Return the mean paired difference of two samples with its interval.
 
     Args:
         first, second: one value a replication, NaN where there is none, shape (n,).
@@ -260,7 +260,7 @@ class Precision:
     """Precision at which there are enough replications.
 
     Attributes:
-        relative_half_width: of the interval of the mean that is asked for.
+        relative_half_width: required half width of the interval of the mean.
         least, most: replications that are done at least and at most.
         confidence: of the interval.
     """
@@ -282,7 +282,7 @@ class Precision:
             )
 
     def reached(self, values: npt.ArrayLike, *, antithetic: bool = False) -> bool:
-        """Tell whether a sample is enough, or as large as it may become."""
+        """Return whether a sample is precise enough or at its maximum size."""
         count = len(np.asarray(values))
         if count < self.least:
             return False
@@ -292,7 +292,7 @@ class Precision:
         return mean.relative_half_width <= self.relative_half_width
 
     def forecast(self, values: npt.ArrayLike) -> int:
-        """Return how many replications it will take, judged by those there are."""
+        """Forecast the necessary number of replications from the present sample."""
         sample = np.asarray(values, dtype=float)
         if len(sample) < 2:
             return self.least

@@ -18,8 +18,8 @@ _NO_SHAPE = Shape((), ())
 def timing_graph(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
     """Return a plan without robots' models, shapes, poses and paths.
 
-    What the paths say of time stays: how quick each node can be at all, and how many waypoints it has,
-    which tells in which nodes tools close and open.
+    Times from paths are kept: the least duration of each node, and its number of waypoints, which
+        identifies nodes with tool actuation.
     """
     models = {robot.name: robot.model for robot in tpg.cell.robots}
     return replace(
@@ -38,7 +38,7 @@ def timing_graph(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 
 
 def bare_cell(kinds: dict[str, str]) -> Workcell:
-    """Return a cell without robots in which objects have a name and a kind, and nothing else."""
+    """Return a cell without robots, whose objects have only name and kind."""
     items = tuple(
         CellObject(name, kind, _NO_SHAPE, np.eye(4)) for name, kind in kinds.items()
     )

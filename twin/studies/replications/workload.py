@@ -44,15 +44,15 @@ class Workload:
     """A plan, how it is executed, and what varies.
 
     Attributes:
-        tpg: what is executed; a timing graph will do.
-        execution: how it is executed, and what varies.
+        tpg: plan to execute; a timing graph is enough.
+        execution: execution model, with disturbances.
         seed: names the draws.
         reasons: why only the event engine can execute it; empty where both can.
         made_from: hash of scenario, plan, policy, variant, files and versions, which results
             of replications are kept with.
-        free: the plan in which nothing is held back, which is executed with the same draws to be compared
+        free: the plan without holding back, executed with the same draws to be compared
             with; None where nothing is.
-        operated: what is needed to plan anew where a skill fails for good; None where that ends a replication.
+        operated: data for replanning after failures for good; None where these end a replication.
     """
 
     tpg: TemporalPlanGraph
@@ -65,7 +65,7 @@ class Workload:
 
 
 def pack_workload(workload: Workload) -> bytes:
-    """Pack a workload for travel; a worker unpacks the same one once."""
+    """Serialize a workload; a worker unpacks the same one once."""
     return zlib.compress(pickle.dumps(workload, protocol=5), 1)
 
 
@@ -89,7 +89,7 @@ class Engines:
         self.workload = workload
 
     def compute(self, block: Block) -> BlockResult:
-        """Execute a block, side by side where that is possible; with and without holding back."""
+        """Execute a block, in bulk where possible, with and without holding back."""
         result, load = self._compute(block), self.workload
         if load.free is None or result.windows is None:
             return result
@@ -120,7 +120,7 @@ class Engines:
             return self._by_events(block)
 
     def _in_bulk(self, block: Block) -> BlockResult:
-        """Execute a block side by side; replications in which a task fails go by events."""
+        """Execute a block in bulk; replications with failed tasks by the event engine."""
         load, bulk = self.workload, self._bulk
         rows = self._rows(block, "bulk")
         times = bulk.sample(seed=load.seed, replications=rows.replication)
@@ -157,7 +157,7 @@ class Engines:
         found: Completions,
         tpg: TemporalPlanGraph,
     ) -> BlockResult:
-        """Return the result of a block; in what completed by the plan nothing was lost."""
+        """Return the result of a block; replications completed by the plan lost nothing."""
         result = block_result(block, rows, well, found, tpg)
         if rows.operated is not None:
             rows.operated.knew_ns[well] = rows.makespan_ns[well]
@@ -185,7 +185,7 @@ class Engines:
         """Execute one replication with the event engine; enter its outcome and end.
 
         Returns:
-            When everything happened; None where something raised, or what was executed is not the plan.
+            Node times; None after an error, or if the executed graph is not the plan.
         """
         number, seed = int(rows.replication[place]), self.workload.seed
         operated = self.workload.operated
@@ -210,7 +210,7 @@ class Engines:
     def _operate(
         self, rows: ReplicationRows, place: int, number: int
     ) -> ExecutionRecord | None:
-        """Operate one replication, and enter what came of it."""
+        """Operate one replication, and enter its result."""
         done = self._operator.run(number)
         run, tpg = done.record, done.tpg
         assert rows.operated is not None

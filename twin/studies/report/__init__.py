@@ -1,4 +1,4 @@
 """Report of a study: figures, tables and an HTML page.
 
-Imports study; commands import it.
+Imports studies; commands import it.
 """

@@ -16,7 +16,7 @@ from twin.uncertainty.disturbances import MachineBreakdowns, Stalls
 
 
 def assumptions(result: StudyResult) -> Iterator[tuple[str, str]]:
-    """Yield what a study rests on: what it is about, and what is assumed."""
+    """Yield the subject and the assumptions of a study."""
     request = result.request
     experiment, scenario = request.experiment, request.scenario
     yield "Times of skills", "; ".join(_skills(result)) or "none: there are no skills"
@@ -57,13 +57,13 @@ def assumptions(result: StudyResult) -> Iterator[tuple[str, str]]:
 
 
 def warnings(subject: CheckContext) -> list[str]:
-    """Return what ``twin check`` says of the times that a study rests on."""
+    """Return warnings of ``twin check`` about the assumed durations."""
     found = [*check_skill_times(subject), *check_speeds(subject)]
     return [f"{'.'.join(map(str, item.at))}: {item.message}" for item in found]
 
 
 def _skills(result: StudyResult) -> Iterator[str]:
-    """Yield the times of the skills that the plan has, what is alike together."""
+    """Yield the durations of the plan's skills, equal ones grouped."""
     execution = result.request.scenario.execution
     kinds = {task.kind for load in result.loads for task in load.tpg.tasks}
     located = execution.skill_models(result.request.base)
@@ -135,7 +135,7 @@ def _motions(result: StudyResult) -> str:
 
 
 def _disturbances(own: ExecutionSection) -> Iterator[str]:
-    """Yield the disturbances that a scenario has, in words."""
+    """Yield descriptions of a scenario's disturbances."""
     if own.speed.factor is not None:
         yield f"speed factor of all robots {_model(own.speed.factor.model)}"
     for robot, factor in own.speed.robots.items():

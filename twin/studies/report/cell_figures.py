@@ -1,4 +1,4 @@
-"""Pictures of one cell of a study: its tasks, and the inputs that its makespan hangs on."""
+"""Charts of one cell of a study: its tasks, and the sensitivity of its makespan."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def draw_bands(tpg: TemporalPlanGraph, tally: TaskTally) -> Figure:
 
 
 def draw_tornado(influences: Sequence[Influence], mean_s: float) -> Figure:
-    """Draw what the mean makespan does when inputs are smaller and larger.
+    """Draw a tornado chart: mean makespan with inputs smaller and larger.
 
     Args:
         influences: the strongest first.
@@ -152,7 +152,7 @@ def _draw_tasks(
     share: Array,
     texts: Sequence[str],
 ) -> None:
-    """Draw tasks: bars, all at once, with their names and the bands of those that have one."""
+    """Draw tasks as bars, with names and bands."""
     named = np.array([bool(text) for text in texts], dtype=bool)
     half = np.where(named, 0.31, 0.17)
     left, right, low, high = start[1], end[1], lanes - half, lanes + half

@@ -62,7 +62,7 @@ def draw_comparison(
         path: of the picture, replaced when it exists.
         scenarios: for each name the figures of ``compare.json``.
         title: first line of the heading.
-        clock: what planning was measured by.
+        clock: clock of the planning times.
 
     Raises:
         OutputError: the picture cannot be written.
@@ -192,7 +192,7 @@ def _legend(picture: Figure, entries: Sequence[Artist], y: float) -> None:
 
 
 def _place(group: int, k: int) -> float:
-    """Return where the bar of a policy stands."""
+    """Return the position of a policy's bar."""
     return group + (k - (len(COMPARED) - 1) / 2) * _STEP
 
 

@@ -1,4 +1,4 @@
-"""Pictures of a whole study: makespans and waits of all its cells."""
+"""Charts of a whole study: makespans and waits of all its cells."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def draw_ecdf(
 
 
 def draw_waits(summary: StudySummary) -> Figure:
-    """Draw what the robots waited for, by cause, a bar a cell."""
+    """Draw waiting times of robots by cause, one bar per cell."""
     cells = [cell for cell in summary.cells if cell.wait_s]
     figure, axes = bar_chart([cell.label for cell in cells], 0.42)
     left = np.zeros(len(cells))
@@ -90,7 +90,7 @@ def draw_waits(summary: StudySummary) -> Figure:
 
 
 def draw_response(summary: StudySummary, key: str, policies: Sequence[str]) -> Figure:
-    """Draw the mean makespan, with its interval, over an input that is varied.
+    """Draw the mean makespan, with its interval, over a varied input.
 
     Where other inputs are varied too, each of their combinations is a line.
     """
@@ -137,10 +137,10 @@ def draw_response(summary: StudySummary, key: str, policies: Sequence[str]) -> F
 
 
 def draw_ranking(summary: StudySummary, policy: str) -> Figure:
-    """Draw the mean makespans of the layouts under a policy, the quickest on top.
+    """Draw the mean makespans of the layouts under a policy, the fastest on top.
 
-    The line at each is the interval of its mean alone; pale ones are not told apart from the
-    quickest. Where something is varied besides, groups follow each other.
+    The line at each is the interval of its mean alone; pale ones do not differ significantly from the
+    fastest. Other varied inputs form groups.
     """
     rows = summary.ranked(policy)
     names = [", ".join(f"{k} = {v}" for k, v in _ordered(r.variant)) for r in rows]
@@ -169,13 +169,13 @@ def _ordered(variant: Variant) -> list[tuple[str, object]]:
 
 
 def draw_line(times: ProductTimes, due: Due) -> Figure:
-    """Draw when products are complete, against when they are due, and the takt."""
+    """Draw completion times of products, due times, and the takt."""
     figure, axes = one_chart(4.2)
     end = times.product_end_ns / NANOSECONDS
     number = np.arange(1, len(end) + 1)
     takt = takts_s(times.product_end_ns, due[1])
     pace = float(takt.mean()) if takt.size else 0.0
-    # What every product would take at the mean pace is left out: what remains can be seen.
+    # The mean pace is subtracted, so that deviations are visible.
     level = (number - 1) * pace
     low, middle, high = np.quantile(end, (0.05, 0.5, 0.95), axis=1)
     axes.fill_between(
@@ -198,7 +198,7 @@ def draw_line(times: ProductTimes, due: Due) -> Figure:
 
 
 def _line_style(policy: int, line: int, lines: int) -> dict[str, Any]:
-    """Return the colour of a policy, paler for each of its further lines, and dashes that tell these apart."""
+    """Return colour and dashes of a policy's line, paler for further ones."""
     pale = 0.6 * line / max(lines - 1, 1)
     own = to_rgb(COLOURS[policy % len(COLOURS)])
     return {

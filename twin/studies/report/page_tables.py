@@ -1,4 +1,4 @@
-"""Tables and lists of the report: makespans, what is worth fixing, lines, layouts; some are printed, too."""
+"""Tables and lists of the report: makespans, gains, lines, layouts; some are printed, too."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ LATE = "late products"
 
 
 def gains_tables(cell: CellGains, label: str, *, confidence: float, most: int) -> str:
-    """Return the greatest gains of a cell: one thing each, then many at once."""
+    """Return the greatest gains of a cell: single interventions, then joint ones."""
     if cell.replications == 0:
         return paragraph(
             f"{label}: nothing was tried. No replication was completed, or the event engine would"
@@ -126,7 +126,7 @@ def critical_tasks_table(
 
 
 def busy_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
-    """Return the head and the rows of the table of all cells in which something was complete."""
+    """Return head and rows of the table of all cells with completed replications."""
     cells = [cell for cell in summary.cells if cell.utilisation]
     names = list(dict.fromkeys(name for cell in cells for name in cell.utilisation))
     rows = [
@@ -194,7 +194,7 @@ def window_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
 
 
 def holding_texts(summary: StudySummary) -> list[str]:
-    """Return in words what holding back for windows of time costs."""
+    """Return sentences on the cost of holding back for time windows."""
     return [
         f"{cell.label}: holding back with {cell.windows.hold:g} makes the makespan longer by"
         f" {_span(cell.windows.holding_s, '{:.2f} s')}, replication by replication"
@@ -204,7 +204,7 @@ def holding_texts(summary: StudySummary) -> list[str]:
 
 
 def operated_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
-    """Return the head and the rows of the table of what failures cost, a column a cell."""
+    """Return head and rows of the table of failure costs, one column per cell."""
     cells = [(cell.label, cell.operated) for cell in summary.cells if cell.operated]
     shown = {
         "completed": [_span(own.completed, _SHARE, 100.0) for _, own in cells],
@@ -224,7 +224,7 @@ def operated_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
 
 
 def prevented_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
-    """Return the head and the rows of the table of failures that are worth preventing, the best first."""
+    """Return head and rows of the table of failure preventions, the best first."""
     head = ["worth preventing", "completed then", "more", "sooner by [s]"]
     rows = []
     for cell in summary.cells:
@@ -237,7 +237,7 @@ def prevented_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
 
 
 def operated_tables(summary: StudySummary) -> str:
-    """Return both for the report with what was given up, nothing where failures are not planned anew."""
+    """Return both tables and the abandoned steps; empty without replanning."""
     out = text_table("what came of failures for good, means", operated_rows(summary))
     texts = [
         f"{cell.label}: step {step} in {count} of {cell.replications} replications"
@@ -254,7 +254,7 @@ def _seconds(found: Interval | None) -> str:
 
 
 def lateness_list(summary: StudySummary) -> str:
-    """Return in words how late products are, nothing where none is due."""
+    """Return sentences on the lateness of products; empty without due times."""
     texts = []
     for cell in summary.cells:
         due = cell.line and cell.line.due
@@ -302,7 +302,7 @@ def refused_table(summary: StudySummary) -> str:
 
 
 def replication_sentence(result: StudyResult) -> str:
-    """Return in words how much was replicated."""
+    """Return a sentence on the number of replications."""
     experiment, summary = result.request.experiment, result.summary
     counts = sorted({cell.replications for cell in summary.cells})
     many = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
@@ -391,7 +391,7 @@ def difference_list(summary: StudySummary) -> str:
 
 
 def collision_lists(summary: StudySummary) -> str:
-    """Return lists of what collides when nobody waits, and when bases are off, if that was studied."""
+    """Return lists of collisions in open-loop cells and with base errors, if studied."""
     titles = {True: "When nobody waits for anybody", False: "When bases are off"}
     out = ""
     for is_open, title in titles.items():
@@ -415,7 +415,7 @@ def format_estimate(found: Interval | None, *, percent: bool = False) -> str:
 
 
 def _digits(value: float) -> str:
-    """Return a number with as many digits as say something."""
+    """Return a number with its significant digits."""
     digits = 1 if abs(value) >= 9.995 else 2
     return f"{value:.{digits}f}".replace("-0.00", "0.00")
 

@@ -73,7 +73,7 @@ _AT_ONCE = 8
 """Cells whose makespans are on the first page; of more it has those of the first variant."""
 
 _LATER = 5
-"""Rows of each table of what is worth fixing for further cells than the first."""
+"""Rows of each table of gains for cells after the first."""
 
 _CRITICAL = 10
 """Rows of the table of critical tasks."""
@@ -110,7 +110,7 @@ def _in_order(result: StudyResult) -> list[int]:
 
 
 def _file_name(label: str) -> str:
-    """Return a label as part of the name of a file, with a hash in place of what is too long."""
+    """Return a label as part of a file name, shortened with a hash."""
     name = re.sub(r"[^a-z0-9.]+", "-", label.lower()).strip("-")
     if len(name) <= _LONGEST_NAME:
         return name
@@ -124,7 +124,7 @@ def report_style() -> str:
 
 
 def _first_page(result: StudyResult) -> Pieces:
-    """Yield results, what is worth fixing, the cell, and what all that rests on."""
+    """Yield results, gains, the cell, and assumptions."""
     request, summary = result.request, result.summary
     yield paragraph(replication_sentence(result))
     cell = shown_cell(result.summary, result.request.experiment.policies)
@@ -184,7 +184,7 @@ def _lines(result: StudyResult, cell: int) -> Pieces:
 
 
 def _windows(summary: StudySummary) -> Pieces:
-    """Yield how windows of time are kept, and what that costs, where there are any."""
+    """Yield statistics and cost of time windows, where there are any."""
     if any(cell.windows for cell in summary.cells):
         yield heading("Windows of time between steps")
         yield text_table(
@@ -195,7 +195,7 @@ def _windows(summary: StudySummary) -> Pieces:
 
 
 def _layouts(result: StudyResult) -> Pieces:
-    """Yield which layout is quickest, and which have no plan."""
+    """Yield the ranking of layouts, and those without a plan."""
     summary, policies = result.summary, result.request.experiment.policies
     if summary.ranking:
         yield heading("Which layout")
@@ -208,7 +208,7 @@ def _layouts(result: StudyResult) -> Pieces:
 
 
 def _whole_study(result: StudyResult) -> Pieces:
-    """Yield what compares policies and variants."""
+    """Yield comparisons of policies and variants."""
     experiment, summary = result.request.experiment, result.summary
     policies = experiment.policies
     if len(summary.cells) > _AT_ONCE:
@@ -236,7 +236,7 @@ def _whole_study(result: StudyResult) -> Pieces:
 
 
 def _cell(result: StudyResult, cell: int) -> Pieces:
-    """Yield what decides in one cell: tasks, inputs, and what is worth fixing."""
+    """Yield the details of one cell: tasks, sensitivities, and gains."""
     order = _in_order(result)
     found, load = result.summary.cells[cell], result.loads[cell]
     drawn, first = order.index(cell) < _DRAWN, cell == order[0]
@@ -273,7 +273,7 @@ def _cell(result: StudyResult, cell: int) -> Pieces:
 
 
 def _made(result: StudyResult) -> Pieces:
-    """Yield how the study was made, for those who want to repeat it."""
+    """Yield how to repeat the study."""
     experiment = result.request.experiment
     design = {
         "policies": experiment.policies,

@@ -31,11 +31,11 @@ _SHOWN = (50, 90, 99)
 """Percentiles of the makespan in the table."""
 
 _TOP = ((True, 2), (False, 3))
-"""Rows of what is worth fixing: many things at once, and one thing each."""
+"""Rows of gains: joint interventions, and single ones."""
 
 
 def print_study(result: StudyResult) -> None:
-    """Print makespans with their intervals, differences between policies, and where all is."""
+    """Print makespans with their intervals, differences between policies, and the folder."""
     console = Console(highlight=False)
     if result.summary.ranking:
         _print_ranking(console, result.summary, result.request.experiment.policies)
@@ -84,7 +84,7 @@ def _print_makespans(console: Console, summary: StudySummary) -> None:
 
 
 def _print_rest(console: Console, result: StudyResult) -> None:
-    """Print lines, what has no plan, what collided, warnings, what is worth fixing, the folder."""
+    """Print lines, infeasible layouts, collisions, warnings, gains, the folder."""
     summary = result.summary
     _print_lines(console, summary)
     for item in summary.refused:
@@ -104,7 +104,7 @@ def _print_rest(console: Console, result: StudyResult) -> None:
 
 
 def _print_lines(console: Console, summary: StudySummary) -> None:
-    """Print throughput, takt, lateness and who is busy, where several products are made; and windows."""
+    """Print throughput, takt, lateness and utilization of lines; and windows."""
     tables = [line_rows(summary)]
     if tables[0][1]:
         tables.append(busy_rows(summary))
@@ -155,7 +155,7 @@ def _print_ranking(
 
 
 def _print_gains(console: Console, result: StudyResult) -> None:
-    """Print what is worth fixing most in the cell that coordinates best."""
+    """Print the greatest gains in the cell that coordinates best."""
     cell = shown_cell(result.summary, result.request.experiment.policies)
     gains = result.gains[cell]
     if not gains.gains:

@@ -1,4 +1,4 @@
-"""Checks of a scenario with an assembly of parts, and what its pictures show of it."""
+"""Checks and picture content of a scenario with an assembly of parts."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class PartChecks(PartsContext):
 
     @property
     def overlaps(self) -> Overlaps:
-        """How deep joined and pressed parts may be in each other."""
+        """Allowed overlaps of joined and press-fitted parts."""
         return self.parts.listed.overlaps
 
     def reach(self) -> Findings:
@@ -120,7 +120,7 @@ class PartChecks(PartsContext):
         return self.parts.listed.goals
 
     def goal_pieces(self) -> Iterator[tuple[str, Array]]:
-        """Yield the pieces of the parts in their places, and where they are put down on their way."""
+        """Yield the pieces of the parts at their goals and intermediate places."""
         from twin.checks.views import placed_points
 
         assembly, cell = self.parts.listed, self.subject.cell
@@ -158,7 +158,7 @@ class PartChecks(PartsContext):
         return [part for part in objects if name_in_file(part.name, placed) in placed]
 
     def key_at(self, path: KeyPath, key: str) -> KeyPath:
-        """Return the key of a property of a part; where it begins may be its source."""
+        """Return the path of a property of a part or of its source."""
         if path[:2] == ("assembly", "parts"):
             number = path[2]
             assert isinstance(number, int)
@@ -170,5 +170,5 @@ class PartChecks(PartsContext):
         return super().key_at(path, key)
 
     def fits(self) -> tuple[KnownFit, ...]:
-        """Return how parts fit where they are put, in the order of the steps."""
+        """Return the fits of parts at their places, in the order of the steps."""
         return known_fits(self.parts, self.subject.scenario.cell.robots)

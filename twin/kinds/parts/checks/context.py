@@ -15,7 +15,7 @@ class PartsContext(KindChecks):
 
     @cached_property
     def section(self) -> PartsSection:
-        """What the file says."""
+        """The assembly section."""
         section = self.subject.scenario.assembly
         assert isinstance(section, PartsSection)
         return section

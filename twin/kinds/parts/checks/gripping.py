@@ -1,4 +1,4 @@
-"""Checks of gripping: robots that turn tools as grips need, and tools that have room beside neighbours."""
+"""Checks of gripping: tool orientations, and clearance of tools to neighbouring parts."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.sources import TraySection
 
 _FARTHEST, _STEP = 0.5, 0.005
-"""Parts are lifted so far, in such steps, to see what is enough [m]."""
+"""Largest lift and step of the search for a sufficient lift [m]."""
 
 _TOLD = 4
 """How many orientations are named."""
@@ -43,7 +43,7 @@ _TOLD = 4
 
 @for_part_assemblies
 def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield parts and places of work for which no robot turns its tool as they need, whatever its joints do."""
+    """Yield parts and places of work whose tool orientation no robot can reach."""
     assembly, frame = parts.listed, parts.listed.frame
     for _, step, where, end in steps_in_order(subject.cell, assembly):
         if not isinstance(step, PlacePart):
@@ -52,7 +52,7 @@ def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
         shape, rules = subject.cell.object(name).shape, assembly.handling(name).grips
         robots = _placing(subject, step, frame)
         ends = [("start", start, start), ("goal", end, end)]
-        # Who turns at all may lay a part down in between, and grip it anew.
+        # A robot that can reorient a part may put it down and regrip it.
         if not any(turning_axes(robot) for robot in robots):
             ends.append(("goal", start, end))
         for key, *poses in ends:
@@ -80,7 +80,7 @@ def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
 
 
 def _turned(wanted: Sequence[tuple[PlacedRobot, list[Array]]], frame: str) -> str:
-    """Return in words that no robot turns a frame as wanted, empty where one does.
+    """Return a text if no robot reaches an orientation, else empty.
 
     Args:
         wanted: robots, each with the orientations in the world, shape (3, 3), that one way to do it takes.
@@ -104,14 +104,14 @@ def _turned(wanted: Sequence[tuple[PlacedRobot, list[Array]]], frame: str) -> st
 
 
 def _placing(subject: CheckContext, step: PlacePart, frame: str) -> list[PlacedRobot]:
-    """Return the robots that may do a step and have the frame for it."""
+    """Return the robots allowed for a step that have its frame."""
     robots = (r for r in subject.cell.robots if frame in {"flange", *r.model.frames})
     return [robot for robot in robots if step.done_by(robot.name)]
 
 
 @for_part_assemblies
 def check_room(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield parts beside whose neighbours no tool has room, by whatever grip.
+    """Yield parts without clearance for any tool and grip next to their neighbours.
 
     Of parts that are alike the first step may take any: there is none only where each lacks room.
     """
@@ -150,7 +150,7 @@ def _lack(
     part: PlacedObject,
     placed: Mapping[str, PlacedObject],
 ) -> tuple[float, str, str] | None:
-    """Return how much room the grip on a part lacks that lacks least [m], beside what, and which grip.
+    """Return the smallest missing clearance over the grips of a part [m], the neighbour, and the grip.
 
     Returns:
         None where a grip lacks none, or there is none.
@@ -183,7 +183,7 @@ def _no_room(
     beside: str,
     grip: str,
 ) -> Finding:
-    """Return the finding: an error at the pitch of a source whose parts lie too near to each other."""
+    """Return the finding: an error at the pitch of a source with parts too close together."""
     at, remedy = subject.thing_at(name, key), "move one of the two"
     sources = {part.name: part.source for part in parts.section.parts}
     own, other = (sources.get(name_in_file(n, sources)) for n in (name, beside))
@@ -203,7 +203,7 @@ def _no_room(
 
 @for_part_assemblies
 def check_lifts(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield parts that are not lifted clear of what comes up where they lay, such as the next of a conveyor."""
+    """Yield parts whose lift does not clear the next part, such as on a conveyor."""
     assembly, cell = parts.listed, parts.cell
     clear = cell.clearances.robot_object + MARGIN - 1e-9
     for number, step, where, _ in steps_in_order(cell, assembly):

@@ -67,7 +67,7 @@ def check_grips(subject: CheckContext, parts: OrderedParts) -> Findings:
 def _no_face(
     robot: PlacedRobot, shape: Shape, at: Transform, rules: GripRules
 ) -> str | None:
-    """Return why a tool finds no face, empty where its cup, also as it is drawn, is not why; None where it does."""
+    """Return why a tool finds no face to grip, None if it does."""
     plain, drawn = (
         robot_rules(own, robot) for own in (rules, replace(rules, cup=None))
     )
@@ -79,7 +79,7 @@ def _no_face(
 
 
 def _opens(tool: ToolGrip | None, rules: GripRules) -> str:
-    """Return in words how far a tool opens, and where that is written."""
+    """Return a text on a tool's opening and its source."""
     if tool is None:
         return f"they open to {format_millimetres(rules.opening)} (assembly.grips.opening_m)"
     if tool.opening is None:

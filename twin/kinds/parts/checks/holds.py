@@ -1,4 +1,4 @@
-"""Checks of grips: pads or cups that are on what they hold, friction that bears it, and times to grip."""
+"""Checks of grips: contact of pads or cups, friction, and actuation times."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _USES = {
 
 @for_part_assemblies
 def check_holds(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield parts that tools would not touch as they must to hold them.
+    """Yield parts without proper tool contact.
 
     Where no tool would, at the start or in place, it is an error.
     """
@@ -65,7 +65,7 @@ def check_holds(subject: CheckContext, parts: OrderedParts) -> Findings:
 def _placing(
     subject: CheckContext, assembly: PartAssembly, part: str
 ) -> Iterator[PlacedRobot]:
-    """Yield the robots that may do a step that places a part, if they have the frame for it."""
+    """Yield the robots allowed to place a part that have its frame."""
     own = [s for s in assembly.steps if isinstance(s, PlacePart) and s.part == part]
     for robot in reversed(subject.cell.robots):
         known = assembly.frame in {"flange", *robot.model.frames}
@@ -76,7 +76,7 @@ def _placing(
 def _missed(
     robot: PlacedRobot, part: CellObject, at: Transform, rules: GripRules
 ) -> str | None:
-    """Return why a tool holds a part by none of its grips: its first one's reason.
+    """Return why a tool holds a part by none of its grips, from the first grip.
 
     Returns:
         Empty where it holds by one of them, None where there are no grips.
@@ -92,7 +92,7 @@ def _missed(
 
 @for_part_assemblies
 def check_friction(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield parts that slip, or turn about the axis of the pads, by whatever grip a tool holds them.
+    """Yield parts that slip, or turn about the pad axis, with every grip.
 
     Looked at where the tool says with which force it closes.
     """
@@ -124,7 +124,7 @@ def check_friction(subject: CheckContext, parts: OrderedParts) -> Findings:
 
 @for_part_assemblies
 def check_pads(subject: CheckContext, _: OrderedParts) -> Findings:
-    """Yield tools with fingers whose shapes do not tell where their pads are."""
+    """Yield tools with fingers whose pads cannot be identified by shape."""
     for robot in subject.unlike_robots:
         model = robot.model
         if model.grip is None or model.grip.opening in (None, (0.0, 0.0)):
@@ -140,7 +140,7 @@ def check_pads(subject: CheckContext, _: OrderedParts) -> Findings:
 
 
 def check_grip_times(subject: CheckContext) -> Findings:
-    """Yield times of whole skills that leave no time to move, or that hide what is said of a tool."""
+    """Yield skill durations that leave no time to move, or override a tool's actuation times."""
     scenario = subject.scenario
     if not scenario.actuations:
         return
@@ -194,7 +194,7 @@ def _keys(skill: str) -> str:
 
 
 def _said(subject: CheckContext) -> Iterator[tuple[KeyPath, str]]:
-    """Yield where the file says what tools take to close and to open."""
+    """Yield the paths of tool actuation times in the file."""
     scenario = subject.scenario
     places: list[tuple[KeyPath, object]] = [
         (("cell", "tools", name), tool) for name, tool in scenario.cell.tools.items()

@@ -1,4 +1,4 @@
-"""Checks of loads: tools and parts that are too heavy for who carries them."""
+"""Checks of loads: tools and parts too heavy for their robots."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _NAMED = 4
 
 @for_part_assemblies
 def check_payloads(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield tools and parts that are too heavy for who carries them, and masses that nobody tells.
+    """Yield tools and parts too heavy for their robots, and unknown masses.
 
     A part that no robot which may place it carries is an error; a tool that is too heavy by itself may
     have a wrong mass in its description. Masses count where the scenario gives a payload: then one
@@ -119,7 +119,7 @@ def _too_heavy(
 def _spare(
     robots: Sequence[PlacedRobot], allowed: Sequence[str] | None
 ) -> Iterator[tuple[str, float]]:
-    """Yield what robots may carry beside their tools, those that change them with the lightest [kg]."""
+    """Yield the payload of robots after their (lightest) tool [kg]."""
     most: dict[str, float] = {}
     for robot in robots:
         if allowed is None or robot.name in allowed:

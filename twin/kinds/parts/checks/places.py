@@ -1,4 +1,4 @@
-"""Checks of places: parts that overlap, hang or fall where they go, and places of work."""
+"""Checks of places: overlap, support and balance of parts at goals, and places of work."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.section import MachineSection
 
 _BRIDGED = 0.02
-"""A tool that stays no farther than this from what it works at works at it [m]."""
+"""Largest distance of a tool from its work [m]."""
 
 _BESIDE = 0.5
 """A machine works at parts no farther than this from its door, and from each other [m]."""
@@ -47,7 +47,7 @@ _BESIDE = 0.5
 
 @for_part_assemblies
 def check_goals(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield parts of an assembly that overlap, or hang in the air, in their places."""
+    """Yield parts that overlap or are unsupported at their goals."""
     cell, section, assembly = parts.there, parts.section, parts.found
     if isinstance(assembly, str):
         yield Finding(("assembly", "steps"), assembly, error=True)
@@ -82,7 +82,7 @@ def check_goals(subject: CheckContext, parts: OrderedParts) -> Findings:
 
 @for_part_assemblies
 def check_joints(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield what is joined to something that is farther from it than the joint says."""
+    """Yield joints whose parts are farther apart than the joint allows."""
     listed = [set(item.parts) for item in parts.section.joined]
     known = set().union(*listed)
     for joint, words in wide_joints(subject.cell, parts.listed):
@@ -92,7 +92,7 @@ def check_joints(subject: CheckContext, parts: OrderedParts) -> Findings:
 
 @for_part_assemblies
 def check_balance(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield the first part that would fall, in the order in which parts are put in place."""
+    """Yield the first part that would fall, in assembly order."""
     from planning.parts.balance import PartBalance, balance_groups
 
     if parts.steps is None or parts.listed.balance is None:
@@ -111,7 +111,7 @@ def check_balance(subject: CheckContext, parts: OrderedParts) -> Findings:
 
 @for_part_assemblies
 def check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield processes in which the tool stays far from all that they are done at.
+    """Yield processes whose tool stays far from all parts.
 
     Some tools do work at a distance, and their processes say at which (``distance_m``).
     """
@@ -145,7 +145,7 @@ def _nearest(
     process: Process,
     there: Mapping[str, PlacedObject],
 ) -> Iterator[tuple[str, float]]:
-    """Yield what is nearest to the tool of a robot at each pose of its path, and how far it is [m]."""
+    """Yield the nearest thing to a robot's tool at each pose of its path, with distance [m]."""
     body = Shape((), tuple(tool_bodies(robot.model)))
     tip = inverse(frame_in_last_joint(robot.model, process.frame))
     way = process_targets(process, known.place, process.turns[0])
@@ -158,7 +158,7 @@ def _nearest(
 
 @for_part_assemblies
 def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield machines that work at parts elsewhere than they stand, or nowhere that anybody tells.
+    """Yield machines that work far from their fixtures, or at unknown places.
 
     Where a machine names its fixtures, a part that lies on none of them cannot be worked at. Where it does
     not, it stands where its parts are brought to; so they are to be brought, and to one place.
@@ -172,7 +172,7 @@ def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
         if isinstance(step, PlacePart):
             moved.add(step.part)
         if not isinstance(step, MachineWork) or step.machine not in machined:
-            continue  # nobody does what needs no machine, such as glue that cures
+            continue  # unattended processes need no machine, such as glue that cures
         name, pose = step.machine, where[step.part]
         own = machines.get(name, MachineSection())
         at, lying = parts.step_at(number), (cell.object(step.part), pose)
@@ -218,7 +218,7 @@ def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
 def _from_door(
     own: MachineSection, lying: PlacedObject, subject: CheckContext
 ) -> float | None:
-    """Return how far a part is from the door of a machine, None where it has none [m]."""
+    """Return the distance of a part from a machine's door, None without a door [m]."""
     if own.door is None:
         return None
     from twin.planning.shapes import build_shape

@@ -1,4 +1,4 @@
-"""Checks of reach: parts, places of work and racks that no robot of the cell comes to."""
+"""Checks of reach: parts, places of work and racks."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ _MOST_GRIPS = 40
 """Grips of a part that are tried by each robot."""
 
 Targets = Callable[[Transform], SkillTargets]
-"""Returns the way of a tool to a pose at which it grips, and from there."""
+"""Returns the tool poses of approach to a grip and departure from it."""
 
 
 def _beyond(robots: list[PlacedRobot], frame: str, target: Transform) -> str:
-    """Return how far away the nearest robot is, where no arm is long enough for a pose."""
+    """Return the distance of the nearest robot, where no arm is long enough for a pose."""
     if not all(is_beyond_reach(robot, frame, target) for robot in robots):
         return ""
     distances = {
@@ -55,13 +55,13 @@ def _beyond(robots: list[PlacedRobot], frame: str, target: Transform) -> str:
 
 
 def check_part_reach(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield what no robot reaches: an error where the planner would find none either."""
+    """Yield unreachable poses: an error where planning would fail, too."""
     yield from _check_racks(subject, parts)
     yield from _check_parts(subject, parts)
 
 
 def _check_racks(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield the first rack at which a tool cannot be changed, as the planner says it."""
+    """Yield the first rack at which a tool cannot be changed, by the planner."""
     cell, goals = subject.built, parts.listed.goals
     try:
         find_tool_changes(cell, goals)
@@ -107,7 +107,7 @@ def _check_parts(subject: CheckContext, parts: OrderedParts) -> Findings:
 
 
 def _serves(robot: PlacedRobot, legs: list[_PartLeg], parts: OrderedParts) -> bool:
-    """Tell whether a robot can do something in some step: a part of the way of a part, or a process."""
+    """Return whether a robot can take part in a step: in moving a part, or in a process."""
     frame = parts.listed.frame
     for leg in legs:
         shape, start, end = leg.part.shape, leg.part.start, leg.end
@@ -185,15 +185,15 @@ def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findi
 
 @dataclass(frozen=True)
 class _PartLeg:
-    """The way of a part from where it lies to its place, or to where it is put down on its way.
+    """Leg of a part from its current place to its goal or an intermediate place.
 
     Attributes:
         step: in which it is brought there.
         part: at its ``start``, which is where this leg begins.
         end: pose of its frame where it is put.
-        ways: how it is gripped and led.
-        start_at, end_at: where the file says so.
-        words: what the end is, for people.
+        ways: its handling: grips and insertion.
+        start_at, end_at: paths in the file.
+        words: text on the end.
     """
 
     step: PlacePart
@@ -224,7 +224,7 @@ def _legs(subject: CheckContext, parts: OrderedParts) -> Iterator[_PartLeg]:
 
 
 def _check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield places of work that no robot that may work there reaches."""
+    """Yield places of work unreachable for all allowed robots."""
     for number, found, step, robots in parts.works():
         process = step.process
         if any(
@@ -252,7 +252,7 @@ def _reaching(
     grips: Mapping[str, list[Grip]],
     targets: Targets,
 ) -> set[str]:
-    """Return the robots that pick or place a part somewhere with one of some grips."""
+    """Return the robots that can pick or place a part at a pose with one of some grips."""
     return {
         robot.name
         for robot in robots
@@ -264,7 +264,7 @@ def _reaching(
 
 
 def _reaches(robot: PlacedRobot, frame: str, grip: Transform, targets: Targets) -> bool:
-    """Tell whether a robot can pick or place with its tool at a pose."""
+    """Return whether a robot can pick or place with its tool at a pose."""
     if is_beyond_reach(robot, frame, grip):
         return False
     return is_possible_in_some_posture(robot, targets(grip))

@@ -24,7 +24,7 @@ Waits = dict[int, list[tuple[int, float, float]]]
 
 @for_part_assemblies
 def check_windows(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield steps that come after others that take longer than their window lets them.
+    """Yield steps whose window is shorter than the work in between.
 
     What must be done between two steps is what the one comes after and what comes after the other: the
     longest way by least durations and least times. Motions count as nothing.
@@ -66,7 +66,7 @@ def _longest(waits: Waits, first: int, last: int) -> tuple[float, list[int]]:
 
 
 def _least_s(subject: CheckContext, step: StepSection) -> float:
-    """Return the least duration of a process [s]; 0 for other steps, and where nothing says it."""
+    """Return the least duration of a process [s]; 0 for other steps, and if unknown."""
     execution, name = subject.scenario.execution, step.process or ""
     model = execution.skill_models(subject.folder).get(name)
     overrides = execution.skill_exceptions(subject.folder)
@@ -76,7 +76,7 @@ def _least_s(subject: CheckContext, step: StepSection) -> float:
 
 @for_part_assemblies
 def check_due_times(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield due times that fall or cannot be kept."""
+    """Yield due times that decrease or cannot be kept."""
     products = parts.section.products
     due = products.due_s() if products is not None else ()
     for who, first, each in _paces(subject, parts.section) if due else ():
@@ -100,7 +100,7 @@ def check_due_times(subject: CheckContext, parts: OrderedParts) -> Findings:
 def _paces(
     subject: CheckContext, section: PartsSection
 ) -> Iterator[tuple[str, float, float]]:
-    """Yield conveyors and machines of a line: in words, and the time until the first product has its parts, and for each further one [s].
+    """Yield conveyors and machines of a line: description, time until the first product has its parts, and time per further one [s].
 
     By the mean of their times; nothing else takes any time.
     """
