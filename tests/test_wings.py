@@ -18,6 +18,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("wings")
 
 
+@pytest.mark.expensive
 @pytest.mark.parametrize(
     "wing",
     [
