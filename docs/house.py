@@ -5,8 +5,8 @@ of rooms in ``docs/design.md``; another file for the picture, such as ``house.pn
 Everything but the stages of the way is read from the code.
 
 ``python docs/house.py --figures`` prints size and border of the core, and which walls are broken; wings are
-declared in ``docs/house.toml``. ``--without WING`` deletes a wing in a copy, runs a scenario there, and looks
-whether its commands are gone; ``--without all`` does so for each.
+declared in ``docs/house.toml``. ``--without WING`` deletes a wing in a copy, with those that need it, and runs
+a scenario, ``twin --help`` and ``twin validate`` there; ``--without all`` does so for each.
 """
 
 from __future__ import annotations
@@ -43,6 +43,12 @@ FLOORS = ("twin", "scheduling", "planning")
 WINGS = ROOT / "docs" / "house.toml"
 TRIED = "scenarios/multi_arm/multi_goal.yaml"
 """Scenario that runs without any wing."""
+VALIDATED = {
+    "lego": "scenarios/lego/stairs.yaml",
+    "assembly": "scenarios/assembly/magazine.yaml",
+    "construction": "scenarios/construction/well.yaml",
+}
+"""Scenario of each kind of assembly in a wing."""
 
 WAY = {
     "read_scenario": "read and check the file",
@@ -181,11 +187,13 @@ class Wing(NamedTuple):
         about: its purpose.
         places: folders and files, from the top of the repository.
         uses: names of wings that it may import.
+        needs: those of them without which nothing of it works.
     """
 
     about: str
     places: tuple[str, ...]
     uses: tuple[str, ...]
+    needs: tuple[str, ...] = ()
 
 
 class Arrow(NamedTuple):
@@ -205,7 +213,12 @@ def wings() -> dict[str, Wing]:
     """Return the declared wings by name."""
     content = tomllib.loads(WINGS.read_text(encoding="utf-8"))
     return {
-        name: Wing(row["about"], tuple(row["places"]), tuple(row["uses"]))
+        name: Wing(
+            row["about"],
+            tuple(row["places"]),
+            tuple(row["uses"]),
+            tuple(row.get("needs", ())),
+        )
         for name, row in content.items()
     }
 
@@ -329,29 +342,76 @@ def print_figures() -> None:
         print(text)  # noqa: T201
 
 
-def fault_without(wing: str) -> str:
-    """Delete a wing in a copy, run a scenario there, and return what is wrong; empty if nothing is."""
+def gone_without(wing: str, declared: Mapping[str, Wing]) -> list[str]:
+    """Return a wing and those that need it, directly or by others, in the order of their declaration."""
+    gone = {wing}
+    while more := {n for n, own in declared.items() if gone & set(own.needs)} - gone:
+        gone |= more
+    return [name for name in declared if name in gone]
+
+
+def fault_without(wing: str, folder: Path) -> str:
+    """Delete a wing, and those that need it, in a copy; return what is wrong there, empty if nothing is.
+
+    A scenario without wings runs, the commands of these wings are gone and no others, and scenarios of
+    their kinds are refused while those of other kinds are valid.
+
+    Args:
+        wing: name of the wing.
+        folder: where the copy is made anew. Kernels that are compiled there serve the next copy.
+    """
+    from twin.registry import COMMANDS, KINDS
+
     declared = wings()
-    gone = commands_of(wing, declared)
-    with TemporaryDirectory() as name:
-        copy = Path(name)
-        for folder in (*FLOORS, "scenarios"):
-            shutil.copytree(ROOT / folder, copy / folder)
-        for place in declared[wing].places:
-            path = copy / place
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
-        options = ("--no-recording", "--no-audit", "--out", "run")
-        done = _twin(copy, "run", TRIED, *options)
-        if done.returncode != 0:
-            return f"{TRIED} does not run: {_last_line(done)}"
-        listed = _twin(copy, "--help")
-        if listed.returncode != 0:
-            return f"twin --help fails: {_last_line(listed)}"
-        words = {
-            line.split()[1] for line in listed.stdout.splitlines() if line[:2] == "│ "
-        }
-        if left := gone & words:
-            return f"{', '.join(sorted(left))} still in twin --help"
+    gone = gone_without(wing, declared)
+    copy = folder / "copy"
+    shutil.rmtree(copy, ignore_errors=True)
+    for name in (*FLOORS, "scenarios"):
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / name, copy / name, ignore=ignored)
+    for place in (place for name in gone for place in declared[name].places):
+        path = copy / place
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    options = ("--no-recording", "--no-audit", "--out", "run")
+    done = _twin(copy, "run", TRIED, *options)
+    if done.returncode != 0:
+        return f"{TRIED} does not run: {_last_line(done)}"
+    return _fault_of_commands(copy, set(COMMANDS.own), gone) or _fault_of_kinds(
+        copy,
+        {k: wing_of(KINDS.own[k].partition(":")[0], declared) for k in VALIDATED},
+        gone,
+    )
+
+
+def _fault_of_commands(copy: Path, commands: set[str], gone: Iterable[str]) -> str:
+    declared = wings()
+    without = set().union(*(commands_of(name, declared) for name in gone))
+    listed = _twin(copy, "--help")
+    if listed.returncode != 0:
+        return f"twin --help fails: {_last_line(listed)}"
+    words = {line.split()[1] for line in listed.stdout.splitlines() if line[:2] == "│ "}
+    if left := without & words:
+        return f"{', '.join(sorted(left))} still in twin --help"
+    if lost := commands - without - words:
+        return f"{', '.join(sorted(lost))} not in twin --help"
+    return ""
+
+
+def _fault_of_kinds(copy: Path, kinds: Mapping[str, str], gone: Iterable[str]) -> str:
+    there = [kind for kind, wing in kinds.items() if wing not in gone]
+    done = _twin(copy, "validate", TRIED, *(VALIDATED[kind] for kind in there))
+    if done.returncode != 0:
+        return f"twin validate fails: {_last_line(done)}"
+    for kind in kinds.keys() - there:
+        done = _twin(copy, "validate", VALIDATED[kind])
+        said = " ".join(done.stderr.split())
+        valid = ", ".join(sorted(("goals", *there)))
+        if (
+            done.returncode != 2
+            or f"unknown kind '{kind}'" not in said
+            or f"(valid: {valid})" not in said
+        ):
+            return f"the kind {kind} is not refused as an unknown one: {said}"
     return ""
 
 
@@ -371,7 +431,12 @@ def _twin(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
         [sys.executable, "-m", "twin.cli", *arguments],
         check=False,
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(folder)},
+        env={
+            **os.environ,
+            "COLUMNS": "200",
+            "NUMBA_CACHE_DIR": str(folder.parent / "kernels"),
+            "PYTHONPATH": str(folder),
+        },
         capture_output=True,
         text=True,
     )
@@ -383,11 +448,15 @@ def _last_line(done: subprocess.CompletedProcess[str]) -> str:
 
 def print_without(wing: str) -> bool:
     """Print for a wing, or ``all``, whether the rest runs without it; return whether it does."""
-    names = list(wings()) if wing == "all" else [wing]
+    declared = wings()
+    names = list(declared) if wing == "all" else [wing]
     faults = {}
-    for name in names:
-        faults[name] = fault_without(name)
-        print(f"without {name}: {faults[name] or 'passes'}", flush=True)  # noqa: T201
+    with TemporaryDirectory() as folder:
+        for name in names:
+            faults[name] = fault_without(name, Path(folder))
+            users = [own for own in gone_without(name, declared) if own != name]
+            also = f" and its users {', '.join(users)}" if users else ""
+            print(f"without {name}{also}: {faults[name] or 'passes'}", flush=True)  # noqa: T201
     passed = sum(not fault for fault in faults.values())
     print(f"{passed} of {len(names)} pass")  # noqa: T201
     return passed == len(names)

@@ -64,12 +64,21 @@ def test_walls_stand_but_for_those_listed(code: dict[str, ast.Module]) -> None:
     assert circles == IN_CIRCLES, "python docs/house.py --figures"
 
 
-def test_wings_are_declared_as_they_are() -> None:
+def test_wings_are_declared_as_they_are(code: dict[str, ast.Module]) -> None:
     declared = HOUSE.wings()
+    found: dict[str, set[str]] = {name: set() for name in declared}
+    for arrow in HOUSE.name_imports(code):
+        one, other = (
+            HOUSE.wing_of(name, declared) for name in (arrow.source, arrow.target)
+        )
+        if one and other and one != other:
+            found[one].add(other)
+    assert {name: set(wing.uses) for name, wing in declared.items()} == found
     uses = nx.DiGraph((n, own) for n, wing in declared.items() for own in wing.uses)
     assert set(uses) <= set(declared)
     assert nx.is_directed_acyclic_graph(uses), nx.find_cycle(uses)
     for wing in declared.values():
+        assert set(wing.needs) <= set(wing.uses)
         assert [p for p in wing.places if not (ROOT / p).exists()] == []
 
 

@@ -24,6 +24,7 @@ from planning.construction.problem.problem import ConstructionProblem, Hold, Par
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.problem.settings import RrtSettings, SubproblemSettings
 from planning.construction.step_scenes import StepScenes
+from planning.construction.stopwatch import Stopwatch
 from planning.construction.world.fixed_world import (
     BuildState,
     FixedWorld,
@@ -31,7 +32,6 @@ from planning.construction.world.fixed_world import (
 )
 from planning.construction.world.timeline import RobotTimeline, SkillMotion
 from planning.steps.skill import NOTHING, Pairs, grip_contact
-from planning.stopwatch import Stopwatch
 from planning.transforms import Array
 
 _SPACING = 0.75

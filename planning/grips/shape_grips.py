@@ -12,7 +12,6 @@ import numpy as np
 from planning.caches import BoundedCache
 from planning.cell.cover import sphere_directions
 from planning.cell.shape import Box, Element, Mesh, Shape
-from planning.cell.solid_lines import InnerStretch, SolidLines
 from planning.grips.grip import (
     USUAL_CUP,
     Grip,
@@ -21,6 +20,7 @@ from planning.grips.grip import (
     lean_angle,
     tool_turn,
 )
+from planning.grips.solid_lines import InnerStretch, SolidLines
 from planning.transforms import Array, Transform, read_only_copy
 
 _MOST_GRIPS = 48

@@ -21,10 +21,10 @@ from planning.files import resolve_file_name
 from planning.kinematics.kinematics import joint_poses_of
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.descriptions.urdf_file import GivenLimits
-from planning.robots.overview import LinkRow, Overview, robot_overview
 from planning.robots.registry import ROBOTS, robot_model
 from planning.timing.torque import explain_unchecked_efforts
 from planning.transforms import Array, Transform, identity, inverse
+from twin.checks.overview import LinkRow, Overview, robot_overview
 from twin.checks.tools import finger_gap, frame_warnings
 from twin.checks.views import (
     FROM_THE_SIDE,

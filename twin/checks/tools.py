@@ -14,9 +14,9 @@ from planning.geometry.exact import Solid, hull_distance_at
 from planning.grips.pads import finger_sides
 from planning.grips.tool_grips import tool_bodies, tool_heights
 from planning.robots.descriptions.xml_files import read_xml
-from planning.robots.overview import flange_warning, robot_overview
 from planning.transforms import Array, read_only_copy, translation
 from twin.checks.finding import CheckContext, Finding, Findings, format_millimetres
+from twin.checks.overview import flange_warning, robot_overview
 
 _FAR = 0.02
 """A tool frame is at the tool if it is no farther from it than this [m]."""

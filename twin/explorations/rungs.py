@@ -19,7 +19,7 @@ from scheduling.planned_motions import PlannedMotions
 from twin.checks.check import findings_without_reach, reach_findings
 from twin.checks.finding import CheckContext, Finding
 from twin.checks.picture import cell_shapes
-from twin.document.expressions import ExpressionError, KeyValue
+from twin.explorations.expressions import ExpressionError, KeyValue
 from twin.explorations.section import ExploreSection
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import build_plan_graph, plan_motions

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from planning.bounds import LONGEST_S
-from twin.document.expressions import Expression, Inequality
 from twin.document.section import Section, WingSection
+from twin.explorations.expressions import Expression, Inequality
 
 RESULTS = (
     "makespan_s",

@@ -27,12 +27,12 @@ from twin.engine.ending import Ending
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel
 from twin.engine.simulated_robots import SimulatedRobots
-from twin.engine.supply import LateSupply
 from twin.operations.commitment import CutPolicy, PlanRevision
 from twin.operations.person import Ask, Person, Says
 from twin.operations.planner import Planner
 from twin.operations.recovery import Recovery
 from twin.operations.replanner import Keep, RollingReplanner
+from twin.operations.supply import LateSupply
 from twin.recorders.observers import Observers, Recorder
 from twin.registry import RECOVERIES
 from twin.runs.execution_record import ExecutionRecord

@@ -22,11 +22,11 @@ from scheduling.rolling.forecast import Clock
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution import Execution
 from twin.engine.ports import Replanner, Steps
-from twin.engine.supply import LateSupply
 from twin.operations.commitment import Failure, PlanRevision, ReplanTrigger
 from twin.operations.continued_times import continued_times
 from twin.operations.person import UnansweredError
 from twin.operations.planner import Planner
+from twin.operations.supply import LateSupply
 from twin.runs.events import EventCode
 
 _AFTER_ALL = EventPriority(10)

@@ -19,8 +19,8 @@ from planning.construction.paths.postprocess import (
 )
 from planning.construction.paths.query import Query, SpaceTimePath, next_arrival
 from planning.construction.problem.settings import RrtSettings
+from planning.construction.stopwatch import Stopwatch
 from planning.packed import packed
-from planning.stopwatch import Stopwatch
 from planning.transforms import Array
 
 POSTPROCESSING = "postprocessing"

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from planning.robots.overview import flange_warning
 from planning.robots.registry import robot_model
 from tests.twin.program import invoke
+from twin.checks.overview import flange_warning
 
 LINK = """\
 <link name="{name}"><collision><geometry><box size="0.02 0.02 0.02"/></geometry></collision></link>

@@ -19,7 +19,6 @@ from planning.cell.shape import Box, Cylinder, Element
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.descriptions.urdf_file import GivenLimits
-from planning.robots.overview import flange_warning, robot_overview
 from planning.robots.registry import ROBOTS, robot_model
 from planning.transforms import identity, translation
 from tests.planning.robots.descriptions.test_mounting import link_poses
@@ -31,6 +30,7 @@ from tests.twin.checks.test_tools import HANDS, hand_cell
 from tests.twin.program import invoke
 from tests.twin.written import Change, checked, refusal, written
 from twin.checks.finding import CheckContext
+from twin.checks.overview import flange_warning, robot_overview
 from twin.checks.picture import cell_figure
 from twin.checks.tools import finger_gap
 from twin.checks.views import MOST, find_close_ups

@@ -6,8 +6,8 @@ import pytest
 
 from tests.twin.explorations.sliders import slider_file
 from tests.twin.program import invoke
-from twin.document.expressions import Expression, ExpressionError, Inequality
 from twin.explorations.dimensions import dimensions_of, vary_section
+from twin.explorations.expressions import Expression, ExpressionError, Inequality
 from twin.explorations.section import ExploreSection
 from twin.trial.loaded_scenario import load
 

@@ -10,8 +10,8 @@ import numpy as np
 from planning.cell.workcell import PlacedRobot
 from planning.tasks.task import GONE
 from planning.transforms import Array, from_quat_wxyz, quat_wxyz
-from twin.drawing.drawn_robot import DrawnRobot
 from twin.durations.nanoseconds import NANOSECONDS
+from twin.exports.ros.drawn_robot import DrawnRobot
 from twin.exports.ros.messages import FramePose, frame_pose
 from twin.trial.run_result import RunResult
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, Fixture
 from planning.transforms import Array, Indices
-from twin.drawing.drawn_robot import drawn_robot
 from twin.drawing.looks import coloured_fixtures
 from twin.drawing.triangles import corners_of
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
@@ -24,6 +23,7 @@ from twin.exports.ros.definitions import (
     MARKER_ARRAY,
     TF_MESSAGE,
 )
+from twin.exports.ros.drawn_robot import drawn_robot
 from twin.exports.ros.frames import (
     WORLD,
     ObjectsThere,

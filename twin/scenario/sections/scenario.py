@@ -9,9 +9,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    GetCoreSchemaHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import CoreSchema, core_schema
 
 from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
@@ -34,11 +42,25 @@ from twin.scenario.sections.kind import (
 from twin.uncertainty.base_errors import PoseErrorSection
 
 
+@dataclass(frozen=True)
+class _OnlyKind:
+    """Mark of a section that makes pydantic ask its kind first, as it does of a union."""
+
+    kind: str
+
+    def __get_pydantic_core_schema__(
+        self, section: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        choices = {self.kind: handler(section)}
+        return core_schema.tagged_union_schema(choices, discriminator="kind")
+
+
 def _any_assembly() -> Any:
     """Return the union type of the assembly sections of all kinds, by ``kind``."""
-    sections = [kind.section_class for kind in KINDS.load_all().values()]
+    kinds = KINDS.load_all()
+    sections = [kind.section_class for kind in kinds.values()]
     if len(sections) == 1:
-        return sections[0]
+        return Annotated[sections[0], _OnlyKind(next(iter(kinds)))]
     return Annotated[Union[tuple(sections)], Field(discriminator="kind")]  # noqa: UP007
 
 

@@ -7,9 +7,9 @@ import pytest
 from planning.errors import RobotModelError
 from planning.robots.descriptions.fitting import Fitting
 from planning.robots.descriptions.urdf_file import GivenLimits
-from planning.robots.overview import robot_overview
 from planning.robots.registry import robot_model
 from tests.twin.program import invoke
+from twin.checks.overview import robot_overview
 
 URDF = """<robot name="own">
   <link name="foot"><collision><geometry><cylinder radius="0.06" length="0.02"/></geometry></collision></link>

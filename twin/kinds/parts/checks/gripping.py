@@ -12,12 +12,6 @@ from planning.geometry.touching import PlacedObject, nearby_entities
 from planning.grips.pads import own_bodies
 from planning.grips.tool_grips import robot_grips
 from planning.kinematics.kinematics import frame_in_last_joint
-from planning.kinematics.orientations import (
-    can_turn,
-    direction_words,
-    turning_axes,
-    turning_words,
-)
 from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PlacePart
 from planning.parts.part_skills import process_targets
@@ -31,6 +25,12 @@ from twin.checks.finding import (
     name_in_file,
 )
 from twin.kinds.parts.checks.context import for_part_assemblies
+from twin.kinds.parts.checks.orientations import (
+    can_turn,
+    direction_words,
+    turning_axes,
+    turning_words,
+)
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.sources import TraySection
 

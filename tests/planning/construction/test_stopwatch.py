@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from planning.stopwatch import Stopwatch
+from planning.construction.stopwatch import Stopwatch
 
 
 def _work(seconds: float) -> None:

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import frame_pose
-from planning.kinematics.orientations import can_turn, turning_axes, turning_words
 from planning.robots.registry import robot_model
 from planning.transforms import Array, from_rpy
+from twin.kinds.parts.checks.orientations import can_turn, turning_axes, turning_words
 
 CHAINS = {
     "three slides": ("sx sy sz", 0),
