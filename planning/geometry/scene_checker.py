@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from itertools import pairwise, product
@@ -254,22 +254,30 @@ class SceneChecker:
 
     def contact(self, q: Array) -> Contact | None:
         """Return the closest forbidden contact at ``q``, shape (n,), None where there is none."""
+        return min(
+            self._contacts(q), key=lambda own: own.distance - own.limit, default=None
+        )
+
+    def pairs_in_contact(self, q: Array) -> frozenset[frozenset[str]]:
+        """Return the pairs of entities that are in a forbidden contact at ``q``, shape (n,)."""
+        return frozenset(
+            frozenset((own.moving, own.obstacle)) for own in self._contacts(q)
+        )
+
+    def _contacts(self, q: Array) -> Iterator[Contact]:
+        """Yield the forbidden contacts at ``q``, shape (n,)."""
         q = np.array(q, dtype=np.float64)
         _, _, what = find_undecided(self._scene, q, q, False, True, 0, False)
-        worst: Contact | None = None
         for kind, body, other in what.tolist():
             pair = self._pair(kind, body, other)
             gap, limit = pair.gap_at(q)
-            if gap < limit and (
-                worst is None or gap - limit < worst.distance - worst.limit
-            ):
+            if gap < limit:
                 name = pair.other.name
                 if kind == BOX:
                     thing = self._boxes.names[other]
                     # A body of another robot is named as one's own.
                     name = f"{thing}:{name}" if "/" in thing else thing
-                worst = Contact(pair.mine.name, name, gap, limit, pair)
-        return worst
+                yield Contact(pair.mine.name, name, gap, limit, pair)
 
     @property
     def clearance(self) -> float:

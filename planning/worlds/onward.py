@@ -15,9 +15,15 @@ from itertools import product
 import numpy as np
 
 from planning.cell.workcell import Workcell
+from planning.geometry.robot_bodies import GROUPS, entity_name
+from planning.geometry.scene_checker import SceneChecker
 from planning.motion.motion_cache import MotionCache
 from planning.motion.motion_plan import MotionPlan
-from planning.motion.sequential import MotionSettings, plan_motions_sequentially
+from planning.motion.sequential import (
+    MARGIN,
+    MotionSettings,
+    plan_motions_sequentially,
+)
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -126,7 +132,7 @@ def plan_onward(
     away = (*_away(cell, world, left, gone), *sorted(now.aside))
     for name in away:
         home = cell.robot(name).home
-        items.append(_Item(_to(world, name, home, stands=name not in gone)))
+        items.append(_Item(_to(cell, world, name, home, stands=name not in gone)))
     burdens = _burdens(world, left)
     for robot, name in burdens.items():
         items.append(_Item(_once(partial(find_removal, cell, world, robot, name))))
@@ -138,7 +144,9 @@ def plan_onward(
         if step in goes_on:
             item = goes_on[step]
             back = sorted(aside & {task.robot for task in item.tasks})
-            items += [_Item(_to(world, name, stands[name]), back=True) for name in back]
+            items += [
+                _Item(_to(cell, world, name, stands[name]), back=True) for name in back
+            ]
             aside -= set(back)
             if step in now.reopened:
                 items.append(_of_leftover(item, now))
@@ -406,7 +414,7 @@ def _burdens(world: World, left: list[UnfinishedStep]) -> dict[str, str]:
 
 
 def _to(
-    world: World, robot: str, q: Array, *, stands: bool = True
+    cell: Workcell, world: World, robot: str, q: Array, *, stands: bool = True
 ) -> Callable[[int], Iterator[StepTasks]]:
     """Return the transit of a robot to or from its configuration in a world, if it still stands there."""
     last = world.beginning.last_task.get(robot)
@@ -416,19 +424,36 @@ def _to(
 
     def numbered(first: int) -> StepTasks:
         task = Task(first, robot, TRANSIT, number, "aside", read_only_copy(q[None]))
-        # What it may touch where it stands, it may touch on its way from and to there.
+        # What it touches where it stands, and may, it may touch on its way from and to there.
         allowed: Sequence[AllowedContact] = ()
         if last is not None and stands:
             whole = steps[0]
             done = world.complete.intersection(t.index for t in whole.tasks)
+            touch = _touches(cell, world, robot)
             allowed = [
                 replace(c, tasks=(c.tasks & done) | {first})
                 for c in whole.allowed
-                if last in c.tasks
+                if last in c.tasks and touch(c)
             ]
         return StepTasks(number, (task,), (), tuple(allowed))
 
     return _once(numbered)
+
+
+def _touches(
+    cell: Workcell, world: World, robot: str
+) -> Callable[[AllowedContact], bool]:
+    """Return what tells whether the two of a contact touch where a robot stands in a world, or move as one with it."""
+    checker = SceneChecker(cell, robot, world.state, margin=MARGIN)
+    there = checker.pairs_in_contact(world.state.configurations[robot])
+    held = {name for name, at in world.held() if at.holder == robot}
+    own = held | {entity_name(robot, group) for group in GROUPS}
+
+    def touches(contact: AllowedContact) -> bool:
+        pair = {contact.first, contact.second}
+        return pair <= own or pair in there
+
+    return touches
 
 
 def _done(step: StepTasks, world: World) -> StepTasks:

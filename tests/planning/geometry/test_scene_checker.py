@@ -122,6 +122,9 @@ def test_configurations_agree_with_all_pairs(
         assert (contact is None) is (gap > 0)
         if contact is not None:
             assert contact.distance - contact.limit == pytest.approx(gap, abs=1e-6)
+        pairs = checker.pairs_in_contact(q)
+        assert (not pairs) is (gap > 0)
+        assert contact is None or {contact.moving, contact.obstacle} in pairs
         answers.add(gap > 0)
     assert answers == {True, False} or held == "one"
 

@@ -140,6 +140,21 @@ def test_what_cannot_be_put_down_is_taken_from_the_hand(plan: PlanResult) -> Non
     require_safe(done.tpg)
 
 
+def test_on_the_way_aside_nothing_may_touch_that_does_not_where_it_begins(
+    plan: PlanResult,
+) -> None:
+    """A brick that was not put down is held above its place, and its way is clear of what it was to touch there."""
+    never = {"probability": 1.0, "retries": 0}
+    done, _ = operated(plan, 0, **{"failures.place-down": never, "recovery.again": 0})
+    aside = {t.index for t in done.tpg.tasks if t.label == "aside"}
+    may = {frozenset((c.first, c.second)) for c in done.tpg.allowed if c.tasks & aside}
+    assert may == {
+        frozenset((f"{t.robot}/tool", str(t.object)))
+        for t in done.tpg.tasks
+        if t.kind == TAKEN_OUT
+    }
+
+
 @pytest.mark.parametrize("at_s", [0.0, 0.01])
 def test_a_robot_may_be_out_before_it_has_done_anything(
     plan: PlanResult, at_s: float
