@@ -144,7 +144,7 @@ def test_what_lasts_is_seen_by_bullet_alone(
     """It looks at samples: what the motion ends in is among them."""
     both = _crash(tmp_path / "both", "pybullet")
     contacts = sys.modules["twin.audits.contacts"]  # twin.audit is a function
-    monkeypatch.setattr(contacts, "gaps", lambda *_: iter(()))
+    monkeypatch.setattr(contacts, "measured_gaps", lambda *_: iter(()))
     alone = _crash(tmp_path / "alone", "pybullet")
     seen, same = (
         {(v.first, v.second) for v in r.violations if v.kind == "contact"}
