@@ -129,16 +129,18 @@ def edge_violations(
             )
 
 
-def tasks_at(
-    tpg: TemporalPlanGraph, robots: Mapping[str, RobotRows], robot: str, t: float
-) -> frozenset[int]:
-    """Return the tasks of a robot at a time [s]: two at a border, and while it stands."""
+def tasks_along(
+    tpg: TemporalPlanGraph, robots: Mapping[str, RobotRows], robot: str, times: Array
+) -> list[frozenset[int]]:
+    """Return the tasks of a robot at each of some times [s]: two at a border, and while it stands."""
     index = tpg.chain_index.get(robot)
     if index is None:
-        return frozenset()
-    tasks = tpg.chains[index].task
-    nodes = np.clip(robots[robot].nodes_at(t), 0, len(tasks) - 1)
-    return frozenset(tasks[nodes].tolist())
+        return [frozenset()] * len(times)
+    tasks, rows = tpg.chains[index].task, robots[robot]
+    task = tasks[np.clip(rows.node, 0, len(tasks) - 1)].tolist()
+    spans, number = np.unique(rows.rows_around(times), axis=0, return_inverse=True)
+    found = [frozenset(task[first:end]) for first, end in spans.tolist()]
+    return [found[k] for k in number.ravel().tolist()]
 
 
 def moved_spans(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache, partial
+from functools import cache
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from planning.tasks.task import AllowedContact
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audits.case import AuditCase, Violation, tasks_at
+from twin.audits.case import AuditCase, Violation, tasks_along
 from twin.audits.motion.pairs import (
     SLACK,
     Gap,
@@ -91,7 +91,7 @@ class Contacts:
         self._case, self._allowed, self._exempt = case, allowed, exempt
         self._taken_up, self._second = taken_up, second
         self._tools = {f"{robot}/tool": robot for robot in case.robots}
-        self._tasks_at = cache(partial(tasks_at, case.tpg, case.robots))
+        self._allowed_depth = cache(self._depth)
         self.least = self.bound = within
         self.tolerance = case.cell.clearances.contact_tolerance
         self.configurations, self.deepest_graze = 0, 0.0
@@ -109,11 +109,16 @@ class Contacts:
         holders = {name: p.holder for name, p in stretch.placements.items()}
 
         @cache
-        def depth_at(first: str, second: str, sample: int) -> float:
-            return self._depth((first, second), holders, float(stretch.t[sample]))
+        def tasks(entity: str) -> Sequence[frozenset[int] | None]:
+            owner = self._tools.get(entity, holders.get(entity))
+            if owner is None:
+                return [None] * len(stretch.t)
+            return tasks_along(self._case.tpg, self._case.robots, owner, stretch.t)
 
         def depth(a: WatchedShape, b: WatchedShape, sample: int) -> float:
-            return depth_at(a.entity, b.entity, sample)
+            first, second = a.entity, b.entity
+            now = tasks(first)[sample], tasks(second)[sample]
+            return self._allowed_depth(frozenset((first, second)), now)
 
         asked = MeasurementThresholds(lambda: self.least, depth)
         watched = list(watched_pairs(stretch, self._arms, self._exempt, asked))
@@ -166,23 +171,18 @@ class Contacts:
                 yield Violation(rows[0][0], rows[-1][0], *pair, depth, detail)
 
     def _depth(
-        self, pair: tuple[str, str], holders: Mapping[str, str | None], t: float
+        self, pair: frozenset[str], tasks: tuple[frozenset[int] | None, ...]
     ) -> float:
         """Return the largest allowed overlap of two entities [m].
 
         Args:
             pair: their names.
-            holders: object name to the robot that holds it, None at rest.
-            t: time [s].
+            tasks: those at hand of the robot of each, None at rest.
         """
-        owners = [self._tools.get(name, holders.get(name)) for name in pair]
         now = [
             contact
-            for contact in self._allowed.get(frozenset(pair), ())
-            if all(
-                owner is None or contact.tasks & self._tasks_at(owner, t)
-                for owner in owners
-            )
+            for contact in self._allowed.get(pair, ())
+            if all(own is None or contact.tasks & own for own in tasks)
         ]
         if not now:
             return SLACK
@@ -190,7 +190,7 @@ class Contacts:
             return math.inf
         if all(contact.grazing for contact in now):
             return self.tolerance + SLACK
-        said = self._case.wanted.overlaps_m.get(frozenset(pair), 0.0)
+        said = self._case.wanted.overlaps_m.get(pair, 0.0)
         most = max(CONTACT_DEPTH, said + NODE_SLACK)
         planned = [contact.depth for contact in now if not contact.grazing]
         return min([most, *(d + SLACK for d in [_deepest(planned)] if d is not None)])

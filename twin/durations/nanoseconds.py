@@ -14,6 +14,8 @@ Nanoseconds = npt.NDArray[np.int64]
 NANOSECONDS = 1_000_000_000
 """Nanoseconds in a second."""
 
+_LONGEST_RUN_NS = LONGEST_RUN_S * NANOSECONDS
+
 
 def to_nanoseconds(seconds: npt.ArrayLike) -> Nanoseconds:
     """Return times in whole nanoseconds, rounded to the nearest, at most LATEST_S."""
@@ -30,7 +32,7 @@ def require_within_longest_run(t_ns: float) -> None:
     Raises:
         RequestError: it is greater than LONGEST_RUN_S.
     """
-    if LONGEST_RUN_S * NANOSECONDS < t_ns < np.inf:
+    if _LONGEST_RUN_NS < t_ns < np.inf:
         raise RequestError(
             f"the run takes longer than {LONGEST_RUN_S:.0e} s: check durations, repair times and stalls"
         )

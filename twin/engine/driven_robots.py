@@ -145,18 +145,19 @@ class DrivenRobots(RobotPort):
         lag = int(self._drives[chain].lag[node])
         stops = None if cell.stops is None else cell.stops[chain]
         yield cell.at_the_end_of_now(_AFTER_MESSAGES)
+        now = cell.now_ns
         if passage.speed <= 0.0:
-            passage.rest(cell.now_ns if stops is None else stops.after(cell.now_ns))
-        late = 0 if opens else lag
-        cell.start[chain][node] = passage.now_ns + late
-        cell.count_patience(chain, node, late + passage.now_ns - cell.now_ns)
-        self._record(late + passage.now_ns - cell.now_ns, "started", chain, node)
+            passage.rest(now if stops is None else stops.after(now))
+        start = cell.start[chain][node] = passage.now_ns + (0 if opens else lag)
+        if cell.impatient:
+            cell.count_patience(chain, node, start - now)
+        self._record(start - now, "started", chain, node)
         given = self._given[chain].get(node, ())
         stood = passage.go(node, self._cleared(chain, node), given, stops)
         self._stood[chain] += [item for _, item in stood]
         for begin, item in stood:
-            self._record(begin + lag - cell.now_ns, item, chain, node)
-        if (wait := passage.now_ns - cell.now_ns) > 0:
+            self._record(begin + lag - now, item, chain, node)
+        if (wait := passage.now_ns - now) > 0:
             yield cell.env.timeout(wait)
         cell.complete(chain, node, lag)
         self._record(lag, "completed", chain, node)

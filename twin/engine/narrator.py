@@ -77,7 +77,9 @@ class Narrator:
         robot = self._tpg.chains[chain].robot if chain >= 0 else ""
         task = self._task[chain][node] if node >= 0 else -1
         self._observers.record(Event(when, robot, kind, task, node, name, detail))
-        if kind == "completed" and self._due:
+        if not self._due:
+            return
+        if kind == "completed":
             self._ends[chain, node] = when
         for opens, window in self._due.get((chain, node), ()):
             # By a planned clock it may begin before.

@@ -82,9 +82,10 @@ class SimulatedRobots(RobotPort):
     def perform(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Execute a released node and report it; return whether its task failed for good."""
         cell = self._cell
-        stops = None if cell.stops is None else cell.stops[chain]
-        if stops is not None and (stop := stops.after(cell.now_ns) - cell.now_ns) > 0:
-            yield cell.env.timeout(stop)
+        if cell.stops is not None:
+            now = cell.now_ns
+            if (stop := cell.stops[chain].after(now) - now) > 0:
+                yield cell.env.timeout(stop)
         if cell.supply is not None and cell.supply.miss(chain, node):
             return True
         failed = node == cell.times.failed[chain]
@@ -93,6 +94,9 @@ class SimulatedRobots(RobotPort):
             cell.count_patience(chain, node)
         if cell.narrator is not None:
             yield from self._execute_watched(cell.narrator, chain, node)
+        elif cell.stops is None:
+            motion_ns = 0 if failed else cell.motion[chain][node]
+            yield cell.env.timeout(cell.stood[chain][node] + motion_ns)
         else:
             end = self.motion_time(chain, node, now, cell.stood[chain][node])
             if not failed:
@@ -141,15 +145,16 @@ class SimulatedRobots(RobotPort):
                 narrator.emit("failed", chain, node, detail=detail)
                 return
             narrator.goes_on(chain, node, entry, attempt)
-        begin = cell.now_ns
+        now = begin = cell.now_ns
         for offset, name, holder in narrator.handlings.get((chain, node), ()):
             passed = begin
             if offset:
                 passed = self._motion_time(chain, node, begin, offset)
-            if passed > cell.now_ns:
-                yield cell.env.timeout(passed - cell.now_ns)
+            if passed > now:
+                yield cell.env.timeout(passed - now)
+                now = passed
             narrator.handle(chain, node, name, holder)
         end = self.motion_end(chain, node, begin)
-        if end > cell.now_ns:
-            yield cell.env.timeout(end - cell.now_ns)
+        if end > now:
+            yield cell.env.timeout(end - now)
         narrator.emit("completed", chain, node)

@@ -1,7 +1,5 @@
 """What robots carry keeps the robots' clearance in runs, measured by coal at dense samples."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.witness.parts import ConvexPart, measure
 from scheduling.witness.robot import WitnessRobot
 from tests.shipped_runs import ShippedRuns
-from twin.audits.case import tasks_at
+from twin.audits.case import tasks_along
 from twin.audits.motion.executed import Recording, read_recording
 
 TICK = 0.02
@@ -37,7 +35,6 @@ def least_distances(
 ) -> dict[tuple[str, str], tuple[float, float]]:
     """Least distance of a held part from a robot and its load [m], and when [s]."""
     robots = {robot.name: WitnessRobot(robot) for robot in tpg.cell.robots}
-    doing = partial(tasks_at, tpg, recording.robots)
     allowed: dict[frozenset[str], list[frozenset[int]]] = {}
     for contact in tpg.allowed:
         pair = frozenset((contact.first, contact.second))
@@ -52,6 +49,7 @@ def least_distances(
         }
         hand = frames[holder][:, part.joint + 1]
         centre = hand[:, :3, :3] @ part.centre + hand[:, :3, 3]
+        doing = {n: tasks_along(tpg, recording.robots, n, times) for n in robots}
         for name in robots.keys() - {holder}:
             loads = [
                 p for who, p, a, b in held if who == name and a < end and start < b
@@ -69,7 +67,7 @@ def least_distances(
                     if other.entity == part.entity or not since <= t < until:
                         continue
                     if any(
-                        tasks & doing(holder, t) and tasks & doing(name, t)
+                        tasks & doing[holder][k] and tasks & doing[name][k]
                         for tasks in allowed.get(
                             frozenset((part.entity, other.entity)), ()
                         )

@@ -77,15 +77,21 @@ class RobotRows:
         # Written so that a standing robot keeps exactly the same values.
         return np.asarray(begin + way * x + x * (1.0 - x) * bend)
 
-    def nodes_at(self, t: float) -> Indices:
-        """Return the nodes at a time [s]: two where one ends, and while the robot stands."""
-        low = int(np.searchsorted(self.t, t, side="left"))
-        high = int(np.searchsorted(self.t, t, side="right"))
-        if low < high:
-            return self.node[low : high + 1]
-        before, after = max(low - 1, 0), min(low, len(self.t) - 1)
-        stands = np.array_equal(self.q[before], self.q[after])
-        return self.node[[before, after] if stands else [after]]
+    def rows_around(self, times: Array) -> Indices:
+        """Return the first row of the nodes at each time, and the row behind the last, shape (m, 2).
+
+        There are two nodes where one ends, and while the robot stands.
+
+        Args:
+            times: shape (m,) [s].
+        """
+        low = np.searchsorted(self.t, times, side="left")
+        high = np.searchsorted(self.t, times, side="right")
+        before, after = np.maximum(low - 1, 0), np.minimum(low, len(self.t) - 1)
+        stands = np.all(self.q[before] == self.q[after], axis=1)
+        first = np.where(low < high, low, np.where(stands, before, after))
+        last = np.where(low < high, high, after)
+        return np.column_stack([first, last + 1])
 
     def stands(self, begin: float, end: float) -> bool:
         """Return whether the robot stands between two times [s]."""
