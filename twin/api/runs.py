@@ -84,7 +84,7 @@ def _plan_checked(checked: Checked, progress: Report) -> PlanResult:
     return replace(made, warnings=checked.warnings, fits=checked.fits)
 
 
-def scenario_of(source: AnyPlan) -> LoadedScenario:
+def planned_scenario(source: AnyPlan) -> LoadedScenario:
     """Return the scenario of a plan, of a file, or one that was loaded before."""
     return source.scenario if isinstance(source, PlanResult) else load(source)
 
@@ -161,7 +161,7 @@ def run(
     if audit and audit_engine is not None:
         load_auditor(audit_engine)
     ready = plan if isinstance(plan, PlanResult) else None
-    case = scenario_of(plan)
+    case = planned_scenario(plan)
     checked = check_if_installed(case, progress)
     checked.require_ok()
     with run_folder(out, case.name) as folder:

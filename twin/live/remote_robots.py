@@ -316,7 +316,7 @@ class RemoteRobots(RobotPort):
         if name in self.silent and self._told.pop(name, None):
             self.record_driver(name, "")  # before all that it has done meanwhile
         self._stop_off_path(name, state)
-        self.nodes.see_to_tools()
+        self.nodes.sync_tool_commands()
         news, self.nodes.news[name] = self.nodes.news[name], self._cell.env.event()
         news.succeed()
         if name in self.silent:

@@ -203,7 +203,7 @@ class ReportedNodes:
             self.links[other[0]].orders.add(other[1].name)
         link.clear([cleared_node(*about)])
 
-    def see_to_tools(self) -> None:
+    def sync_tool_commands(self) -> None:
         """Continue skills after the tool action of the other robot."""
         for name, node in sync_tool_commands(self.links):
             # The skill continues while another robot's tool acts, as planned.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from planning.errors import RequestError
 from planning.parquet import read_parquet
-from twin.api.runs import AnyPlan, scenario_of
+from twin.api.runs import AnyPlan, planned_scenario
 from twin.audits.worlds.engines import engine_named
 from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
@@ -221,7 +221,7 @@ def study(
     engine = engine_named(audit_engine) if audit_engine else None
     if cluster is not None:
         check_cluster(cluster)  # now, not after the planning
-    case = scenario_of(plan)
+    case = planned_scenario(plan)
     names = tuple(map(parse_policy_name, policies))
     varied = starmap(variation, vary.items()) if isinstance(vary, Mapping) else vary
     combined = variants(list(varied))
