@@ -36,9 +36,9 @@ _MODULES = {
     "Explored": "twin.explorations.api",
     "explore": "twin.explorations.api",
     "operate": "twin.operations.api",
-    "replay": "twin.recorders.rerun.api",
+    "replay": "twin.rerun.api",
     "RunMoment": "twin.trial.run_moment",
-    "ViewerError": "twin.recorders.rerun.viewer",
+    "ViewerError": "twin.rerun.viewer",
     "DeadlockError": "twin.runs.execution_record",
     "Comparison": "twin.studies.compare",
     "Study": "twin.studies.api",
@@ -96,9 +96,9 @@ if TYPE_CHECKING:
     from twin.judge.delays import CircularWaitsError as CircularWaitsError
     from twin.live.wire_format import MessageError as MessageError
     from twin.operations.api import operate as operate
-    from twin.recorders.rerun.api import replay as replay
-    from twin.recorders.rerun.viewer import ViewerError as ViewerError
     from twin.registry import UnknownEntryError as UnknownEntryError
+    from twin.rerun.api import replay as replay
+    from twin.rerun.viewer import ViewerError as ViewerError
     from twin.runs.events import EventLogError as EventLogError
     from twin.runs.execution_record import DeadlockError as DeadlockError
     from twin.studies.api import Study as Study

@@ -135,7 +135,7 @@ CHECKS = Group(
     {
         "lego": "twin.kinds.lego.checks:LegoChecks",
         "assembly": "twin.kinds.parts.checks.checks:PartChecks",
-        "goals": "twin.checks.goals:GoalsChecks",
+        "goals": "twin.kinds.goals.checks:GoalsChecks",
         "construction": "twin.kinds.construction.checks:ConstructionChecks",
     },
 )
@@ -159,7 +159,7 @@ COMMANDS = Group(
         "compare": "twin.studies.commands:compare",
         "study": "twin.studies.commands:study",
         "explore": "twin.explorations.commands:explore",
-        "replay": "twin.recorders.rerun.commands:replay",
+        "replay": "twin.rerun.commands:replay",
         "fit": "twin.fit.commands:fit",
         "resume": "twin.commands.run:resume",
         "follow": "twin.follow.commands:follow",
@@ -226,7 +226,7 @@ EXECUTORS = Group(
 AUDITORS = Group("auditors", {AUDIT: "twin.audits.run_auditor:RunAuditor"})
 """Auditors of runs; see ``twin.trial.auditor``."""
 
-RECORDERS = Group("recorders", {"rerun": "twin.recorders.rerun.recorder:record_run"})
+RECORDERS = Group("recorders", {"rerun": "twin.rerun.recorder:record_run"})
 """Recordings of runs that have ended, called with folder, graph, record, events and the scenario's name."""
 
 PLANNERS = Group("planners", {"rrt-connect": "planning.motion.transit:RrtConnect"})

@@ -106,7 +106,7 @@ def follow(
 
 def _viewer(*, web: bool) -> str:
     """Start a viewer, and return its stream."""
-    from twin.recorders.rerun.viewer import live_viewer, web_viewer
+    from twin.rerun.viewer import live_viewer, web_viewer
 
     if not web:
         return live_viewer()

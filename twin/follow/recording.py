@@ -18,9 +18,9 @@ from twin.follow.drift import Drift
 from twin.follow.follow import News, Silence, UnreadableLine
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, ForbiddenEvent
-from twin.recorders.rerun import entities
-from twin.recorders.rerun import layout as layout
-from twin.recorders.rerun.bodies import (
+from twin.rerun import entities
+from twin.rerun import layout as layout
+from twin.rerun.bodies import (
     RobotNames,
     draw_fixtures,
     draw_object,
@@ -30,11 +30,11 @@ from twin.recorders.rerun.bodies import (
     move_robot,
     place_object,
 )
-from twin.recorders.rerun.entities import entity_path
-from twin.recorders.rerun.event_rows import EventBacklog
-from twin.recorders.rerun.plan_words import PlanWords
-from twin.recorders.rerun.recorder import draw_lane
-from twin.recorders.rerun.viewer import TIMELINE
+from twin.rerun.entities import entity_path
+from twin.rerun.event_rows import EventBacklog
+from twin.rerun.plan_words import PlanWords
+from twin.rerun.recorder import draw_lane
+from twin.rerun.viewer import TIMELINE
 from twin.runs.activities import (
     FAILED,
     IDLE,

@@ -1,4 +1,4 @@
-"""Recorders of a run: events, tables and 3-D recording.
+"""Recorders of a run: events and tables.
 
 Imports runs; engine and trial import it.
 """

@@ -16,7 +16,7 @@ from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 from tests.twin.drawn_runs import VARIED
 from tests.twin.simulated import watched
 from tests.twin.twin_toys import random_tpg
-from twin.recorders.rerun.recorder import write_recording
+from twin.rerun.recorder import write_recording
 from twin.runs.events import Event
 from twin.runs.execution_record import ExecutionRecord, Policy
 from twin.uncertainty.skill_durations import SkillDurations

@@ -18,7 +18,7 @@ from planning.robots.registry import robot_model
 from planning.transforms import Transform, identity, inverse, translation
 from tests.twin.audits.test_grips import cup, hand
 from twin.drawing.looks import painted_description
-from twin.recorders.rerun.fingers import closing_distance, split_fingers
+from twin.rerun.fingers import closing_distance, split_fingers
 
 Shown = dict[str, tuple[Transform, coal.CollisionGeometry]]
 

@@ -24,7 +24,7 @@ from tests.twin.twin_toys import random_tpg
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution_model import Messages
 from twin.host.pictures import save_png
-from twin.recorders.rerun.bodies import frame_times
+from twin.rerun.bodies import frame_times
 from twin.runs.activities import LANE_COLOURS, WAITING
 from twin.runs.events import Event
 from twin.runs.execution_record import ExecutionRecord

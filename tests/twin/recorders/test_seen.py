@@ -19,9 +19,9 @@ from twin.drawing.looks import paint_robot
 from twin.follow.follow import Silence
 from twin.follow.recording import LiveRecording
 from twin.follow.state import FollowedRun
-from twin.recorders.rerun.camera import camera, camera_looking_at, site_points
-from twin.recorders.rerun.event_rows import long_waits
-from twin.recorders.rerun.plan_words import PlanWords
+from twin.rerun.camera import camera, camera_looking_at, site_points
+from twin.rerun.event_rows import long_waits
+from twin.rerun.plan_words import PlanWords
 from twin.runs.activities import IDLE, RETRYING, STALLED
 from twin.runs.events import Event
 from twin.runs.execution_record import ExecutionRecord, Policy

@@ -14,8 +14,8 @@ from tests.twin.recorders.recorded_toys import recorded_run
 from tests.twin.simulated import NOMINAL
 from tests.twin.sockets import listening
 from tests.twin.twin_toys import random_tpg, toy_cell
-from twin.recorders.rerun import viewer
-from twin.recorders.rerun.viewer import ViewerError, render_stills
+from twin.rerun import viewer
+from twin.rerun.viewer import ViewerError, render_stills
 
 ARM = """<robot name="toy">
   <link name="base"/>
@@ -89,7 +89,7 @@ def test_a_viewer_that_draws_nothing_is_told_and_leaves_no_folder(
 
 CODE = """
 import sys, time, urllib.request
-from twin.recorders.rerun.viewer import web_viewer
+from twin.rerun.viewer import web_viewer
 address, page = web_viewer()
 print(address, page, flush=True)
 sys.stdin.readline()

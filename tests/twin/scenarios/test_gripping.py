@@ -22,8 +22,8 @@ from tests.twin.written import checked, written
 from twin.engine.engine import Simulator
 from twin.fit.samples import logged_skills
 from twin.reading.scenario_file import load_scenario
-from twin.recorders.rerun.entities import entity_path, robot_part
-from twin.recorders.rerun.fingers import finger_motions
+from twin.rerun.entities import entity_path, robot_part
+from twin.rerun.fingers import finger_motions
 from twin.runs.activities import robot_activities
 from twin.runs.trajectory import object_placements
 from twin.scenario.sections.scenario import Scenario

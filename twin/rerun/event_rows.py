@@ -9,9 +9,9 @@ import pyarrow as pa
 import rerun as rr
 
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.recorders.rerun import entities
-from twin.recorders.rerun.entities import time_column
-from twin.recorders.rerun.plan_words import PlanWords
+from twin.rerun import entities
+from twin.rerun.entities import time_column
+from twin.rerun.plan_words import PlanWords
 from twin.runs.events import Event
 
 LONG_WAIT_NS = NANOSECONDS // 2

@@ -7,7 +7,7 @@ import numpy.typing as npt
 import rerun as rr
 
 from planning.transforms import Array, quat_wxyz
-from twin.recorders.rerun.viewer import TIMELINE
+from twin.rerun.viewer import TIMELINE
 
 WORLD_FRAME = "world"
 

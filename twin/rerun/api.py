@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from planning.errors import OutputError, RequestError
 from planning.files import replace_atomically
 from twin.host.arguments import checks_arguments
-from twin.recorders.rerun.viewer import open_viewer, render_stills
+from twin.rerun.viewer import open_viewer, render_stills
 from twin.runs.folder import RECORDING
 from twin.trial.loaded_scenario import PathOrName
 from twin.trial.run_result import RunResult
@@ -66,7 +66,7 @@ def _recording(run: RunResult | PathOrName, place: Path) -> Path:
     """Return the recording of a run, writing one if missing."""
     if not isinstance(run, str | PathLike):
         if run.record is not None and run.folder is None:
-            from twin.recorders.rerun.recorder import write_recording
+            from twin.rerun.recorder import write_recording
 
             write_recording(place, run.tpg, run.record, run.history, name=run.name)
             return place

@@ -22,9 +22,9 @@ from planning.tasks.task import GONE
 from twin.drawing.looks import coloured_fixtures, painted_description
 from twin.drawing.triangles import triangles_of
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
-from twin.recorders.rerun import entities
-from twin.recorders.rerun import layout as layout
-from twin.recorders.rerun.entities import (
+from twin.rerun import entities
+from twin.rerun import layout as layout
+from twin.rerun.entities import (
     WORLD_FRAME,
     entity_path,
     fixed_pose,
@@ -32,7 +32,7 @@ from twin.recorders.rerun.entities import (
     robot_part,
     time_column,
 )
-from twin.recorders.rerun.fingers import split_fingers
+from twin.rerun.fingers import split_fingers
 from twin.runs.team_colours import parse_rgb
 from twin.runs.trajectory import Placement, Trajectory
 

@@ -8,8 +8,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.recorders.rerun.camera import camera
-from twin.recorders.rerun.entities import (
+from twin.rerun.camera import camera
+from twin.rerun.entities import (
     EVENTS,
     FIXTURES,
     FORECAST,
@@ -22,7 +22,7 @@ from twin.recorders.rerun.entities import (
     entity_path,
     robot_part,
 )
-from twin.recorders.rerun.viewer import TIMELINE
+from twin.rerun.viewer import TIMELINE
 
 
 def run_layout(

@@ -28,7 +28,7 @@ from planning.transforms import Array, Transform, inverse
 from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.recorders.rerun.entities import entity_path, robot_part, time_column
+from twin.rerun.entities import entity_path, robot_part, time_column
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.trajectory import Placement
 

@@ -32,7 +32,7 @@ def replay(
     ] = None,
 ) -> None:
     """Open a run in the Rerun viewer, or render pictures of it."""
-    from twin.recorders.rerun import api
+    from twin.rerun import api
 
     for picture in api.replay(run, stills=stills or (), out=out if stills else None):
         typer.echo(picture)

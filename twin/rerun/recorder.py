@@ -16,19 +16,19 @@ from planning.files import replace_atomically
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.recorders.rerun import entities
-from twin.recorders.rerun import layout as layout
-from twin.recorders.rerun.bodies import (
+from twin.rerun import entities
+from twin.rerun import layout as layout
+from twin.rerun.bodies import (
     RobotNames,
     draw_fixtures,
     draw_robot,
     log_objects,
     move_robot,
 )
-from twin.recorders.rerun.entities import entity_path, time_column
-from twin.recorders.rerun.event_rows import EventBacklog
-from twin.recorders.rerun.fingers import finger_motions, move_fingers
-from twin.recorders.rerun.plan_words import PlanWords
+from twin.rerun.entities import entity_path, time_column
+from twin.rerun.event_rows import EventBacklog
+from twin.rerun.fingers import finger_motions, move_fingers
+from twin.rerun.plan_words import PlanWords
 from twin.runs.activities import IDLE, WAITING, Activity, plan_colours, robot_activities
 from twin.runs.events import Event
 from twin.runs.execution_record import ExecutionRecord
