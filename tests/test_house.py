@@ -57,6 +57,14 @@ def test_files_do_not_import_each_other(code: dict[str, ast.Module]) -> None:
     pytest.fail(f"they import each other: {' -> '.join([*circle, circle[0]])}")
 
 
+def test_top_folders_do_not_import_each_other(code: dict[str, ast.Module]) -> None:
+    """With all folders below them, and imports in functions; ``twin`` itself names what others have."""
+    inside = {name: tree for name, tree in code.items() if name != "twin.__init__"}
+    graph = HOUSE.imports(inside, lambda module: "/".join(module.split(".")[:2]))
+    circles = [c for c in nx.strongly_connected_components(graph) if len(c) > 1]
+    assert circles == []
+
+
 def test_walls_stand_but_for_those_listed(code: dict[str, ast.Module]) -> None:
     declared = HOUSE.wings()
     arrows, circles = HOUSE.broken_walls(HOUSE.walls(code, declared), declared)
