@@ -25,6 +25,13 @@ ResultsFolder = Annotated[
     ),
 ]
 Seed = Annotated[int | None, typer.Option(min=0, help="In place of the scenario's.")]
+Shortcuts = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        help="Most shortcuts tried on each plan, in place of the scenario's.",
+    ),
+]
 TeamSize = Annotated[
     int | None,
     typer.Option(

@@ -19,6 +19,7 @@ from twin.commands.options import (
     ResultsFolder,
     ScenarioFile,
     Seed,
+    Shortcuts,
     TeamSize,
 )
 from twin.commands.view import View
@@ -63,13 +64,7 @@ def run(
             help="Random standstills of each robot, in place of the scenario's.",
         ),
     ] = None,
-    shortcuts: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            help="Most shortcuts tried on each plan, in place of the scenario's.",
-        ),
-    ] = None,
+    shortcuts: Shortcuts = None,
     robots: TeamSize = None,
     settings: Annotated[
         list[str] | None,

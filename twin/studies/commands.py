@@ -18,6 +18,7 @@ from twin.commands.options import (
     ScenarioFile,
     Scheduler,
     Seed,
+    Shortcuts,
 )
 from twin.commands.view import View, count_columns
 from twin.host.guard import guarded
@@ -81,13 +82,7 @@ def study(
         ),
     ] = 20,
     audit_engine: AuditEngine = None,
-    shortcuts: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            help="Most shortcuts tried on each plan, in place of the scenario's.",
-        ),
-    ] = None,
+    shortcuts: Shortcuts = None,
     operate: Annotated[
         bool,
         typer.Option(
