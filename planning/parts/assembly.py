@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from planning.cell.standing_rules import Joint, StandingRules
 from planning.contacts.interference import Overlaps
 from planning.grips.grip import DOWN, UP, GripRules
+from planning.tasks.supply import Supply
 from planning.tasks.task import TimeLag
-from planning.tasks.work import Supply
 from planning.transforms import Transform
 
 

@@ -30,6 +30,7 @@ from planning.steps.skill import SkillPath, contacts_with, handled_contact, tool
 from planning.steps.step_writer import StepWriter
 from planning.steps.tool_changes import with_tools
 from planning.tasks.assignment import TaskPlan
+from planning.tasks.supply import Supply
 from planning.tasks.task import (
     ARRIVE,
     GONE,
@@ -46,7 +47,7 @@ from planning.tasks.task import (
     is_done_to_a_product,
     shut_door_handlings,
 )
-from planning.tasks.work import Supply, TaskHistory
+from planning.tasks.task_history import TaskHistory
 from planning.transforms import Transform
 
 _STRAYS = 2e-4

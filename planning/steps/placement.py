@@ -14,8 +14,8 @@ from planning.cell.workcell import CellObject
 from planning.steps.handovers import Handover
 from planning.steps.skill import NOTHING, Pairs, SkillPath
 from planning.steps.step_writer import StepWriter
+from planning.tasks.supply import Refill
 from planning.tasks.task import STRAIGHT
-from planning.tasks.work import Refill
 from planning.transforms import Transform
 
 

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import networkx as nx
 import numpy as np
 
 from planning.tasks.assignment import AssignmentProblem, TaskPlan, alternative_choices
@@ -21,12 +20,6 @@ from planning.transforms import Indices, Transform
 
 _MOST_WAYS = 12
 """Greatest number of alternatives tried for one step."""
-
-PlacedPart = tuple[str, Transform]
-"""Name of a part and where its centre lies in the world."""
-
-ORDER, DEPENDENCY = "order", "dependency"
-"""Kinds of edges: a robot does one task after another; a task waits for one of any robot."""
 
 
 def _no_items(_: object) -> tuple[()]:
@@ -133,31 +126,6 @@ class WorkAhead:
         return len({(step - 1) // self.product for step in steps})
 
 
-class TaskHistory:
-    """Tasks so far by action and object, as possible predecessors of later ones."""
-
-    def __init__(self) -> None:
-        self._tasks: dict[tuple[str, str], list[Task]] = {}
-
-    def add(self, did: str, name: str, task: Task) -> None:
-        """Record a task on an object, in addition to earlier ones of the same action."""
-        self._tasks.setdefault((did, name), []).append(task)
-
-    def put(self, did: str, name: str, task: Task) -> None:
-        """Record a task on an object, replacing earlier ones of the same action."""
-        self._tasks[did, name] = [task]
-
-    def forget(self, did: str, name: str) -> None:
-        """Forget all actions on an object."""
-        self._tasks.pop((did, name), None)
-
-    def before(self, task: Task, did: str, *names: str) -> Iterator[tuple[Task, Task]]:
-        """Yield the tasks that did something to one of some objects, each with one that waits."""
-        for name in names:
-            for earlier in self._tasks.get((did, name), ()):
-                yield earlier, task
-
-
 @dataclass
 class StepExpansions:
     """Expands steps in order, and offers alternatives when motion planning fails.
@@ -182,90 +150,3 @@ class StepExpansions:
         for choice in islice(others, _MOST_WAYS - 1):
             self.plan = chosen.with_choice(choice)
             yield self.work.expand(self.plan, step, first_index)
-
-
-@dataclass(frozen=True)
-class Refill:
-    """Parts that arrive at a source once it is empty.
-
-    Attributes:
-        machine: its chain, whose task is over when they are there.
-        parts: what comes up, where.
-        arrivals: chain of the conveyor along which they come, None for other sources.
-        buffer: parts that may wait on the conveyor, None for any number.
-    """
-
-    machine: str
-    parts: tuple[PlacedPart, ...]
-    arrivals: str | None = None
-    buffer: int | None = None
-
-
-@dataclass(frozen=True)
-class Leaving:
-    """Parts of finished products that leave the cell together.
-
-    Attributes:
-        machine: the chain whose task is over when they are gone.
-        parts: what leaves, from where.
-    """
-
-    machine: str
-    parts: tuple[PlacedPart, ...]
-
-
-@dataclass(frozen=True)
-class Supply:
-    """Arrivals and departures of parts while the steps of an assembly are done, in order.
-
-    Attributes:
-        refills: by number of the step, from 1, whose pick empties the source.
-        leaves: by number of the step after which they do, from 1.
-        elsewhere: numbers of the steps that are not done at the place of a product: a part is put
-            down on its way, or worked at there.
-        sourced: names of the parts that come from sources.
-    """
-
-    refills: Mapping[int, Refill] = field(default_factory=dict)
-    leaves: Mapping[int, Leaving] = field(default_factory=dict)
-    elsewhere: frozenset[int] = frozenset()
-    sourced: frozenset[str] = frozenset()
-
-    @cached_property
-    def buffers(self) -> dict[str, tuple[str, int]]:
-        """By accumulating conveyor: the machine that presents its parts, and its capacity."""
-        return {
-            refill.arrivals: (refill.machine, refill.buffer)
-            for refill in self.refills.values()
-            if refill.arrivals is not None and refill.buffer is not None
-        }
-
-
-if TYPE_CHECKING:
-    TaskGraph = nx.DiGraph[int]
-else:
-    TaskGraph = nx.DiGraph
-
-
-def task_graph(tasks: Iterable[Task], dependencies: Indices) -> TaskGraph:
-    """Return the task graph of tasks.
-
-    Nodes are the indices of tasks, with the ``task``, and as ``target`` the configuration at which its
-    robot ends it, shape (n,), None of a task without a path. An edge from a to b says that a must be
-    complete before b starts; its ``kind`` is ORDER or DEPENDENCY, the latter where it is both.
-
-    Args:
-        tasks: in the order in which robots do theirs.
-        dependencies: pairs (a, b) of indices: a must be complete before b starts, shape (e, 2).
-    """
-    graph: TaskGraph = nx.DiGraph()
-    last: dict[str, int] = {}
-    for task in tasks:
-        target = task.path[-1] if len(task.path) else None
-        graph.add_node(task.index, task=task, target=target)
-        if task.robot in last:
-            graph.add_edge(last[task.robot], task.index, kind=ORDER)
-        last[task.robot] = task.index
-    for first, second in np.asarray(dependencies).reshape(-1, 2).tolist():
-        graph.add_edge(first, second, kind=DEPENDENCY)
-    return graph

@@ -43,7 +43,8 @@ from planning.steps.skill_trial import ResolvedSkill
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task
-from planning.tasks.work import AssemblyWork, TaskHistory
+from planning.tasks.task_history import TaskHistory
+from planning.tasks.work import AssemblyWork
 from planning.transforms import Array, Transform, inverse
 
 PLACES = ("place-down", "place-up")
