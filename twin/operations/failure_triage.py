@@ -10,6 +10,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import AssignmentProblem, TaskPlan
 from planning.tasks.task import (
     FAILED,
@@ -27,7 +28,6 @@ from planning.tasks.task import (
     Handling,
     Task,
 )
-from planning.tasks.work import AssemblyWork
 from planning.transforms import Transform
 from planning.worlds.measured import Poses, offset_on_surface
 from planning.worlds.onward import ReplanningState, fix_choices
@@ -312,7 +312,7 @@ def dependent_steps(
         tasks: of a plan.
         allowed: allowed contacts in them.
         chosen: objects of steps that are not done are those of their choices.
-        needs: supports without which parts fall, see ``AssemblyWork``.
+        needs: supports without which parts fall, see ``Assembly.needs``.
     """
     tasks = tuple(tasks)
     placed = {choice.object: choice.step for choice in chosen.choices}
@@ -335,8 +335,8 @@ def dependent_steps(
 
 
 def find_infeasible_steps(
-    work: AssemblyWork, now: ReplanningState, cell: Workcell
-) -> tuple[AssemblyWork, dict[int, str]]:
+    work: Assembly, now: ReplanningState, cell: Workcell
+) -> tuple[Assembly, dict[int, str]]:
     """Return the work with lost objects replaced by spare ones, and the infeasible steps.
 
     Args:
@@ -354,7 +354,7 @@ def find_infeasible_steps(
         for step in steps:
             own = work.problem.primaries_of.get(step, ())
             if all(work.problem.primaries[k].object in now.world.out for k in own):
-                work = work.spare(step, _untouched(now, cell)) or work
+                work = work.with_spares(step, _untouched(now, cell)) or work
         if work is before:
             return work, {
                 step: _lost_or_out(work.problem, step, now) or left.lacking(step) or ""

@@ -11,9 +11,9 @@ from planning.errors import (
     TransitError,
 )
 from planning.motion.motion_cache import MotionCache
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks
-from planning.tasks.work import AssemblyWork
 from planning.worlds.measured import MeasuredWork
 from planning.worlds.onward import (
     BlockedStep,
@@ -124,7 +124,7 @@ class Draft:
         )
 
     @property
-    def work(self) -> AssemblyWork:
+    def work(self) -> Assembly:
         """All candidates, with parts at their measured poses."""
         elsewhere = self.context.elsewhere
         return elsewhere.of(self.motions.work, self.ledger.measured)

@@ -15,6 +15,7 @@ import numpy as np
 
 from planning.cell.workcell import Begun, start_state
 from planning.errors import RequestError
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
 from planning.tasks.task import (
     FAILED,
@@ -26,7 +27,6 @@ from planning.tasks.task import (
     StepTasks,
     Task,
 )
-from planning.tasks.work import AssemblyWork
 from planning.worlds.measured import MeasuredWork
 from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, picked_steps
@@ -203,20 +203,18 @@ def _nobody_draws(
     raise AssertionError("a plan is made and not executed")
 
 
-def _with_what_was_used(
-    work: AssemblyWork, begun: Mapping[int, StepTasks]
-) -> AssemblyWork:
+def _with_what_was_used(work: Assembly, begun: Mapping[int, StepTasks]) -> Assembly:
     """Return the work with the spare objects used so far."""
     for number, step in sorted(begun.items()):
         known = {item.object for item in work.problem.primaries if item.step == number}
         picked = {t.object for t in step.tasks if t.kind == "pick" and t.object}
         if picked - known:
-            work = work.spare(number, picked - known) or work
+            work = work.with_spares(number, picked - known) or work
     return work
 
 
 def _choices_of(
-    work: AssemblyWork, plan: TaskPlan, begun: Mapping[int, StepTasks]
+    work: Assembly, plan: TaskPlan, begun: Mapping[int, StepTasks]
 ) -> TaskPlan:
     """Return choices that keep the tasks of started steps.
 

@@ -316,7 +316,6 @@ def _with_plan(
     """Return the motions that belong to a plan found by search."""
     found = replace(
         first,
-        assembly=plan.work.assembly or first.assembly,
         task_plan=plan.task_plan,
         motion_plan=plan.motion_plan,
         work=plan.work,
