@@ -197,7 +197,7 @@ HOOKS = Group(
     {
         "check": "twin.checks.api:check",
         "audit engine": "twin.audits.engine_report:report_engine",
-        "plan from run": "twin.operations.plan_from_run:plan_from_run",
+        "cut of a run": "twin.operations.run_cut:cut_run",
         "driven cell": "twin.page.driven:DrivenCell",
         "design": "twin.explorations.designs:begin_named_design",
     },
