@@ -44,7 +44,8 @@ from twin.operations.commitment import (
     cut_at,
     failed_task,
 )
-from twin.operations.person import AGAIN, OperationLedger, Person, Question
+from twin.operations.ledger import LedgerDraft
+from twin.operations.person import AGAIN, Person, Question
 from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.draws import uniforms
 
@@ -75,7 +76,7 @@ class FailureTriage:
     """
 
     section: ExecutionSection
-    ledger: OperationLedger
+    ledger: LedgerDraft
     person: Person
     allows: Callable[[Poses], bool] = lambda _: False
 
@@ -253,7 +254,7 @@ def _beside_words(said: Transform, found: Transform) -> str:
 
 
 def request_replacement(
-    ledger: OperationLedger,
+    ledger: LedgerDraft,
     person: Person,
     cell: Workcell,
     step: int,
@@ -281,7 +282,7 @@ def request_replacement(
 
 
 def interrupted_steps(
-    ledger: OperationLedger, out: frozenset[str], world: World
+    ledger: LedgerDraft, out: frozenset[str], world: World
 ) -> dict[int, frozenset[str]]:
     """Return the steps interrupted by an outage of their robot, whose held object is lost."""
     ledger.gone |= {name for name, at in world.held() if at.holder in out}

@@ -34,7 +34,8 @@ from twin.operations.failure_triage import (
     interrupted_steps,
     request_replacement,
 )
-from twin.operations.person import OperationLedger, Person
+from twin.operations.ledger import LedgerDraft
+from twin.operations.person import Person
 from twin.operations.planner import (
     Extension,
     RecoveryState,
@@ -99,7 +100,7 @@ class Draft:
     context: PlanningContext
     tpg: TemporalPlanGraph
     seeds: TaskSeeds
-    ledger: OperationLedger
+    ledger: LedgerDraft
     cell: Workcell
     task_plan: TaskPlan
     steps: tuple[StepTasks, ...]
@@ -114,7 +115,7 @@ class Draft:
         return AssemblyState(
             self.tpg,
             self.seeds,
-            self.ledger.copy(),
+            self.ledger.recorded(),
             self.cell,
             self.task_plan,
             self.steps,
