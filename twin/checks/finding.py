@@ -12,7 +12,7 @@ from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.contacts.interference import Overlaps
 from planning.expectations import TOUCH
-from planning.steps.tool_changes import rack_tools, with_all_tools_mounted
+from planning.handling.tool_changes import rack_tools, with_all_tools_mounted
 from planning.transforms import Array, Transform
 from twin.document.yaml_text import KeyPath
 from twin.durations.model import PackagedSkill

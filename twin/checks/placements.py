@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.cell.shape import Mesh
 from planning.contacts.interference import format_depth, overlap_depth
-from planning.geometry.touching import (
+from planning.contacts.touching import (
     PlacedObject,
     bounding_corners,
     nearby_entities,

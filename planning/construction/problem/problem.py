@@ -18,7 +18,7 @@ from planning.cell.standing_rules import StandingRules
 from planning.cell.workcell import CellObject, Workcell
 from planning.construction.problem.balance import SiteBalance
 from planning.contacts.precedence import PartGraph
-from planning.geometry.touching import (
+from planning.contacts.touching import (
     NEAR,
     PlacedObject,
     nearby_entities,

@@ -125,7 +125,7 @@ class PartKind(AssemblyKind):
         self, cell: Workcell, robots: Sequence[RobotSection]
     ) -> Mapping[str, float]:
         """Return the probability of missing a place, by ROBOT/PART, for robots with a repeatability."""
-        from planning.steps.tool_changes import with_all_tools_mounted
+        from planning.handling.tool_changes import with_all_tools_mounted
         from twin.kinds.parts.fits import place_misses
         from twin.kinds.parts.ordered_parts import OrderedParts
 
