@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.cell.shape import box_shape
-from planning.cell.standing_rules import Joint
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
 from planning.contacts.interference import Overlaps, overlap_depth, sweeps_through
 from planning.contacts.play import Play, play_in_place
@@ -25,6 +24,7 @@ from planning.grips.tool_grips import tool_grips
 from planning.handling.skill_scene import Objects
 from planning.handling.tool_changes import with_each_tool
 from planning.parts.assembly import AnyStep, PartAssembly, PlacePart, Spot, Work
+from planning.statics.standing_rules import Joint
 from planning.transforms import Transform, read_only_copy
 
 TIP = 0.005
