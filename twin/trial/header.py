@@ -11,9 +11,9 @@ from scheduling.graph.machine_chains import idle_robots
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.slowed_motions import describe_overloaded_joints
-from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
+from twin.engine.window_holds import with_window_holds
 from twin.planning.idle_robots import IdleRobot
 from twin.registry import AUDIT, AUDITORS, RECORDERS
 from twin.runs.execution_record import DeadlockError, ExecutionRecord, Policy

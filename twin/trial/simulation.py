@@ -7,9 +7,9 @@ from pathlib import Path
 from planning.errors import ScenarioError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.measured import packaged_timings
-from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
+from twin.engine.window_holds import with_window_holds
 from twin.planning.place_misses import place_misses
 from twin.reading.scenario_file import load_scenario
 from twin.recorders.observers import Recorder

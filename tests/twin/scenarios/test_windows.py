@@ -19,8 +19,8 @@ from tests.twin.scenarios.test_machines import scenario as machines
 from tests.twin.written import checked, loaded, refusal, written
 from twin.audits.audit import audit_run
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.engine import Simulator
+from twin.engine.window_holds import with_window_holds
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.products import windows_summary

@@ -14,15 +14,15 @@ from planning.tasks.task import TRANSIT
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.motion_times import is_driven, with_full_speed_times
-from twin.durations.nanoseconds import Nanoseconds
-from twin.engine.bulk.bulk_engine import BulkEngine, contract_for_bulk
-from twin.engine.bulk.max_plus import (
+from twin.bulk.bulk_engine import BulkEngine, contract_for_bulk
+from twin.bulk.max_plus import (
     Completions,
     PrecedenceArrays,
     explain_completions,
     makespans,
     policy_graph,
 )
+from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.studies.replications.workload import Workload

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.max_plus import OTHER
+from twin.engine.execution_model import OTHER
 from twin.host.pictures import INK, bar_chart, legend_below, one_chart
 from twin.runs.throughput import takts_s
 from twin.scenario.variations import Variant, is_of_execution
