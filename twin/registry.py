@@ -196,6 +196,7 @@ HOOKS = Group(
     "hooks",
     {
         "check": "twin.checks.api:check",
+        "activities": "twin.activities.activities:activities_table",
         "audit engine": "twin.audits.engine_report:report_engine",
         "plan from run": "twin.operations.plan_from_run:plan_from_run",
         "driven cell": "twin.page.driven:DrivenCell",
@@ -210,8 +211,15 @@ RECOVERIES = Group(
 )
 """Recovery planners by kind of assembly; other kinds share one for steps."""
 
-FIGURES = Group("figures", {"cell": "twin.checks.picture:scenario_figure"})
-"""Pictures for notebooks; ``cell`` is called with a scenario and the folder of its relative paths."""
+FIGURES = Group(
+    "figures",
+    {
+        "cell": "twin.checks.picture:scenario_figure",
+        "run": "twin.drawing.gantt:gantt_figure",
+    },
+)
+"""Pictures for notebooks and runs; ``cell`` is called with a scenario and the folder of its relative paths, ``run``
+with the graph, the record and the events of a run, its ``title`` and the name of its ``plan``."""
 
 EXECUTORS = Group(
     "executors",

@@ -14,6 +14,7 @@ import numpy as np
 
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.activities.progress import RobotProgress
 from twin.bulk.max_plus import Past, end_times, policy_graph
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import Exponential
@@ -24,7 +25,6 @@ from twin.engine.execution_model import ExecutionModel
 from twin.engine.window_holds import with_window_holds
 from twin.follow.drift import FEWEST, Drift, DriftWatch
 from twin.follow.state import FollowedRun
-from twin.runs.activities import RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
 from twin.uncertainty.least_durations import least_ns
 from twin.uncertainty.node_times import NodeTimeSampler

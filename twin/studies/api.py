@@ -144,7 +144,7 @@ class Study:
         return read_parquet(self.folder / name)
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import card, run_picture
+        from twin.host.cards import card, run_picture
         from twin.studies.report.page_tables import difference_list, makespans_table
 
         table = makespans_table(self.result.summary)

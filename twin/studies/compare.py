@@ -72,7 +72,8 @@ class Comparison:
         )
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import escape_text, run_picture, table
+        from twin.host.cards import escape_text, run_picture
+        from twin.studies.report.markup import table
 
         head = ["policy", "makespan [s]", "of sequential", "wait [s]", "planning [s]"]
         rows = [

@@ -104,7 +104,7 @@ class PlanResult:
         return f"<plan of {self.scenario.name!r}, {self.name}: {size}>"
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import card
+        from twin.host.cards import card
 
         rows = [
             ("robots", ", ".join(chain.robot for chain in self.tpg.chains)),

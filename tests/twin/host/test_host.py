@@ -10,8 +10,8 @@ from numba import njit
 
 from planning.meshes.mesh_form import mesh_form
 from tests.twin.program import python
+from twin.drawing.pictures import wrap_name
 from twin.host.guard import UNFORESEEN, guarded
-from twin.host.pictures import wrap_name
 from twin.host.progress import StageDisplay, show_compilation
 
 

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
+from twin.drawing.pictures import INK, bar_chart, legend_below, one_chart
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution_model import OTHER
-from twin.host.pictures import INK, bar_chart, legend_below, one_chart
 from twin.runs.throughput import takts_s
 from twin.scenario.variations import Variant, is_of_execution
 from twin.studies.folder import plain_value
