@@ -197,7 +197,7 @@ def test_what_has_happened_changes_nothing_about_what_will(
     assert np.array_equal(end_times(graph, busy[:, None], talk, past)[:, 0], end)
 
 
-FOLDER = Path(__file__).parents[2] / "timing_graphs"
+FOLDER = Path(__file__).parents[1] / "timing_graphs"
 GRAPHS = sorted(FOLDER.glob("*.npz"))
 
 
