@@ -147,7 +147,7 @@ SECTIONS = Group("sections", {"explore": "twin.explorations.section:ExploreSecti
 COMMANDS = Group(
     "commands",
     {
-        "init": "twin.commands.scenarios:init",
+        "init": "twin.beginnings.commands:init",
         "scenarios": "twin.commands.scenarios:scenarios",
         "plan": "twin.commands.plan:plan",
         "run": "twin.commands.run:run",
@@ -168,7 +168,7 @@ COMMANDS = Group(
         "judge": "twin.judge.commands:judge",
         "robots": "twin.checks.commands:robots",
         "schema": "twin.commands.scenarios:schema",
-        "doctor": "twin.commands.doctor:doctor",
+        "doctor": "twin.doctor.commands:doctor",
         "cluster": "twin.cluster.commands:cluster",
         "import": "twin.kinds.lego.imports:app",
     },
@@ -198,6 +198,8 @@ HOOKS = Group(
         "check": "twin.checks.api:check",
         "activities": "twin.activities.activities:activities_table",
         "audit engine": "twin.audits.engine_report:report_engine",
+        "line": "twin.throughput.throughput:line_summary",
+        "plan warnings": "twin.warnings.plan_warnings:plan_warnings",
         "plan from run": "twin.operations.plan_from_run:plan_from_run",
         "driven cell": "twin.page.driven:DrivenCell",
         "design": "twin.explorations.designs:begin_named_design",

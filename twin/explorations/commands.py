@@ -7,14 +7,8 @@ from typing import Annotated
 
 import typer
 
-from twin.commands.options import (
-    AsJson,
-    Certificates,
-    Insecure,
-    OptionalScenarioFile,
-    Quiet,
-    Scheduler,
-)
+from twin.cluster.options import Certificates, Insecure, Scheduler
+from twin.commands.options import AsJson, OptionalScenarioFile, Quiet
 from twin.commands.view import View, count_columns
 from twin.host.guard import guarded
 

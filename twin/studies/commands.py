@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from planning.errors import RequestError
+from twin.cluster.options import Certificates, Insecure, Scheduler
 from twin.commands.options import (
     AsJson,
     AuditEngine,
-    Certificates,
-    Insecure,
     OptionalScenarioFile,
     Quiet,
     ScenarioFile,
-    Scheduler,
     Seed,
     Shortcuts,
 )

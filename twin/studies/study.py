@@ -71,6 +71,7 @@ from twin.studies.plans import (
     save_plans,
     workloads,
 )
+from twin.studies.pose_errors import drawn_base, drawn_deviations
 from twin.studies.products import product_columns, product_times
 from twin.studies.replications.block_results import cell_tally
 from twin.studies.replications.experiment import Experiment
@@ -81,7 +82,6 @@ from twin.studies.summary import StudySummary, shown_cell, summarise_study
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import skill_durations
-from twin.uncertainty.base_errors import drawn_base, drawn_deviations
 from twin.uncertainty.disturbances import Speed
 
 CHECKING = "audit of replications"

@@ -17,8 +17,8 @@ from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.between import FitSection
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
 from twin.kinds.parts.sources import PlacesSection
+from twin.kinds.statics import JoinedSection
 from twin.scenario.sections.shapes import PoseSection, pose_section
-from twin.scenario.sections.standing import JoinedSection
 
 Pair = TypeVar("Pair", JoinedSection, FitSection)
 

@@ -25,8 +25,8 @@ from twin.kinds.parts.sources import (
     StackSection,
     TraySection,
 )
+from twin.kinds.statics import JoinedSection
 from twin.scenario.sections.shapes import build_transform, pose_section
-from twin.scenario.sections.standing import JoinedSection
 
 Pair = TypeVar("Pair", JoinedSection, FitSection)
 
