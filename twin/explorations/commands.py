@@ -9,7 +9,7 @@ import typer
 
 from twin.cluster.options import Certificates, Insecure, Scheduler
 from twin.commands.options import AsJson, OptionalScenarioFile, Quiet
-from twin.commands.view import View, count_columns
+from twin.commands.view import View
 from twin.host.guard import guarded
 
 
@@ -100,7 +100,7 @@ def explore(
 
     view = View(as_json, quiet)
     cluster = given_cluster(scheduler, certificates, insecure)
-    with view.progress(count_columns) as progress:
+    with view.progress(items=True) as progress:
         found = api.explore(
             scenario,
             vary=vary or (),

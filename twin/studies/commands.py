@@ -18,7 +18,7 @@ from twin.commands.options import (
     Seed,
     Shortcuts,
 )
-from twin.commands.view import View, count_columns
+from twin.commands.view import View
 from twin.host.guard import guarded
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ def study(
 
     view = View(as_json, quiet)
     cluster = given_cluster(scheduler, certificates, insecure)
-    with view.progress(count_columns) as progress:
+    with view.progress(items=True) as progress:
         if resume is not None:
             found = api.resume_study(
                 resume, scenario, workers=workers, cluster=cluster, progress=progress
