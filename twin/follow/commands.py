@@ -76,10 +76,9 @@ def follow(
     """
     from twin.follow.follow import follow as follow_run
     from twin.follow.follow import lines_of_growing_file, lines_of_pipe, lines_of_server
+    from twin.follow.followed_folder import followed_execution, plan_history
     from twin.follow.forecast import Forecaster
     from twin.follow.state import FollowedRun
-    from twin.trial.plan_result import plan_history
-    from twin.trial.simulation import followed_execution
 
     plans = plan_history(plan)
     tpg = plans.first

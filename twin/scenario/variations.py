@@ -25,7 +25,7 @@ from twin.document.validation import (
     parse_document,
     validate_document,
 )
-from twin.document.yaml_text import KeyPath, read_yaml
+from twin.document.yaml_text import read_yaml
 from twin.durations.composed import Distribution
 from twin.scenario.schema import scenario_schema
 from twin.scenario.sections.cell import choose_robots
@@ -182,48 +182,6 @@ def write_variant(content: dict[str, Any], variant: Variant) -> None:
         choose_robots(content["cell"], count)
 
 
-def resolved_value(content: Mapping[str, Any], key: str) -> Any:
-    """Return the value of a key in a resolved scenario; None where the scenario leaves it out.
-
-    Raises:
-        ScenarioError: there is no such key; the message names those there are.
-    """
-    if key == ROBOTS:
-        team = content["cell"]["team"]
-        return len(content["cell"]["robots"]) if team is None else team["count"]
-    return _found(content, key)[1]
-
-
-def key_path(content: Mapping[str, Any], key: str) -> KeyPath:
-    """Return the full path of a key in a resolved scenario.
-
-    Raises:
-        ScenarioError: there is no such key; the message names those there are.
-    """
-    if key == ROBOTS:
-        team = content["cell"]["team"] is not None
-        return ("cell", "team", "count") if team else ("cell", "robots")
-    return _found(content, key)[0]
-
-
-def _found(content: Mapping[str, Any], key: str) -> tuple[KeyPath, Any]:
-    """Return the existing part of a key's path and its value; None without a value."""
-    inside = is_of_execution(key)
-    place: Any = content["execution"] if inside else content
-    words, walked = key.split("."), "execution" if inside else ""
-    path: KeyPath = ("execution",) if inside else ()
-    while words:
-        if place is None or (inside and isinstance(place, dict) and not place):
-            return path, None
-        free = walked in ("execution.skills", "execution.failures")
-        if free and words[0] not in place:
-            return path, None
-        entry, used = _entry(place, words, key, walked)
-        walked = ".".join(filter(None, (walked, *words[:used])))
-        place, words, path = place[entry], words[used:], (*path, entry)
-    return path, place
-
-
 class _FreeSection(dict[str, Any]):
     """A section whose keys are not checked here: it is new, or they depend on its kind."""
 
@@ -269,7 +227,7 @@ def _assign(tree: dict[str, Any], key: str, value: Any, walked: str) -> None:
                 )
             place[words[0]] = value
             return
-        entry, used = _entry(place, words, key, walked)
+        entry, used = find_entry(place, words, key, walked)
         if used == len(words):
             place[entry] = value
             return
@@ -288,7 +246,7 @@ def _is_other(place: Any, kind: Any) -> bool:
     return len(kinds) == 2 and kinds <= _KINDS
 
 
-def _entry(
+def find_entry(
     place: Any, words: Sequence[str], key: str, walked: str
 ) -> tuple[str | int, int]:
     """Return the entry named by the first words, and their number: names may contain dots."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -67,7 +68,7 @@ def verify(
     from planning.cell.workcell import NO_ERROR
     from scheduling.verification.verify import verify_plan
     from twin.audits.worlds.engines import engine_named
-    from twin.host.progress import StageDisplay, stage_progress
+    from twin.host.progress import StageDisplay
     from twin.trial.plan_result import plan_of_run
     from twin.verification.standing_states import audit_standing_states
 
@@ -82,7 +83,7 @@ def verify(
             tpg,
             base_error=off,
             deviation=away,
-            progress=stage_progress(display, "verification"),
+            progress=partial(display, "verification"),
         )
         standing = audit_standing_states(tpg, display, engine) if adversary else None
     ok = report.ok and not (standing and standing.violations)
