@@ -144,11 +144,11 @@ def values_of(
     Raises:
         ScenarioError: a setting has no value, or several.
     """
-    from twin.scenario.variations import parse_variation
+    from twin.scenario.variations import Variation
 
     found = {key: value for key, value in given.items() if value is not None}
     for text in settings or ():
-        variation = parse_variation(text)
+        variation = Variation.parse(text)
         if len(variation.values) > 1:
             raise ScenarioError(f"--set {text}: give one value")
         found[variation.key] = variation.values[0]

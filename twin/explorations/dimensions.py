@@ -28,7 +28,7 @@ from twin.explorations.section import ExploreSection, VarySection, explore_secti
 from twin.reading.checks import find_problems
 from twin.scenario.schema import scenario_schema
 from twin.scenario.sections.scenario import Scenario, resolve_scenario
-from twin.scenario.variations import Variant, parse_variation, write_variant
+from twin.scenario.variations import Variant, Variation, write_variant
 
 Values = Mapping[str, Any]
 """What a design has at each key that is varied."""
@@ -182,7 +182,7 @@ def vary_section(text: str) -> VarySection:
             return VarySection(key=own, low=low, high=high)
         if rest.strip() == _ORDER:
             return VarySection(key=own, order=True)
-        found = parse_variation(text)
+        found = Variation.parse(text)
         return VarySection(key=found.key, values=found.values)
     except ValueError as error:
         said = str(error).splitlines()

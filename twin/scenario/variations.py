@@ -8,7 +8,6 @@ as a whole, ``jitter={kind: uniform, low_s: 0, high_s: 1}``, or key by key, ``ji
 from __future__ import annotations
 
 import copy
-import itertools
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -59,63 +58,47 @@ class Variation:
     key: str
     values: tuple[Any, ...]
 
+    @classmethod
+    def of(cls, key: str, values: Iterable[Any]) -> Variation:
+        """Return the variation of a key over values; those of numpy become plain ones.
 
-def parse_variation(text: str) -> Variation:
-    """Parse a variation ``key=value,value,...``.
+        Raises:
+            ScenarioError: these are no values, there are none, or one is there twice.
+        """
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            raise ScenarioError(
+                f"cannot vary {key}: a list of values expected, not {values!r}"
+            )
+        plain = tuple(map(_plain, values))
+        if not plain:
+            raise ScenarioError(f"cannot vary {key}: no values")
+        if len({json.dumps(value) for value in plain}) < len(plain):
+            raise ScenarioError(f"cannot vary {key}: a value is there twice")
+        return cls(short_key(key), plain)
 
-    Values are JSON, lists and mappings in one line of YAML, or plain words.
+    @classmethod
+    def parse(cls, text: str) -> Variation:
+        """Parse a variation ``key=value,value,...``.
 
-    Raises:
-        ScenarioError: there is no key, no value, or a value twice, or what is in brackets cannot
-            be read.
-    """
-    key, equals, rest = text.partition("=")
-    key = short_key(key.strip())
-    if not equals or not key or not rest.strip():
-        raise ScenarioError(
-            f"cannot vary {text!r}: write key=value,value such as"
-            " skills.pick.scale=1,1.5,2"
-        )
-    return variation(key, [_value(item) for item in _split(rest)])
+        Values are JSON, lists and mappings in one line of YAML, or plain words.
 
-
-def variation(key: str, values: Iterable[Any]) -> Variation:
-    """Return the variation of a key over values; those of numpy become plain ones.
-
-    Raises:
-        ScenarioError: these are no values, there are none, or one is there twice.
-    """
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        raise ScenarioError(
-            f"cannot vary {key}: a list of values expected, not {values!r}"
-        )
-    plain = tuple(map(_plain, values))
-    if not plain:
-        raise ScenarioError(f"cannot vary {key}: no values")
-    if len({json.dumps(value) for value in plain}) < len(plain):
-        raise ScenarioError(f"cannot vary {key}: a value is there twice")
-    return Variation(short_key(key), plain)
+        Raises:
+            ScenarioError: there is no key, no value, or a value twice, or what is in brackets cannot
+                be read.
+        """
+        key, equals, rest = text.partition("=")
+        key = short_key(key.strip())
+        if not equals or not key or not rest.strip():
+            raise ScenarioError(
+                f"cannot vary {text!r}: write key=value,value such as"
+                " skills.pick.scale=1,1.5,2"
+            )
+        return cls.of(key, [_value(item) for item in _split(rest)])
 
 
 def _plain(value: Any) -> Any:
     """Return a value as a JSON type."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-
-
-def variants(variations: Sequence[Variation]) -> tuple[Variant, ...]:
-    """Return every combination of values, the last key changing fastest; one empty if none.
-
-    Raises:
-        ScenarioError: a key is varied twice.
-    """
-    keys = [variation.key for variation in variations]
-    for key in keys:
-        if keys.count(key) > 1:
-            raise ScenarioError(f"{key} is varied twice")
-    return tuple(
-        dict(zip(keys, values, strict=True))
-        for values in itertools.product(*(v.values for v in variations))
-    )
 
 
 def apply_variation(scenario: Scenario, variant: Variant) -> Scenario:

@@ -156,7 +156,7 @@ def study(
     replications.parquet, tasks.parquet, edges.parquet, summary.json, pictures and report.html.
     """
     from twin.cluster.commands import given_cluster
-    from twin.scenario.variations import parse_variation
+    from twin.scenario.variations import Variation
     from twin.studies import api
     from twin.studies.replications.statistics import Precision
     from twin.studies.report.terminal_table import print_study
@@ -171,7 +171,7 @@ def study(
         else:
             found = api.study(
                 _subject(scenario, plan, seed),
-                [parse_variation(text) for text in vary or ()],
+                [Variation.parse(text) for text in vary or ()],
                 replications=replications,
                 precision=Precision(precision, least, most, confidence),
                 policies=policies or (),
