@@ -29,7 +29,7 @@ from twin.bulk.max_plus import (
 )
 from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.uncertainty.contraction import Contraction, contract, trivial_contraction
+from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.disturbances import Disturbances, Speed
 from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
 from twin.uncertainty.skill_durations import SkillDraws, cumulative_shares
@@ -157,11 +157,11 @@ def contract_for_bulk(tpg: TemporalPlanGraph, model: ExecutionModel) -> Contract
     a node that is done before its time is up keeps the next one waiting.
     """
     if is_driven(tpg) or not model.messages.under(model.policy).instant:
-        return trivial_contraction(tpg)
+        return Contraction.trivial(tpg)
     if model.policy != "open-loop":
         return contract(tpg)
     if model.disturbances.speed != Speed():
-        return trivial_contraction(tpg)
+        return Contraction.trivial(tpg)
     return contract(tpg, apart=[chain.skill for chain in tpg.chains])
 
 

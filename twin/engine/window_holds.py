@@ -9,7 +9,7 @@ import numpy as np
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import with_window_hold_edges
 from twin.engine.execution_model import OTHER, ExecutionModel
-from twin.uncertainty.contraction import trivial_contraction
+from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.node_times import NodeTimeSampler
 
 _SEED = 7_919
@@ -39,7 +39,7 @@ def with_window_holds(
     draws = np.arange(max(50, min(_DRAWS, _MOST_VALUES // nodes)))
     sampler = NodeTimeSampler(free, model.durations, model.disturbances)
     times = sampler.sample_segments(
-        trivial_contraction(free), seed=_SEED, replications=draws
+        Contraction.trivial(free), seed=_SEED, replications=draws
     )
     busy = np.ascontiguousarray(times.busy_ns, dtype=np.int64)
     return with_window_hold_edges(tpg, busy, model.hold, OTHER)

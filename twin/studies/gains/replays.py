@@ -27,7 +27,7 @@ from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.studies.replications.workload import Workload
 from twin.uncertainty.chain_draws import Cause
-from twin.uncertainty.contraction import trivial_contraction
+from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.node_times import (
     NodeTimes,
@@ -127,7 +127,7 @@ class Replay:
         self._simulator: Simulator | None = None
         if needs_event_engine(load) if by_events is None else by_events:
             self._simulator = Simulator(load.tpg, model)
-            cut = trivial_contraction(load.tpg)
+            cut = Contraction.trivial(load.tpg)
             if self._simulator.contraction is not None:
                 cut = contract_for_bulk(load.tpg, model)
             free = with_full_speed_times(load.tpg)
