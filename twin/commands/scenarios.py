@@ -9,14 +9,7 @@ import typer
 
 from planning.errors import ScenarioError
 from twin.commands.options import AsJson
-from twin.host.guard import (
-    BAD_INPUT,
-    COMPLETED,
-    error_message,
-    guarded,
-    print_error,
-    print_json,
-)
+from twin.host.guard import ExitCode, error_message, guarded, print_error, print_json
 
 
 @guarded
@@ -65,13 +58,13 @@ def validate(
     from twin.scenario.sections.kind import assembly_kind
     from twin.trial.loaded_scenario import load
 
-    code = COMPLETED
+    code = ExitCode.COMPLETED
     for file in files:
         try:
             scenario = load(file)
         except ScenarioError as error:
             print_error(error_message(error))
-            code = BAD_INPUT
+            code = ExitCode.BAD_INPUT
             continue
         if resolved:
             print_json(scenario.resolved())

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.host.guard import COMPLETED, FAILED, INTERRUPTED, print_error, print_json
+from twin.host.guard import ExitCode, print_error, print_json
 
 if TYPE_CHECKING:
     from rich.progress import ProgressColumn
@@ -95,8 +95,8 @@ class View:
             )
         if done.outcome == "aborted":
             print_error(f"interrupted; what happened until then is in {folder}")
-            return INTERRUPTED
-        return COMPLETED if done.passed else FAILED
+            return ExitCode.INTERRUPTED
+        return ExitCode.COMPLETED if done.passed else ExitCode.FAILED
 
 
 def _item_columns() -> Sequence[ProgressColumn]:

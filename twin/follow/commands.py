@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from twin.commands.options import AsJson
-from twin.host.guard import COMPLETED, FAILED, guarded
+from twin.host.guard import ExitCode, guarded
 
 if TYPE_CHECKING:
     from twin.follow.follow import News
@@ -100,7 +100,7 @@ def follow(
         lines = lines_of_growing_file(Path(events), wait=not once)
     follow_run(lines, run, forecaster, listeners, every_s=every)
     bad = bool(run.violations) or run.outcome == "failed"
-    return FAILED if bad else COMPLETED
+    return ExitCode.FAILED if bad else ExitCode.COMPLETED
 
 
 def _viewer(*, web: bool) -> str:

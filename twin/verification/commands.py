@@ -13,7 +13,7 @@ import typer
 
 from planning.errors import RequestError
 from twin.commands.options import AsJson, AuditEngine, Quiet
-from twin.host.guard import COMPLETED, FAILED, guarded, print_json
+from twin.host.guard import ExitCode, guarded, print_json
 
 if TYPE_CHECKING:
     from planning.cell.workcell import PoseError
@@ -123,7 +123,7 @@ def verify(
             f"{folder}: {verdict} ({len(report.problems)} problems; {report.pairs_checked} "
             f"pairs that may happen at once, robots {_millimetres(report)}{stops})"
         )
-    return COMPLETED if ok else FAILED
+    return ExitCode.COMPLETED if ok else ExitCode.FAILED
 
 
 def _millimetres(report: VerificationReport) -> str:
