@@ -20,10 +20,10 @@ from twin.document.validation import InvalidScenarioError
 from twin.host.progress import StageWatch
 from twin.kinds.parts.line import source_places, write_out_line
 from twin.reading.scenario_file import load_scenario
-from twin.runs.throughput import line_summary, product_nodes
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.comparison import shared_motions
+from twin.throughput.throughput import line_summary, product_nodes
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute
 

@@ -27,12 +27,12 @@ from tests.twin.written import loaded
 from twin.audits.audit import audit_run
 from twin.audits.expectations import scenario_expectations
 from twin.audits.run_auditor import audit_execution
+from twin.bulk.bulk_engine import BulkEngine
 from twin.checks.finding import CheckContext
 from twin.checks.reach import check_reach
 from twin.document.validation import InvalidScenarioError
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.execution_model import ExecutionModel
 from twin.kinds.parts.checks.places import check_goals
 from twin.runs.summary import summarize_run

@@ -20,17 +20,17 @@ from tests.twin.written import checked, loaded, refusal, written
 from twin.audits.audit import audit_run
 from twin.audits.expectations import scenario_expectations
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.engine import Simulator
+from twin.engine.window_holds import with_window_holds
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.products import windows_summary
 from twin.studies.replications.block_results import cell_part, write_block
 from twin.studies.replications.experiment import Block
 from twin.studies.replications.timing_graph import timing_graph
 from twin.studies.replications.workload import Engines, Workload
-from twin.trial.header import nominal_window_warnings
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute, scenario_execution
+from twin.warnings.plan_warnings import nominal_window_warnings
 
 TEXT = (SCENARIOS / "assembly" / "gluing.yaml").read_text(encoding="utf-8")
 GLUED = "{step: glue_b, within_s: 20, at_least_s: 3}"

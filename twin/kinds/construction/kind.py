@@ -18,10 +18,10 @@ from twin.document.validation import Found, check_known_name
 from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
 from twin.kinds.construction.section import ConstructionSection, ModelSection
+from twin.kinds.statics import check_distinct_ends
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.kind import AssemblyKind
-from twin.scenario.sections.shapes import build_transform, to_planning_class
-from twin.scenario.sections.standing import check_distinct_ends
+from twin.scenario.sections.shapes import to_planning_class
 
 if TYPE_CHECKING:
     from planning.construction.problem.models import ModelPart
@@ -119,7 +119,7 @@ class ConstructionKind(AssemblyKind):
         from planning.construction.problem.supply_layout import Rows, Spiral
 
         starts: dict[str, Transform] = {
-            part.name: read_only_copy(build_transform(part.start))
+            part.name: read_only_copy(part.start.transform())
             for part in self.section.parts
             if part.start is not None
         }

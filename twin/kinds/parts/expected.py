@@ -21,7 +21,6 @@ from twin.kinds.parts.built import assembly_of, joined_pairs, overlaps_of
 from twin.kinds.parts.kind import PartKind
 from twin.kinds.parts.line import write_out_line
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.shapes import build_transform
 
 
 def expectations_of(kind: PartKind, cell: CellSection) -> Expectations:
@@ -32,7 +31,7 @@ def expectations_of(kind: PartKind, cell: CellSection) -> Expectations:
     gone = {
         name for leaving in line.supply.leaves.values() for name, _ in leaving.parts
     }
-    where = {k: build_transform(p.start) for k, p in parts.items() if p.start}
+    where = {k: p.start.transform() for k, p in parts.items() if p.start}
     if section.order == "find":  # then all is done at parts in their places
         where |= {name: assembly.goals[name] for name in assembly.placed}
     places, processes, rests = [], [], []
@@ -118,8 +117,8 @@ def _changed_tools(cell: CellSection) -> Iterator[ChangedTool]:
             yield ChangedTool(
                 name,
                 robot.name,
-                build_transform(section.mount),
-                build_transform(section.rack),
+                section.mount.transform(),
+                section.rack.transform(),
                 section.grip(name),
                 first=name == robot.tools[0],
             )
@@ -131,8 +130,8 @@ def _fixture_frame(
     """Return the pose of a fixture of the file, or of one of its frames; None for the world."""
     for item in cell.fixtures:
         if item.name == fixture:
-            inside = np.eye(4) if frame is None else build_transform(item.frames[frame])
-            return np.asarray(build_transform(item.pose) @ inside)
+            inside = np.eye(4) if frame is None else item.frames[frame].transform()
+            return np.asarray(item.pose.transform() @ inside)
     return np.eye(4)
 
 

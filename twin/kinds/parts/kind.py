@@ -31,7 +31,7 @@ from twin.kinds.parts.section import PartSection, PartsSection
 from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import CellSection, RobotSection, actuation_model
 from twin.scenario.sections.kind import AssemblyKind, IdleReason
-from twin.scenario.sections.shapes import build_transform, to_planning_class
+from twin.scenario.sections.shapes import to_planning_class
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
@@ -271,7 +271,7 @@ def _doors(line: Line, folder: Path) -> Iterator[CellObject]:
         if job.door is None or door is None:
             continue
         shape = build_shape(job.door, door.described, folder)
-        pose = read_only_copy(build_transform(door.pose))
+        pose = read_only_copy(door.pose.transform())
         yield CellObject(
             job.door, DOOR, shape, pose, fixed=True, colour=_GREY_BLUE, later=True
         )

@@ -7,7 +7,6 @@ completion times are longest paths then, or follow node by node from the clearan
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +16,9 @@ from planning.kernels import kernel
 from planning.parallel import map_in_parallel, usable_cores
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.windows import with_window_hold_edges
 from scheduling.motion_times import is_driven, with_full_speed_times
-from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
-from twin.engine.bulk.driven_times import driven_times, joined_drives
-from twin.engine.bulk.max_plus import (
-    OTHER,
+from twin.bulk.driven_times import driven_times, joined_drives
+from twin.bulk.max_plus import (
     Completions,
     PrecedenceArrays,
     completions,
@@ -31,16 +27,12 @@ from twin.engine.bulk.max_plus import (
     makespans,
     policy_graph,
 )
+from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.uncertainty.contraction import Contraction, contract, trivial_contraction
+from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.disturbances import Disturbances, Speed
 from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
 from twin.uncertainty.skill_durations import SkillDraws, cumulative_shares
-
-_SEED = 7_919
-"""Seed of the draws of forecasts, separate from those of runs."""
-
-_DRAWS, _MOST_VALUES = 2000, 10_000_000
 
 
 class _Shares(NamedTuple):
@@ -165,11 +157,11 @@ def contract_for_bulk(tpg: TemporalPlanGraph, model: ExecutionModel) -> Contract
     a node that is done before its time is up keeps the next one waiting.
     """
     if is_driven(tpg) or not model.messages.under(model.policy).instant:
-        return trivial_contraction(tpg)
+        return Contraction.trivial(tpg)
     if model.policy != "open-loop":
         return contract(tpg)
     if model.disturbances.speed != Speed():
-        return trivial_contraction(tpg)
+        return Contraction.trivial(tpg)
     return contract(tpg, apart=[chain.skill for chain in tpg.chains])
 
 
@@ -209,30 +201,3 @@ def _add_shares(totals: Nanoseconds, shares: _Shares, busy: Nanoseconds) -> None
             total = float(totals[draw, r])
             part = np.rint(shares.high[k] * total) - np.rint(shares.low[k] * total)
             busy[segment, r] += np.int64(part)
-
-
-def with_window_holds(
-    tpg: TemporalPlanGraph, model: ExecutionModel
-) -> TemporalPlanGraph:
-    """Return a graph in which window-opening tasks are held back; see ``with_window_hold_edges``.
-
-    Only under asynchronous release: a planned clock, turns and slots hold tasks back by themselves.
-        A later step is forecast by the longest remaining path to it, with durations drawn as in runs,
-        without acceleration limits and messages.
-
-    Args:
-        tpg: the plan.
-        model: execution model, with disturbances.
-    """
-    timed = any(window.most is not None for window in tpg.windows)
-    if not timed or model.hold <= 0.0 or model.policy != "asynchronous":
-        return tpg
-    free = replace(tpg, chains=tuple(replace(c, drive=None) for c in tpg.chains))
-    nodes = sum(len(chain) for chain in tpg.chains)
-    draws = np.arange(max(50, min(_DRAWS, _MOST_VALUES // nodes)))
-    sampler = NodeTimeSampler(free, model.durations, model.disturbances)
-    times = sampler.sample_segments(
-        trivial_contraction(free), seed=_SEED, replications=draws
-    )
-    busy = np.ascontiguousarray(times.busy_ns, dtype=np.int64)
-    return with_window_hold_edges(tpg, busy, model.hold, OTHER)

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 import typer
 
 from twin.commands.options import AsJson
-from twin.host.guard import COMPLETED, FAILED, guarded, print_json
+from twin.host.guard import ExitCode, guarded, print_json
 from twin.registry import HOOKS
 
 # Distribution and the module that proves it works.
@@ -62,7 +62,7 @@ def doctor(as_json: AsJson = False) -> int:
         engine, hint = HOOKS.load("audit engine")()
     if as_json:
         print_json({"versions": found, "missing": missing, "audit_engine": engine})
-        return FAILED if missing else COMPLETED
+        return ExitCode.FAILED if missing else ExitCode.COMPLETED
     for name, text in found.items():
         typer.echo(f"{name:<14} {text}")
     for name, text in missing.items():
@@ -71,7 +71,7 @@ def doctor(as_json: AsJson = False) -> int:
         typer.echo(f"{'audit engine':<14} {engine}")
     if hint and OPTIONAL[0] not in found:
         typer.echo(hint)
-    return FAILED if missing else COMPLETED
+    return ExitCode.FAILED if missing else ExitCode.COMPLETED
 
 
 def _version(distribution: str) -> str:

@@ -39,12 +39,9 @@ from scheduling.graph.temporal_plan_graph import EVER, NO_EDGES, TemporalPlanGra
 from scheduling.graph.total_order import flatten_graph, planned_ranks
 from scheduling.graph.windows import followed_order
 from twin.durations.nanoseconds import Nanoseconds
-from twin.engine.execution_model import Messages
+from twin.engine.execution_model import OTHER, Messages
 from twin.runs.execution_record import Policy
 from twin.uncertainty.skill_durations import nominal_ns
-
-OTHER = 2
-"""Cause of a wait without an edge of the plan: a message in transit, the clock, the sequence."""
 
 _BLOCK = 64
 """Replications computed together: their ends of all nodes of a cell stay in the cache."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.runs.activities import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
+from twin.activities.activities import FAILED, IDLE, RETRYING, WAITING
+from twin.activities.progress import STALLED, STOPPED
 from twin.runs.execution_record import ExecutionRecord
 
 

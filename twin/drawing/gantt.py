@@ -13,20 +13,20 @@ from matplotlib.patches import Patch, Rectangle
 from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_nodes
-from twin.durations.nanoseconds import NANOSECONDS
-from twin.host.pictures import INK, style_axes, wrap_name
-from twin.runs.activities import (
+from twin.activities.activities import (
     HOLDING,
     WAITING,
     Activity,
     part_names,
-    plan_colours,
     robot_activities,
 )
+from twin.drawing.lane_colours import plan_colours
+from twin.drawing.pictures import INK, style_axes, wrap_name
+from twin.drawing.team_colours import team_colours
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.runs.events import Event
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.policies import IN_TURNS, policy_name
-from twin.runs.team_colours import team_colours
 from twin.runs.windows import window_summary
 
 _TASKS_A_ROW = 36

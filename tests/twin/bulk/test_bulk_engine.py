@@ -29,14 +29,8 @@ from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.driven_toys import driven_tpg, with_limits
 from tests.twin.simulated import assert_same_ends, run_bulk, watched
 from tests.twin.twin_toys import random_tpg, with_cut_skill
-from twin.durations.bounded import Fixed, Uniform
-from twin.durations.composed import SkillOverride
-from twin.durations.measured import packaged_timings
-from twin.durations.nanoseconds import Nanoseconds
-from twin.durations.normal import Lognormal
-from twin.engine.bulk.bulk_engine import BulkEngine, with_window_holds
-from twin.engine.bulk.max_plus import (
-    OTHER,
+from twin.bulk.bulk_engine import BulkEngine
+from twin.bulk.max_plus import (
     Past,
     completions,
     end_times,
@@ -45,8 +39,14 @@ from twin.engine.bulk.max_plus import (
     policy_graph,
     precedence_arrays,
 )
+from twin.durations.bounded import Fixed, Uniform
+from twin.durations.composed import SkillOverride
+from twin.durations.measured import packaged_timings
+from twin.durations.nanoseconds import Nanoseconds
+from twin.durations.normal import Lognormal
 from twin.engine.engine import Simulator
-from twin.engine.execution_model import ExecutionModel, Messages
+from twin.engine.execution_model import OTHER, ExecutionModel, Messages
+from twin.engine.window_holds import with_window_holds
 from twin.recorders.observers import MemoryRecorder
 from twin.runs.execution_record import Policy
 from twin.studies.replications.timing_graph import timing_graph
@@ -197,7 +197,7 @@ def test_what_has_happened_changes_nothing_about_what_will(
     assert np.array_equal(end_times(graph, busy[:, None], talk, past)[:, 0], end)
 
 
-FOLDER = Path(__file__).parents[2] / "timing_graphs"
+FOLDER = Path(__file__).parents[1] / "timing_graphs"
 GRAPHS = sorted(FOLDER.glob("*.npz"))
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from planning.cell.machine import machine_robot
 from planning.cell.workcell import PoseError
 from planning.transforms import Array, from_rpy, inverse
-from twin.uncertainty.base_errors import drawn_base
+from twin.studies.pose_errors import drawn_base
 from twin.uncertainty.disturbances import Disturbances
 
 ERROR = PoseError(0.002, 0.01)

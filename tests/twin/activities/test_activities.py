@@ -10,20 +10,20 @@ from hypothesis import strategies as st
 
 from planning.tasks.task import HOLD, STRAIGHT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.activities.lane_oracle import Span, robot_lanes
 from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
-from tests.twin.runs.lane_oracle import Span, robot_lanes
 from tests.twin.simulated import watched
 from tests.twin.twin_toys import toy_cell, two_robot_tpg
-from twin.durations.nanoseconds import NANOSECONDS
-from twin.runs.activities import (
+from twin.activities.activities import (
     HOLDING,
     IDLE,
-    STOPPED,
     WAITING,
     Activity,
     part_names,
     robot_activities,
 )
+from twin.activities.progress import STOPPED
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.runs.events import Event
 from twin.uncertainty.disturbances import Disturbances
 

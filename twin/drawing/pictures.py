@@ -1,4 +1,4 @@
-"""Style of all pictures, and atomic writing of them.
+"""Style of all pictures.
 
 Charts of a page: legends and names that fit, whatever their length.
 """
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
 from textwrap import fill
 from typing import Literal
 
@@ -15,8 +14,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
-
-from planning.files import replace_atomically
 
 _LETTER = 0.6
 """Width of a letter over its size."""
@@ -85,12 +82,6 @@ def wrap_name(text: str, width: float, size: float, *, lines: int) -> str:
         while len(out[-1].rstrip()) > most:
             out[-1:] = [out[-1][:most], out[-1][most:]]
     return "\n".join(line.rstrip() for line in out) if len(out) <= lines else ""
-
-
-def save_png(picture: Figure, path: Path) -> None:
-    """Write a figure as PNG, replacing an old file; OutputError on failure."""
-    with replace_atomically(path) as temporary:
-        picture.savefig(temporary, format="png")
 
 
 def one_chart(height: float) -> tuple[Figure, Axes]:

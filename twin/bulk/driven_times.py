@@ -20,8 +20,8 @@ from planning.kernels import inner_kernel, kernel
 from planning.timing.stretch import brake_within_piece, exit_bound, passage_seconds
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
+from twin.bulk.max_plus import PrecedenceArrays
 from twin.durations.nanoseconds import Nanoseconds
-from twin.engine.bulk.max_plus import PrecedenceArrays
 from twin.engine.passage import DriveTimes, drive_times
 
 _NEVER = 2**61

@@ -1,9 +1,7 @@
-"""Pieces of pages in HTML: tables, lists, pictures, titled cards."""
+"""Pieces of pages in HTML: headings, lists, tables, pictures, whole pages."""
 
 from __future__ import annotations
 
-import base64
-import html
 import io
 import re
 from collections.abc import Iterable, Sequence
@@ -12,15 +10,11 @@ from pathlib import Path
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from twin.host.pictures import save_png
+from twin.host.atomic_files import save_png
+from twin.host.cards import escape_text
 
 _LONG = 17
 """Letters from which a word may be broken, to fit narrow pages."""
-
-
-def escape_text(words: object) -> str:
-    """Return words as HTML."""
-    return html.escape(str(words))
 
 
 def breakable(words: object) -> str:
@@ -76,15 +70,6 @@ def text_table(
     return table(caption, head, [map(escape_text, row) for row in rows], kind)
 
 
-def pairs(rows: Iterable[tuple[str, str]]) -> str:
-    """Return a table of names and values, one row each."""
-    body = "".join(
-        f"<tr><th>{escape_text(name)}</th><td>{escape_text(words)}</td></tr>"
-        for name, words in rows
-    )
-    return f'<table class="pairs"><tbody>{body}</tbody></table>'
-
-
 def picture(figure: Figure, name: str) -> str:
     """Return a picture as an SVG element, the same bytes for the same picture.
 
@@ -129,25 +114,3 @@ def page(title: str, css: str, pieces: Iterable[str]) -> str:
         "</body></html>",
     ]
     return "\n".join(part for part in parts if part) + "\n"
-
-
-def card(title: str, rows: Iterable[tuple[str, str]]) -> str:
-    """Return a titled table of names and values."""
-    return f"<p><strong>{escape_text(title)}</strong></p>{pairs(rows)}"
-
-
-def inline_picture(figure: Figure) -> str:
-    """Return a picture as an inline element, without a file."""
-    out = io.BytesIO()
-    figure.savefig(out, format="png")
-    return _image(out.getvalue())
-
-
-def run_picture(picture: Path) -> str:
-    """Return a picture of a run as an element; empty if it is missing."""
-    return _image(picture.read_bytes()) if picture.is_file() else ""
-
-
-def _image(png: bytes) -> str:
-    data = base64.b64encode(png).decode()
-    return f'<img style="max-width:100%" src="data:image/png;base64,{data}">'
