@@ -9,7 +9,7 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.steps.skill import Pairs, SkillPath, handled_contact
-from planning.tasks.supply import Refill
+from planning.tasks.refill import Refill
 from planning.tasks.task import (
     ARRIVE,
     CLOSE,
