@@ -21,7 +21,7 @@ from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import world_state_after
 from scheduling.rolling.supply import remove_idle_chains, supply_waits, with_supply
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import with_window_holds
+from twin.engine.bulk.bulk_engine import with_model_holds
 from twin.engine.driven_robots import DrivenRobots
 from twin.engine.ending import Ending
 from twin.engine.execution import Execution, Ports
@@ -172,7 +172,7 @@ def operate(
             planner.cuts = ((CutPolicy(aside=True),),)
 
     def hold(graph: TemporalPlanGraph) -> TemporalPlanGraph:
-        return held if held and graph is plan else with_window_holds(graph, model)
+        return held if held and graph is plan else with_model_holds(graph, model)
 
     replanning = partial(
         RollingReplanner,

@@ -11,7 +11,7 @@ from scheduling.graph.machine_chains import idle_robots
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.slowed_motions import describe_overloaded_joints
-from twin.engine.bulk.bulk_engine import with_window_holds
+from twin.engine.bulk.bulk_engine import with_model_holds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.planning.idle_robots import IdleRobot
@@ -54,7 +54,7 @@ def nominal_window_warnings(
     if not any(window.most is not None for window in tpg.windows):
         return ()
     model = scenario_execution(scenario, base)
-    held = with_window_holds(tpg, model)
+    held = with_model_holds(tpg, model)
     nominal = ExecutionModel(SkillDurations({}), model.policy, model.messages)
     try:
         run = Simulator(held, nominal).run(seed=scenario.seed)

@@ -7,7 +7,7 @@ from pathlib import Path
 from planning.errors import ScenarioError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.measured import packaged_timings
-from twin.engine.bulk.bulk_engine import with_window_holds
+from twin.engine.bulk.bulk_engine import with_model_holds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.planning.place_misses import place_misses
@@ -135,5 +135,5 @@ def execute(
         DeadlockError: no robot could continue.
     """
     model = scenario_execution(scenario, base, policy=policy)
-    held = with_window_holds(tpg, model)
+    held = with_model_holds(tpg, model)
     return Simulator(held, model).run(seed=scenario.seed, recorders=recorders)

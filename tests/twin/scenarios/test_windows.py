@@ -19,7 +19,7 @@ from tests.twin.scenarios.test_machines import scenario as machines
 from tests.twin.written import checked, loaded, refusal, written
 from twin.audits.audit import audit_run
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import with_window_holds
+from twin.engine.bulk.bulk_engine import with_model_holds
 from twin.engine.engine import Simulator
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
@@ -124,7 +124,7 @@ def test_a_study_counts_what_single_runs_break(
     own, tpg = held(gluing.scenario, 0.95), gluing.planned.tpg
     model = scenario_execution(own, gluing.file.parent)
     free = timing_graph(tpg)
-    load = Workload(with_window_holds(free, model), model, seed=5, free=free)
+    load = Workload(with_model_holds(free, model), model, seed=5, free=free)
     block = Block(0, 0, 12)
     result = Engines(load).compute(block)
     write_block(tmp_path, result)

@@ -31,7 +31,9 @@ from twin.engine.bulk.max_plus import (
     makespans,
     policy_graph,
 )
+from twin.engine.dispatch_policies import with_policy
 from twin.engine.execution_model import ExecutionModel, Messages
+from twin.registry import POLICIES
 from twin.uncertainty.contraction import Contraction, contract, trivial_contraction
 from twin.uncertainty.disturbances import Disturbances, Speed
 from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
@@ -63,7 +65,7 @@ class BulkEngine:
     """Executes one plan as often as asked, many replications at a time.
 
     Args:
-        tpg: plan to execute.
+        tpg: plan to execute, with the holds of the model, see ``with_model_holds``.
         model: execution model, with disturbances. Messages take no time, whatever it says, where
             robots keep to limits of acceleration.
 
@@ -211,19 +213,24 @@ def _add_shares(totals: Nanoseconds, shares: _Shares, busy: Nanoseconds) -> None
             busy[segment, r] += np.int64(part)
 
 
-def with_window_holds(
+def with_model_holds(
     tpg: TemporalPlanGraph, model: ExecutionModel
 ) -> TemporalPlanGraph:
-    """Return a graph in which window-opening tasks are held back; see ``with_window_hold_edges``.
+    """Return a graph with the waits of a registered policy, and with window-opening tasks held back.
 
-    Only under asynchronous release: a planned clock, turns and slots hold tasks back by themselves.
-        A later step is forecast by the longest remaining path to it, with durations drawn as in runs,
-        without acceleration limits and messages.
+    Tasks are held back, see ``with_window_hold_edges``, only under asynchronous release: a planned clock,
+    turns and slots hold tasks back by themselves. A later step is forecast by the longest remaining path
+    to it, with durations drawn as in runs, without acceleration limits and messages.
 
     Args:
         tpg: the plan.
         model: execution model, with disturbances.
+
+    Raises:
+        RequestError: a registered policy returned what are no edges, or edges in a circle.
     """
+    if model.policy not in POLICIES.own:
+        tpg = with_policy(tpg, model.policy, OTHER)
     timed = any(window.most is not None for window in tpg.windows)
     if not timed or model.hold <= 0.0 or model.policy != "asynchronous":
         return tpg

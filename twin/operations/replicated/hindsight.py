@@ -11,7 +11,7 @@ from planning.worlds.onward import ReplanningState
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
-from twin.engine.bulk.bulk_engine import with_window_holds
+from twin.engine.bulk.bulk_engine import with_model_holds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.host.progress import StageWatch
@@ -95,7 +95,7 @@ class Hindsight:
         }
         model = replace(self.model, disturbances=own.changed(failures=failures))
         return Simulator(
-            with_window_holds(tpg, model),
+            with_model_holds(tpg, model),
             model,
             TaskSeeds.of(self.tpg).onward(tpg, 0).names,
         )

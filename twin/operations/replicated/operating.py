@@ -14,7 +14,7 @@ from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
-from twin.engine.bulk.bulk_engine import with_window_holds
+from twin.engine.bulk.bulk_engine import with_model_holds
 from twin.engine.execution_model import ExecutionModel
 from twin.operations.operation import Operation, operate
 from twin.operations.replicated.hindsight import Hindsight
@@ -114,7 +114,7 @@ class Operator:
         self._operated, self._model, self._seed = operated, model, seed
         about = operated.scenario, operated.motions, operated.tpg
         self._hindsight = Hindsight(*about, model)
-        self._held = with_window_holds(operated.tpg, model)
+        self._held = with_model_holds(operated.tpg, model)
 
     def run(self, replication: int) -> Operation:
         """Operate a replication."""
