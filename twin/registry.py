@@ -263,7 +263,8 @@ POLICIES = Group(
         "open-loop": "twin.engine.dispatch_policies:no_edges",
     },
 )
-"""Dispatch policies, by ``execution.policy`` of a scenario; see ``twin.engine.dispatch_policies``."""
+"""Dispatch policies, by ``execution.policy`` of a scenario: called with a temporal plan graph; return the further edges
+of a ``twin.engine.dispatch_policies.DispatchPolicy``."""
 
 DRIVERS = Group("drivers", {"franka": "twin.drivers.franka:franka_driver"})
 """Drivers of robots within this process, by ``kind`` or by ``name`` of the kind ``registered`` in a drivers file: called
