@@ -14,6 +14,7 @@ import numpy as np
 from planning.tasks.task import GONE, TRANSIT
 from planning.transforms import Array, quat_wxyz
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+from twin.activities.activities import SAME_ROBOT
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.dispatch_policies import with_policy
 from twin.engine.engine import Simulator
@@ -22,7 +23,6 @@ from twin.exports.segments import CONTROLLER_RATE_HZ, Segment, segments
 from twin.judge.open_plan import FORMAT, VERSION
 from twin.recorders.observers import MemoryRecorder
 from twin.registry import POLICIES
-from twin.runs.activities import SAME_ROBOT
 from twin.runs.execution_record import Policy
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult

@@ -13,8 +13,8 @@ from tests.twin.scenarios.cells import ONE_BRICK
 from tests.twin.simulated import NOMINAL, assert_same_ends, simulate
 from tests.twin.twin_toys import random_tpg
 from tests.twin.written import loaded, refusal
-from twin.engine.bulk.bulk_engine import with_model_holds
 from twin.engine.execution_model import ExecutionModel, Messages
+from twin.engine.model_holds import with_model_holds
 from twin.registry import POLICIES
 from twin.runs.policies import (
     IN_TURNS,
