@@ -46,7 +46,7 @@ from twin.durations.nanoseconds import Nanoseconds
 from twin.durations.normal import Lognormal
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import OTHER, ExecutionModel, Messages
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.recorders.observers import MemoryRecorder
 from twin.runs.execution_record import Policy
 from twin.studies.replications.timing_graph import timing_graph
@@ -135,7 +135,7 @@ def simulator(
     stalls = Stalls(count_per_robot=1, duration_s=(0.5, 3.0))
     model = ExecutionModel(
         VARIED,
-        policy,  # type: ignore[arg-type]
+        policy,
         Messages.of_seconds(depth, report, release),
         Disturbances(stalls=stalls),
     )
@@ -161,8 +161,8 @@ def test_end_times_are_those_of_the_event_engine(
         ],
         axis=1,
     )
-    graph = policy_graph(tpg, policy)  # type: ignore[arg-type]
-    talk = Messages.of_seconds(depth, report, release).under(policy)  # type: ignore[arg-type]
+    graph = policy_graph(tpg, policy)
+    talk = Messages.of_seconds(depth, report, release).under(policy)
     end = end_times(graph, busy, talk)
     assert np.array_equal(end.T, [np.concatenate(run.end_ns) for run in runs])
 
@@ -317,7 +317,7 @@ def test_engines_hold_back_to_the_same_nanosecond(
         ),
         hold=hold,
     )
-    held = with_window_holds(tpg, model)
+    held = with_model_holds(tpg, model)
     assert_same_ends(held, model, seed, [0, 1, 2])
     if latency == 0.0:
         run = Simulator(held, model).run(seed=seed)
@@ -335,7 +335,7 @@ def test_engines_agree_where_robots_keep_to_limits(seed: int, windows: int) -> N
     tpg = windowed_tpg(seed, windows=windows)
     driven = with_limits(tpg, np.random.default_rng(seed), lambda chain, _: chain)
     model = ExecutionModel(VARIED, hold=0.9)
-    assert_same_ends(with_window_holds(driven, model), model, seed, [0, 1])
+    assert_same_ends(with_model_holds(driven, model), model, seed, [0, 1])
 
 
 @settings(max_examples=25, deadline=None)
@@ -348,7 +348,7 @@ def test_every_run_ends_whatever_stops_it(
     model = ExecutionModel(
         VARIED, disturbances=Disturbances(emergency_stops=(stop,)), hold=0.95
     )
-    run = Simulator(with_window_holds(tpg, model), model).run(seed=seed)
+    run = Simulator(with_model_holds(tpg, model), model).run(seed=seed)
     assert run.outcome == "completed"
 
 
@@ -358,9 +358,9 @@ def test_nothing_is_held_back_where_nothing_asks_for_it() -> None:
         ExecutionModel(VARIED),
         ExecutionModel(VARIED, "sequential", hold=0.95),
     ):
-        assert with_window_holds(tpg, model) is tpg
+        assert with_model_holds(tpg, model) is tpg
     assert (
-        with_window_holds(
+        with_model_holds(
             replace(tpg, windows=()), ExecutionModel(VARIED, hold=0.9)
         ).windows
         == ()

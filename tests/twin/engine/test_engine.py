@@ -196,7 +196,7 @@ def test_no_node_starts_before_what_it_waits_for(
         VARIED,
         seed=seed,
         messages=Messages.of_seconds(depth, latency, latency),
-        policy=policy,  # type: ignore[arg-type]
+        policy=policy,
         disturbances=Disturbances(
             stalls=Stalls(count_per_robot=1, duration_s=(0.5, 3.0))
         ),
@@ -287,7 +287,7 @@ def test_a_recorder_that_fails_is_dropped(
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Simulator(two_robot_tpg([]), ExecutionModel(NOMINAL, "parallel")),  # type: ignore[arg-type]
+        lambda: Simulator(two_robot_tpg([]), ExecutionModel(NOMINAL, "parallel")),
         lambda: Messages.of_seconds(queue_depth=0),
         lambda: Messages.of_seconds(report_s=-1.0),
     ],

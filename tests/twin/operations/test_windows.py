@@ -16,7 +16,7 @@ from scheduling.graph.plan_files import load_plan, save_plan
 from tests.twin.operations.operated import operated, planned, require_safe, tasks_of
 from tests.twin.written import written
 from twin.engine.engine import Simulator
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.operations.operation import Operation
 from twin.recorders.observers import MemoryRecorder
 from twin.runs.windows import window_summary
@@ -82,9 +82,7 @@ def require_windows(done: Operation) -> None:
 def test_without_failures_it_is_the_run(plan: PlanResult, hold: float) -> None:
     case, memory = plan.scenario.varied({"windows.hold": hold}), MemoryRecorder()
     model = scenario_execution(case.sections, case.folder)
-    Simulator(with_window_holds(plan.tpg, model), model).run(
-        seed=3, recorders=(memory,)
-    )
+    Simulator(with_model_holds(plan.tpg, model), model).run(seed=3, recorders=(memory,))
     done, events = operated(plan, 3, **{"windows.hold": hold})
     assert events == memory.events
     require_windows(done)

@@ -13,7 +13,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.host.progress import StageWatch
 from twin.operations.failure_triage import find_infeasible_steps
 from twin.operations.operation import Operation
@@ -95,7 +95,7 @@ class Hindsight:
         }
         model = replace(self.model, disturbances=own.changed(failures=failures))
         return Simulator(
-            with_window_holds(tpg, model),
+            with_model_holds(tpg, model),
             model,
             TaskSeeds.of(self.tpg).onward(tpg, 0).names,
         )

@@ -15,7 +15,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.engine.execution_model import ExecutionModel
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.operations.operation import Operation, operate
 from twin.operations.replicated.hindsight import Hindsight
 from twin.scenario.sections.scenario import Scenario
@@ -114,7 +114,7 @@ class Operator:
         self._operated, self._model, self._seed = operated, model, seed
         about = operated.scenario, operated.motions, operated.tpg
         self._hindsight = Hindsight(*about, model)
-        self._held = with_window_holds(operated.tpg, model)
+        self._held = with_model_holds(operated.tpg, model)
 
     def run(self, replication: int) -> Operation:
         """Operate a replication."""

@@ -63,7 +63,13 @@ def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
             ]
             if found := _turned(wanted, frame):
                 at = subject.thing_at(name, key)
-                yield Finding(at, f"{name} cannot be gripped: {found}", error=True)
+                yield Finding(
+                    at,
+                    f"{name} cannot be gripped: {found}",
+                    error=True,
+                    code="not gripped",
+                    parts=(name,),
+                )
                 break
     for number, known, work, robots in parts.works():
         targets = (
@@ -76,7 +82,9 @@ def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
         ]
         if found := _turned(wanted, work.process.frame):
             at = parts.step_at(number)
-            yield Finding(at, f"{work.words} cannot be done: {found}", error=True)
+            words = f"{work.words} cannot be done: {found}"
+            owner = work.spot.owner or ""
+            yield Finding(at, words, error=True, code="not done", parts=(owner,))
 
 
 def _turned(wanted: Sequence[tuple[PlacedRobot, list[Array]]], frame: str) -> str:
@@ -198,6 +206,9 @@ def _no_room(
         f"no grip on {name} has room beside its neighbours {where}: {grip} lacks least, {format_millimetres(lack)}"
         f" beside {beside}; {remedy}, or take a slimmer tool",
         error=in_source,
+        code="no room",
+        parts=(name, beside),
+        figures=(lack,),
     )
 
 
@@ -232,4 +243,7 @@ def check_lifts(subject: CheckContext, parts: OrderedParts) -> Findings:
                 f"{name} is lifted by leave_m {orientations.leave:g}, and then {other} comes up where it lay, at a"
                 f" distance of {format_millimetres(abs(first[other]))}; lift it farther{remedy}",
                 error=True,
+                code="lift",
+                parts=(name, other),
+                figures=(orientations.leave, abs(first[other])),
             )

@@ -59,6 +59,8 @@ def check_holds(subject: CheckContext, parts: OrderedParts) -> Findings:
                         subject.robot_at(may[model].name, "tool", "model"),
                         f"{may[model].name} would hold {name} by none of its grips {where}: {words}",
                         error=all(own is None or own for own in missed.values()),
+                        code="hold",
+                        parts=(may[model].name, name),
                     )
 
 
@@ -119,6 +121,9 @@ def check_friction(subject: CheckContext, parts: OrderedParts) -> Findings:
                 f" their axis; friction bears {worst.most_force:.3g} N or {round(worst.most_torque, 6):.3g} N m (force_n"
                 f" {grip.force:g}, balance.friction {assembly.friction:g}): hold it nearer to its centre of mass,"
                 " or with more force or larger pads",
+                code="slip",
+                parts=(grip.tool, name),
+                figures=(worst.lever, worst.force, worst.torque),
             )
 
 

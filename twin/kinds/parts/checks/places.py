@@ -69,6 +69,9 @@ def check_goals(subject: CheckContext, parts: OrderedParts) -> Findings:
                 f"{name} goes where {other} {when} by then: they would overlap by"
                 f" {overlaps.words(name, other, deep)}",
                 error=True,
+                code="overlap",
+                parts=(name, other),
+                figures=(deep,),
             )
         if not touched and not assembly.joined_to(name):
             near = describe_nearest(name, part, lying)
@@ -77,6 +80,8 @@ def check_goals(subject: CheckContext, parts: OrderedParts) -> Findings:
                 f"{name} would be left in the air: {place} it touches neither a fixture nor a"
                 f" part that is there by then (touch_m {section.touch_m:g}); {near}",
                 error=True,
+                code="unsupported",
+                parts=(name,),
             )
 
 
@@ -87,7 +92,13 @@ def check_joints(subject: CheckContext, parts: OrderedParts) -> Findings:
     known = set().union(*listed)
     for joint, words in wide_joints(subject.cell, parts.listed):
         own = {name_in_file(name, known) for name in joint.ends}
-        yield Finding(("assembly", "joined", listed.index(own)), words, error=True)
+        yield Finding(
+            ("assembly", "joined", listed.index(own)),
+            words,
+            error=True,
+            code="apart",
+            parts=joint.ends,
+        )
 
 
 @for_part_assemblies
@@ -195,23 +206,35 @@ def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
                     + name
                     + ".fixtures",
                     error=True,
+                    code="off fixtures",
+                    parts=(step.part, nearest[0]),
+                    figures=(nearest[1],),
                 )
         elif (gap := _from_door(own, lying, subject)) is not None and gap > _BESIDE:
             yield Finding(
                 at,
                 f"{name} works at {step.part} {gap:.2f} m away from its door: {tell}",
+                code="off door",
+                parts=(step.part,),
+                figures=(gap,),
             )
         elif spread > _BESIDE:
             yield Finding(
                 at,
                 f"{name} works at {step.part} {spread:.2f} m away from where it worked before, at"
                 f" {format_position(first[:3, 3].tolist())}: one of the two is not in the machine; {tell}",
+                code="two places",
+                parts=(step.part,),
+                figures=(spread, *first[:3, 3].tolist()),
             )
         elif step.part not in moved and own.door is None:
             yield Finding(
                 at,
                 f"{name} works at {step.part} where that lies at the start, at"
                 f" {format_position(pose[:3, 3].tolist())}: no step brings it to the machine; {tell}",
+                code="not brought",
+                parts=(step.part,),
+                figures=tuple(pose[:3, 3].tolist()),
             )
 
 
