@@ -20,12 +20,12 @@ from planning.motion.speed import SpeedModel, cut_path
 from planning.motion.transit import TransitPlanner
 from planning.progress import Progress, no_progress
 from planning.tasks.task import (
-    TRANSIT,
     ActuationKey,
     AllowedContact,
     ExceptionKey,
     StepTasks,
     Task,
+    TaskKind,
     TimeWindow,
     allowed_pairs,
     apply_handlings,
@@ -207,7 +207,7 @@ def _way_of(
     phases = _phases(cell, task, allowed, now)
 
     def work_out() -> CachedPath:
-        if task.kind == TRANSIT:
+        if task.kind == TaskKind.TRANSIT:
             path = _plan_transit(cell, task, phases[0], settings, seed)
             speed = settings.speeds[task.robot]
             cut = cut_path(path, speed, settings.step)
@@ -221,7 +221,7 @@ def _way_of(
         return work_out().way
     pairs = [phase.pairs for phase in phases]
     scene = known.scenes.scene(cell, now.state, pairs, task.handlings)
-    seconds = None if task.kind == TRANSIT else settings.seconds_of(cell, task)
+    seconds = None if task.kind == TaskKind.TRANSIT else settings.seconds_of(cell, task)
     stands = settings.still_seconds(task)
     moving = task.robot, task.kind, task.path.tobytes(), seconds, stands
     return known.way(moving, scene, seed, work_out)
@@ -248,7 +248,7 @@ def _phases(
     """Return the phases of a task in order."""
     found: list[_Phase] = []
     state = now.state
-    handlings = () if task.kind == TRANSIT else task.handlings
+    handlings = () if task.kind == TaskKind.TRANSIT else task.handlings
     for k in sorted({0, *(h.waypoint for h in handlings)}):
         if k > 0:
             state = move_robot(state, task.robot, task.path[k - 1])

@@ -40,7 +40,7 @@ from planning.parts.assembly import PartAssembly, PartHandling, Process
 from planning.parts.part_steps import KnownStep, PartStep
 from planning.steps.skill import Obstruction, Phase, SkillPath, contacts_with
 from planning.tasks.assignment import Tools
-from planning.tasks.task import HOLD
+from planning.tasks.task import TaskKind
 from planning.transforms import (
     Array,
     Transform,
@@ -90,7 +90,7 @@ def hold_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTarget
     """Return the subgoals of gripping a part at rest: straight to it, hold."""
     back = grip @ translation(0.0, 0.0, -ways.approach)
     path = straight_subgoals(frame, "approach", back, grip)
-    return SkillTargets(HOLD, (*path, Subgoal(HOLD, frame, grip)))
+    return SkillTargets(TaskKind.HOLD, (*path, Subgoal(TaskKind.HOLD, frame, grip)))
 
 
 @dataclass(frozen=True)

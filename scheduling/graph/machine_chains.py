@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from planning.tasks.task import SUPPLY_KINDS
+from planning.tasks.task import TaskKind
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 
@@ -18,7 +18,7 @@ def working_machines(tpg: TemporalPlanGraph) -> tuple[int, ...]:
     return tuple(
         k
         for k in sorted(machine_chains(tpg))
-        if kind.get(tpg.chains[k].robot) not in SUPPLY_KINDS
+        if kind.get(tpg.chains[k].robot) not in TaskKind.SUPPLY
     )
 
 

@@ -23,7 +23,7 @@ from planning.motion.sequential import MARGIN, MotionSettings
 from planning.motion.speed import path_duration
 from planning.motion.transit import RrtConnect
 from planning.progress import Progress, no_progress
-from planning.tasks.task import TRANSIT, apply_handlings, move_robot
+from planning.tasks.task import TaskKind, apply_handlings, move_robot
 from planning.tasks.work import task_graph
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
@@ -261,7 +261,7 @@ class _Planner:
 
     def _is_still(self, index: int) -> bool:
         return (
-            self.tasks[index].kind == TRANSIT
+            self.tasks[index].kind == TaskKind.TRANSIT
             and index not in self.handles
             and not np.any(np.diff(self.motions[index].path, axis=0))
         )
@@ -310,7 +310,7 @@ class _Planner:
         return True
 
     def _is_transit(self, index: int) -> bool:
-        return self.tasks[index].kind == TRANSIT and index not in self.handles
+        return self.tasks[index].kind == TaskKind.TRANSIT and index not in self.handles
 
     def _admit(self, slot: _Slot, index: int) -> str:
         """Add a task to the slot; return the reason if it is refused, empty when added."""

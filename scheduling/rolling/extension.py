@@ -14,14 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.tasks.task import (
-    FAILED,
-    LEFT_OUT,
-    AllowedContact,
-    Handling,
-    Task,
-    TimeWindow,
-)
+from planning.tasks.task import AllowedContact, Handling, Task, TaskKind, TimeWindow
 from planning.transforms import Indices, read_only_copy
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -100,7 +93,12 @@ def contacts_allowed_during(
 def as_omitted_task(task: Task) -> Task:
     """Return a task marked as omitted."""
     return replace(
-        task, kind=LEFT_OUT, handlings=(), actuations=(), object=None, goal=False
+        task,
+        kind=TaskKind.LEFT_OUT,
+        handlings=(),
+        actuations=(),
+        object=None,
+        goal=False,
     )
 
 
@@ -319,7 +317,7 @@ def with_attempt(
     ]
     task = replace(
         tpg.tasks[index],
-        kind=FAILED,
+        kind=TaskKind.FAILED,
         label=f"{tpg.tasks[index].label}: failed",
         path=q[None],
         handlings=tuple(changes),

@@ -17,7 +17,7 @@ from planning.errors import (
     PlanInvariantError,
     TransitError,
 )
-from planning.tasks.task import TAKEN_OUT
+from planning.tasks.task import TaskKind
 from planning.worlds.measured import Poses, choices_at_measured_poses
 from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World
@@ -114,7 +114,7 @@ class Recovery(Planner[AssemblyState]):
         undone: Mapping[int, str],
     ) -> None:
         settings = motions.settings
-        seconds = {TAKEN_OUT: self.scenario.execution.recovery.remove_s}
+        seconds = {TaskKind.TAKEN_OUT: self.scenario.execution.recovery.remove_s}
         settings = replace(
             settings, skill_seconds={**settings.skill_seconds, **seconds}
         )

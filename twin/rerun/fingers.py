@@ -23,7 +23,7 @@ from planning.kinematics.kinematics import (
 )
 from planning.robots.descriptions.urdf_geometry import joint_link, pose_in_root
 from planning.robots.registry import ROBOTS
-from planning.tasks.task import CLOSE, Task
+from planning.tasks.task import Actuation, Task
 from planning.transforms import Array, Transform, inverse
 from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -211,7 +211,9 @@ def move_fingers(
         values: list[float] = []
         for begin, end, act, displacement in sorted(moves):
             closed = opened - displacement
-            first, last = (opened, closed) if act == CLOSE else (closed, opened)
+            first, last = (
+                (opened, closed) if act == Actuation.CLOSE else (closed, opened)
+            )
             count = max(1, (end - begin) // _FRAME_NS)
             for j in range(count + 1):
                 t_ns.append(begin + (end - begin) * j // count)

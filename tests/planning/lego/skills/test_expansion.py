@@ -13,14 +13,7 @@ from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.expansion import PLACES, SUPPORTS, lego_work
 from planning.tasks.assignment import StepChoice, TaskPlan
 from planning.tasks.highs_solver import assign_steps
-from planning.tasks.task import (
-    SKILLS,
-    TRANSIT,
-    StepTasks,
-    Task,
-    apply_handlings,
-    move_robot,
-)
+from planning.tasks.task import StepTasks, Task, TaskKind, apply_handlings, move_robot
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform
 from tests.planning.lego.skills.overhang import found_overhang, overhang
@@ -67,7 +60,7 @@ def of_kind(tasks: list[Task], step: int, *kinds: str) -> Task:
 
 def test_indices_count_on_and_kinds_are_known(tasks: list[Task]) -> None:
     assert [task.index for task in tasks] == list(range(len(tasks)))
-    assert {task.kind for task in tasks} == {*SKILLS} | {TRANSIT}
+    assert {task.kind for task in tasks} == {*TaskKind.SKILLS} | {TaskKind.TRANSIT}
     assert {task.step for task in tasks} == {1, 2, 3}
 
 
@@ -132,7 +125,7 @@ def test_transits_end_where_skills_start(
     """One subgoal further is a centimetre or so: no skill starts with a long motion."""
     at = {robot.name: robot.home for robot in found.world.cell.robots}
     for task in tasks:
-        if task.kind != TRANSIT:
+        if task.kind != TaskKind.TRANSIT:
             robot = found.world.cell.robot(task.robot)
             start = frame_pose(robot, at[task.robot], "tool")[:3, 3]
             first = frame_pose(robot, task.path[0], "tool")[:3, 3]
@@ -258,7 +251,7 @@ def test_everything_can_be_planned_in_sequence(
     planners = {
         r.name: RrtConnect(r.model.lower, r.model.upper, speeds[r.name]) for r in robots
     }
-    durations = dict.fromkeys(SKILLS, 8.0)
+    durations = dict.fromkeys(TaskKind.SKILLS, 8.0)
     motion = plan_motions_sequentially(
         found.world.cell,
         expansions.callables(),
