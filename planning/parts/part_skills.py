@@ -34,7 +34,6 @@ from planning.handling.skill_scene import SkillScene
 from planning.handling.skill_targets import SkillTargets, Subgoal, straight_subgoals
 from planning.handling.skill_trial import find_obstruction, resolve_skill
 from planning.handling.tool_changes import with_each_tool, with_tools
-from planning.kinematics.kinematics import frame_in_flange
 from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PartAssembly, PartHandling, Process
 from planning.parts.part_steps import KnownStep, PartStep
@@ -189,7 +188,7 @@ def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
         frame: name of the tool frame.
         grip: pose of that frame in the frame of the part.
     """
-    tool = frame_in_flange(robot.model, frame)
+    tool = robot.model.frame_in_flange(frame)
     return read_only_copy(tool @ inverse(grip))
 
 

@@ -249,11 +249,6 @@ def apply_handlings(state: WorldState, handlings: Iterable[Handling]) -> WorldSt
     return WorldState(state.configurations, attachments)
 
 
-def move_robot(state: WorldState, robot: str, q: Array) -> WorldState:
-    """Return the state with one robot at ``q``, shape (n,)."""
-    return WorldState({**state.configurations, robot: q}, state.attachments)
-
-
 def allowed_pairs(
     cell: Workcell,
     state: WorldState,

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
-from planning.cell.workcell import WorldState, start_state
+from planning.cell.workcell import WorldState
 from planning.tasks.task import (
     AllowedContact,
     Handling,
@@ -19,7 +19,6 @@ from planning.tasks.task import (
     Task,
     TaskKind,
     apply_handlings,
-    move_robot,
 )
 from scheduling.conflicts.object_spans import handlings_in_order
 from scheduling.graph.task_edges import TaskNodes, task_nodes
@@ -174,9 +173,9 @@ def world_state_after(tpg: TemporalPlanGraph, counts: Sequence[int]) -> WorldSta
         tpg: the graph.
         counts: nodes of each chain; what a node of them waits for is among them.
     """
-    state = start_state(tpg.cell)
+    state = tpg.cell.start_state()
     for chain, count in zip(tpg.chains, counts, strict=True):
-        state = move_robot(state, chain.robot, chain.stands_at(count))
+        state = state.with_robot(chain.robot, chain.stands_at(count))
     done = [
         Handling(h.object, h.waypoint, h.holder, h.pose)
         for h in handlings_in_order(tpg, planned_ranks(tpg.chains))

@@ -18,7 +18,6 @@ from planning.tasks.task import AllowedContact, Handling, Task, TaskKind, TimeWi
 from planning.transforms import Indices, read_only_copy
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import (
     NO_EDGES,
     Drive,
@@ -305,7 +304,7 @@ def with_attempt(
         at, chains = len(committed.chains), [*committed.chains, stood]
     own = tpg.chain_index[robot]
     place = {chain.robot: k for k, chain in enumerate(chains)}
-    brings = machine_chains(tpg) if missing else frozenset[int]()
+    brings = tpg.machine_chains() if missing else frozenset[int]()
     rows = [
         row
         for row, (k, _, i, v) in enumerate(tpg.edges.tolist())

@@ -11,7 +11,6 @@ from dataclasses import InitVar, dataclass, replace
 from functools import partial
 from types import MappingProxyType
 
-from planning.cell.workcell import start_state
 from planning.errors import (
     InfeasibleStepError,
     PlanInvariantError,
@@ -151,7 +150,7 @@ class Recovery(Planner[AssemblyState]):
     def begun(self, state: AssemblyState, counts: Sequence[int]) -> set[int]:
         """Return the steps started by given numbers of executed nodes of each chain."""
         complete, cell = complete_tasks(state.tpg, counts), state.tpg.cell
-        world = World(start_state(cell), state.steps, complete=complete)
+        world = World(cell.start_state(), state.steps, complete=complete)
         return set(world.begun())
 
     def due(self, state: AssemblyState, released: Sequence[int]) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.workcell import Begun, start_state
+from planning.cell.workcell import Begun
 from planning.errors import RequestError
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
 from planning.tasks.task import Handling, StepTasks, Task, TaskKind
@@ -75,7 +75,7 @@ def remaining_graph(
         RequestError: a robot cannot continue, or nothing is left.
     """
     done = complete_tasks(tpg, counts)
-    world = World(start_state(tpg.cell), planned_steps(tpg), complete=done)
+    world = World(tpg.cell.start_state(), planned_steps(tpg), complete=done)
     before = [h for h in tpg.handlings if h.node < counts[h.robot]]
     gone = frozenset(h.object for h in before if h.holder == Handling.GONE)
     measured = {

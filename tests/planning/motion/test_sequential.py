@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from planning.cell.shape import box_shape
-from planning.cell.workcell import CellObject, PlacedRobot, Workcell, start_state
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import TransitError
 from planning.geometry.scene_checker import Contact, SceneChecker
 from planning.kinematics.kinematics import frame_pose
@@ -109,7 +109,7 @@ def test_paths_join_times_rise_and_the_box_comes_along(cell: Workcell) -> None:
     assert np.max(np.diff(transit.time)) <= 0.05 + 1e-12
     rate = np.abs(np.diff(transit.path, axis=0)).sum(axis=1) / np.diff(transit.time)
     assert np.allclose(rate, 1.0)
-    checker = SceneChecker(cell, "left", start_state(cell))
+    checker = SceneChecker(cell, "left", cell.start_state())
     assert all(checker.motion_free(a, b) for a, b in pairwise(transit.path))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from planning.cell.workcell import start_state
 from planning.errors import InfeasibleStepError, TransitError
 from planning.tasks.task import Handling, TaskKind
 from planning.worlds.onward import ReplanningState
@@ -70,7 +69,7 @@ class Hindsight:
         tpg = self.tpg
         if lost:
             cell = self.motions.cell
-            world = World(start_state(cell), out=lost)
+            world = World(cell.start_state(), out=lost)
             now, motions = ReplanningState(world, self.motions.task_plan), self.motions
             if motions.work is not None:
                 motions = replace(

@@ -4,7 +4,6 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from planning.cell.workcell import start_state
 from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import BRICKS, Cell, LegoStep, Press, StockBrick
 from planning.lego.bricks.brick_grips import grip_pose
@@ -13,7 +12,7 @@ from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.expansion import PLACES, SUPPORTS, lego_work
 from planning.tasks.assignment import StepChoice, TaskPlan
 from planning.tasks.highs_solver import assign_steps
-from planning.tasks.task import StepTasks, Task, TaskKind, apply_handlings, move_robot
+from planning.tasks.task import StepTasks, Task, TaskKind, apply_handlings
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform
 from tests.planning.lego.skills.overhang import found_overhang, overhang
@@ -68,7 +67,7 @@ def test_objects_never_jump_and_end_exactly_at_their_goals(
     found: LegoCandidates, plan: TaskPlan, tasks: list[Task]
 ) -> None:
     cell = found.world.cell
-    state = start_state(cell)
+    state = cell.start_state()
 
     def where(name: str) -> Transform:
         at = state.attachments[name]
@@ -81,7 +80,7 @@ def test_objects_never_jump_and_end_exactly_at_their_goals(
     for task in tasks:
         path = np.vstack([state.configurations[task.robot], task.path])
         for k, q in enumerate(path):
-            state = move_robot(state, task.robot, q)
+            state = state.with_robot(task.robot, q)
             for handling in task.handlings:
                 if handling.waypoint == k:
                     before = where(handling.object)
