@@ -31,7 +31,6 @@ import numpy.typing as npt
 
 from planning.kernels import kernel
 from planning.transforms import Indices
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import sequential_order, turn_edges
 from scheduling.graph.temporal_plan_graph import EVER, NO_EDGES, TemporalPlanGraph
@@ -129,7 +128,7 @@ def _in_turns(tpg: TemporalPlanGraph) -> PrecedenceArrays:
 
     Machines are not in the sequence: their dependencies stay as planned.
     """
-    kept = np.isin(tpg.edges[:, [0, 2]], list(machine_chains(tpg))).any(axis=1)
+    kept = np.isin(tpg.edges[:, [0, 2]], list(tpg.machine_chains())).any(axis=1)
     turns = turn_edges(tpg)
     other = np.full(len(turns), OTHER, dtype=np.uint8)
     edges = np.concatenate([tpg.edges[kept], turns])

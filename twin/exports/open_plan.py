@@ -11,7 +11,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
-from planning.tasks.task import GONE, TRANSIT
+from planning.tasks.task import Handling, TaskKind
 from planning.transforms import Array, quat_wxyz
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 from twin.activities.activities import SAME_ROBOT
@@ -197,7 +197,7 @@ def _motion(
             continue  # the tool that it has on it at the start
         t_s = min((begin + handled_at.t_ns) / NANOSECONDS, times[-1])
         event: dict[str, Any] = {"t_s": max(t_s, times[0]), **verbs[k]}
-        if item.holder != GONE:
+        if item.holder != Handling.GONE:
             event["pose"] = _pose(item)
         events.append(event)
         held.discard(item.object)
@@ -208,7 +208,7 @@ def _motion(
         "t_s": times,
         **dict(zip("qva", entry, strict=True)),
         "task": f"{task.index} {task.label}",
-        "skill": None if task.kind == TRANSIT else task.kind,
+        "skill": None if task.kind == TaskKind.TRANSIT else task.kind,
         "object": task.object,
         "touches": sorted(set(_touched(tpg, segment)) - handled),
         "events": events,
@@ -226,7 +226,7 @@ def _verbs(tpg: TemporalPlanGraph) -> Iterator[tuple[int, dict[str, str]]]:
     there = {item.name for item in tpg.cell.objects if not item.later}
     for k, item in enumerate(tpg.handlings):
         thing, robot = item.object, tpg.chains[item.robot].robot
-        if item.holder == GONE:
+        if item.holder == Handling.GONE:
             yield k, {"leave": thing}
             there.discard(thing)
         elif item.holder is None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from planning.errors import ScenarioError
 from planning.json_files import parse_json
-from planning.tasks.task import HOLD, SKILLS
+from planning.tasks.task import TaskKind
 from twin.document.validation import (
     InvalidScenarioError,
     parse_document,
@@ -170,7 +170,11 @@ def _make_entries(content: dict[str, Any], key: str) -> None:
     execution = content["execution"]
     processes = content["assembly"].get("processes", {})
     if section in ("skills", "failures") and rest:
-        known = tuple(dict.fromkeys([*SKILLS, HOLD, *execution["skills"], *processes]))
+        known = tuple(
+            dict.fromkeys(
+                [*TaskKind.SKILLS, TaskKind.HOLD, *execution["skills"], *processes]
+            )
+        )
         if skill not in known:
             raise ScenarioError(
                 f"cannot vary {key}: there is no skill {skill!r}", choices=known

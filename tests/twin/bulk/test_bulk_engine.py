@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from benchmarks.timing_graphs import SCENARIOS, contracted_graph, load_timing_graph
 from planning.errors import PlanInvariantError
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -272,7 +271,7 @@ def test_one_robot_works_at_a_time_and_machines_beside_it(
     line: TemporalPlanGraph,
 ) -> None:
     run = Simulator(line, ExecutionModel(OF_MACHINES, "sequential")).run(seed=0)
-    machines = machine_chains(line)
+    machines = line.machine_chains()
     robots = [k for k in range(len(line.chains)) if k not in machines]
     spans = np.concatenate(
         [np.stack([run.start_ns[k], run.end_ns[k]], axis=1) for k in robots]
@@ -291,7 +290,7 @@ def test_nothing_disturbs_a_machine(line: TemporalPlanGraph) -> None:
         OF_MACHINES, disturbances=Disturbances(emergency_stops=stops, stalls=stalls)
     )
     run = Simulator(line, model).run(seed=1)
-    for k in machine_chains(line):
+    for k in line.machine_chains():
         assert run.stopped_ns(k, run.makespan_ns) == 0
         assert not np.any(run.stood_ns[k])
 

@@ -12,7 +12,7 @@ from typer.testing import Result
 from planning.cell.workcell import Workcell
 from planning.errors import TwinError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task import TRANSIT, Task
+from planning.tasks.task import Task, TaskKind
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import save_plan
 from scheduling.graph.rollout import earliest_times
@@ -321,7 +321,9 @@ def reaching_plan(cell: Workcell) -> MotionPlan:
             path = straight(robot.home + a * REACH, robot.home + b * REACH, 25)
             time = clock + np.linspace(0.0, 1.2, len(path))
             label = f"{'back' if k else 'there'} of {robot.name}"
-            tasks.append(Task(len(tasks), robot.name, TRANSIT, 1, label, path[-1:]))
+            tasks.append(
+                Task(len(tasks), robot.name, TaskKind.TRANSIT, 1, label, path[-1:])
+            )
             motions.append(TaskMotion(path, time))
             clock = float(time[-1])
     nothing = np.empty((0, 2), dtype=np.int64)

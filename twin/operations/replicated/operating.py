@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from planning.tasks.task import FAILED, STRAIGHT, TAKEN_OUT, TRANSIT
+from planning.tasks.task import TaskKind
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
@@ -146,14 +146,15 @@ def _recoveries(done: Operation) -> list[int]:
     counts = dict.fromkeys(RUNGS, 0)
     tasks = done.tpg.tasks
     for k, task in enumerate(tasks):
-        if task.kind != FAILED:
+        if task.kind != TaskKind.FAILED:
             continue
         after = [
             later.object
             for later in tasks[k + 1 :]
             if later.step == task.step
             and later.object is not None
-            and later.kind not in (TRANSIT, STRAIGHT, TAKEN_OUT)
+            and later.kind
+            not in (TaskKind.TRANSIT, TaskKind.STRAIGHT, TaskKind.TAKEN_OUT)
         ]
         rung = "not_done_any_more"
         if after:

@@ -11,7 +11,6 @@ from planning.cell.workcell import Fixture, PlacedRobot
 from planning.contacts.touching import PlacedObject, nearby_entities
 from planning.grips.pads import own_bodies
 from planning.grips.tool_grips import robot_grips
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PlacePart
 from planning.parts.part_skills import process_targets
@@ -170,7 +169,7 @@ def _lack(
         body = Shape((), tuple(own_bodies(robot.model)))
         if not body.pieces:
             return None
-        tip = inverse(frame_in_last_joint(robot.model, rules.frame))
+        tip = inverse(robot.model.frame_in_last_joint(rules.frame))
         for grip in robot_grips(robot, item.shape, at, at, rules):
             pose = at @ grip.pose @ tip
             near = nearby_entities((Fixture("tool", body, pose), pose), placed, clear)

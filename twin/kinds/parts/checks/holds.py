@@ -13,7 +13,7 @@ from planning.grips.grip import GripRules
 from planning.grips.pads import own_bodies
 from planning.grips.tool_grips import describe_missed_contact, robot_grips
 from planning.parts.assembly import PartAssembly, PlacePart
-from planning.tasks.task import CLOSE, HOLD, OPEN
+from planning.tasks.task import Actuation, TaskKind
 from planning.transforms import Transform
 from twin.checks.finding import (
     CheckContext,
@@ -28,10 +28,10 @@ from twin.kinds.parts.checks.context import for_part_assemblies
 from twin.kinds.parts.ordered_parts import OrderedParts
 
 _USES = {
-    "pick": (CLOSE,),
-    "place-down": (OPEN,),
-    "handover": (CLOSE, OPEN),
-    HOLD: (CLOSE,),
+    "pick": (Actuation.CLOSE,),
+    "place-down": (Actuation.OPEN,),
+    "handover": (Actuation.CLOSE, Actuation.OPEN),
+    TaskKind.HOLD: (Actuation.CLOSE,),
 }
 """What tools do in a skill of an assembly of parts."""
 
@@ -206,6 +206,6 @@ def _said(subject: CheckContext) -> Iterator[tuple[KeyPath, str]]:
     ]
     places.append((("assembly", "grips"), getattr(scenario.assembly, "grips", None)))
     for at, section in places:
-        for act in (CLOSE, OPEN):
+        for act in (Actuation.CLOSE, Actuation.OPEN):
             if getattr(section, f"{act}_s", None) is not None:
                 yield (*at, f"{act}_s"), act

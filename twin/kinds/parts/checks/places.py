@@ -16,7 +16,6 @@ from planning.contacts.touching import (
     standing_fixtures,
 )
 from planning.grips.tool_grips import tool_bodies
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.parts.assembly import MachineWork, PlacePart, Process
 from planning.parts.part_skills import process_targets
 from planning.parts.part_steps import (
@@ -158,7 +157,7 @@ def _nearest(
 ) -> Iterator[tuple[str, float]]:
     """Yield the nearest thing to a robot's tool at each pose of its path, with distance [m]."""
     body = Shape((), tuple(tool_bodies(robot.model)))
-    tip = inverse(frame_in_last_joint(robot.model, process.frame))
+    tip = inverse(robot.model.frame_in_last_joint(process.frame))
     way = process_targets(process, known.place, process.turns[0])
     for goal in way.targets.subgoals[way.first : way.last + 1]:
         pose: Transform = goal.pose @ tip
