@@ -141,6 +141,16 @@ CHECKS = Group(
 )
 """Checks of a scenario that depend on its kind of assembly, by the name of the kind."""
 
+EXPECTATIONS = Group(
+    "expectations",
+    {
+        "lego": "twin.kinds.lego.expected:expectations_of",
+        "assembly": "twin.kinds.parts.expected:expectations_of",
+        "construction": "twin.kinds.construction.expected:expectations_of",
+    },
+)
+"""Expectations on a run that its audit checks, by kind of assembly: called with the kind and the cell section."""
+
 SECTIONS = Group("sections", {"explore": "twin.explorations.section:ExploreSection"})
 """Optional sections of wings at the top of a scenario, by their key; nothing of a run depends on them."""
 

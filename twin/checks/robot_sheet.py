@@ -222,7 +222,7 @@ def robot_sheets(
 
 
 def _of_scenario(path: Path) -> tuple[RobotSheet, ...]:
-    from planning.steps.tool_changes import with_each_tool
+    from planning.handling.tool_changes import with_each_tool
     from twin.planning.build_workcell import build_workcell
     from twin.reading.scenario_file import load_scenario
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot
-from planning.expectations import ChangedTool
 from planning.tasks.task import GONE
 from planning.transforms import Array, Transform, inverse
 from twin.audits.case import Violation
+from twin.audits.expectations import ChangedTool
 from twin.audits.motion.executed import ObjectRow, Recording, RobotRows
 from twin.audits.worlds.world import AuditWorld
 from twin.judge.foreign_graph import joint_columns, motion_configurations

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.standing_rules import Joint, StandingRules
 from planning.contacts.interference import Overlaps
 from planning.grips.grip import GripRules
 from planning.parts.assembly import (
@@ -19,11 +18,10 @@ from planning.parts.assembly import (
     PlacePart,
     Process,
     Spot,
+    TimeLag,
     Work,
 )
-from planning.tasks.task import (
-    TimeLag,
-)
+from planning.statics.standing_rules import Joint, StandingRules
 from planning.transforms import Transform, read_only_copy
 from twin.kinds.parts.line import Line, MachineJob, write_out_line
 from twin.kinds.parts.section import (

@@ -7,24 +7,25 @@ from typing import Any
 
 import numpy as np
 
-from planning.expectations import (
+from planning.parts.assembly import MachineWork, PlacePart, Work
+from planning.transforms import Transform, read_only_copy
+from twin.audits.expectations import (
     ChangedTool,
     Expectations,
     ExpectedProcess,
     ExpectedRest,
 )
-from planning.expectations import Place as WantedPlace
-from planning.parts.assembly import MachineWork, PlacePart, Work
-from planning.transforms import Transform, read_only_copy
+from twin.audits.expectations import Place as WantedPlace
 from twin.kinds.parts.alike import expand_pairs
 from twin.kinds.parts.built import assembly_of, joined_pairs, overlaps_of
+from twin.kinds.parts.kind import PartKind
 from twin.kinds.parts.line import write_out_line
-from twin.kinds.parts.section import PartsSection
 from twin.scenario.sections.cell import CellSection
 
 
-def expectations_of(section: PartsSection, cell: CellSection) -> Expectations:
+def expectations_of(kind: PartKind, cell: CellSection) -> Expectations:
     """Return the goals, intermediate places and processes of the parts."""
+    section = kind.section
     line = write_out_line(section, whole=True)
     assembly, parts = assembly_of(line), {p.name: p for p in line.section.parts}
     gone = {
@@ -56,11 +57,11 @@ def expectations_of(section: PartsSection, cell: CellSection) -> Expectations:
         else:
             where[step.part] = assembly.goals[step.part]
             if step.part not in gone:
-                words, kind = f"goal of step {k}", parts[step.part].shape_words
+                words, shape = f"goal of step {k}", parts[step.part].shape_words
                 of: tuple[str, ...] = ()
                 if step.part in goals:
                     own, number = goals[step.part]
-                    words, kind, of = (
+                    words, shape, of = (
                         f"goal {number} of {own.kind}",
                         own.kind,
                         own.names,
@@ -68,7 +69,7 @@ def expectations_of(section: PartsSection, cell: CellSection) -> Expectations:
                 place = WantedPlace(
                     words,
                     assembly.goals[step.part],
-                    kind,
+                    shape,
                     None if of else step.part,
                     any_of=frozenset(of),
                     held=step.hold is not None,

@@ -10,8 +10,10 @@ from functools import cached_property, lru_cache
 from itertools import product as product_of
 from typing import TypeVar
 
-from planning.tasks.task import LAG, TimeLag
-from planning.tasks.work import Leaving, PlacedPart, Refill, Supply
+from planning.parts.assembly import TimeLag
+from planning.parts.supply import Leaving, Supply
+from planning.tasks.task import LAG
+from planning.tasks.work import PlacedPart, Refill
 from planning.transforms import Transform, read_only_copy, translation
 from scheduling.copies import product_part_name
 from twin.durations.bounded import Fixed

@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture, PlacedRobot
-from planning.geometry.touching import (
+from planning.contacts.touching import (
     PlacedObject,
     describe_nearest,
     nearby_entities,

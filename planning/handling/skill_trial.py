@@ -12,22 +12,14 @@ from planning.cell.workcell import PlacedRobot
 from planning.geometry.exact import Solid, hull_distance_at
 from planning.geometry.robot_bodies import entity_name
 from planning.geometry.scene_checker import BodyPair, SceneChecker
+from planning.handling.skill_scene import IN_IT, SkillScene
+from planning.handling.skill_targets import SkillTargets, skill_postures
 from planning.kinematics.kinematics import frame_in_last_joint
-from planning.steps.skill import (
-    IN_IT,
-    Obstruction,
-    Phase,
-    SkillPath,
-    SkillScene,
-    SkillTargets,
-    contacts_with,
-    skill_postures,
-)
+from planning.steps.skill import Obstruction, Phase, SkillPath, contacts_with
 from planning.transforms import Array, inverse
 
 _SURELY = 1e-5
 """Least violation for which a body refuses paths: above the error of distances and poses [m]."""
-
 
 _NO_JOINTS = np.empty(0)
 _AS_BEFORE = Obstruction("refused like another path")

@@ -10,8 +10,11 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from planning.cell.robot_model import ToolGrip
-from planning.cell.standing_rules import StandingRules
+from planning.statics.standing_rules import StandingRules
 from planning.transforms import Transform
+from twin.registry import EXPECTATIONS
+from twin.scenario.sections.kind import assembly_kind
+from twin.scenario.sections.scenario import Scenario
 
 TOUCH = 0.002
 """What is nearer than this touches, where the scenario says nothing else [m]."""
@@ -215,3 +218,12 @@ class Expectations:
         for name, after in named:
             if name is not None:
                 yield from ((name, before) for before in after)
+
+
+def scenario_expectations(scenario: Scenario) -> Expectations:
+    """Return the expectations of a scenario, none for a kind of assembly that states none."""
+    name, kind = scenario.assembly.kind, assembly_kind(scenario.assembly)
+    if name not in EXPECTATIONS:
+        return Expectations()
+    found: Expectations = EXPECTATIONS.load(name)(kind, scenario.cell)
+    return found

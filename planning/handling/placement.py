@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.cell.workcell import CellObject
-from planning.steps.handovers import Handover
-from planning.steps.skill import NOTHING, Pairs, SkillPath
+from planning.handling.handovers import Handover
+from planning.handling.skill_contacts import NOTHING
+from planning.steps.skill import Pairs, SkillPath
 from planning.steps.step_writer import StepWriter
 from planning.tasks.task import STRAIGHT
 from planning.tasks.work import Refill

@@ -8,20 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.cell.workcell import Attachment, CellObject, PlacedRobot, Workcell
+from planning.handling.skill_contacts import NOTHING, SkillContacts, grip_contact
+from planning.handling.skill_scene import Objects, SkillScene
+from planning.handling.skill_targets import LARGEST_TURN, SkillTargets, Subgoal
+from planning.handling.skill_trial import find_obstruction, resolve_skill
 from planning.kinematics.kinematics import inverse_kinematics
-from planning.steps.skill import (
-    LARGEST_TURN,
-    NOTHING,
-    Objects,
-    Obstruction,
-    SkillContacts,
-    SkillPath,
-    SkillScene,
-    SkillTargets,
-    Subgoal,
-    grip_contact,
-)
-from planning.steps.skill_trial import find_obstruction, resolve_skill
+from planning.steps.skill import Obstruction, SkillPath
 from planning.transforms import Array, Transform
 
 

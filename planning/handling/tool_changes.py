@@ -18,25 +18,25 @@ import numpy as np
 
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import Attachment, PlacedRobot, RackTool, Workcell
+from planning.contacts.touching import nearby_entities, standing_fixtures
 from planning.errors import InfeasibleStepError
 from planning.geometry.robot_bodies import entity_name
-from planning.geometry.touching import nearby_entities, standing_fixtures
-from planning.steps.skill import (
-    NOTHING,
-    Obstruction,
-    Pairs,
-    Placed,
-    SkillContacts,
-    SkillPath,
-    SkillScene,
+from planning.handling.skill_contacts import NOTHING, SkillContacts
+from planning.handling.skill_scene import Placed, SkillScene
+from planning.handling.skill_targets import (
     SkillTargets,
     Subgoal,
-    contacts_with,
-    joint_distance,
     skill_postures,
     straight_subgoals,
 )
-from planning.steps.skill_trial import find_obstruction
+from planning.handling.skill_trial import find_obstruction
+from planning.steps.skill import (
+    Obstruction,
+    Pairs,
+    SkillPath,
+    contacts_with,
+    joint_distance,
+)
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import NO_TOOLS, Tools
 from planning.tasks.task import LEAVE_TOOL, STRAIGHT, TAKE_TOOL, Handling

@@ -19,25 +19,18 @@ from planning.cell.workcell import (
 from planning.geometry.exact import resting_solid
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import BodyPair
-from planning.kinematics.kinematics import frame_pose, joint_poses_of
-from planning.robots.registry import robot_model
-from planning.steps.skill import (
-    Obstruction,
-    SkillContacts,
-    SkillPath,
-    SkillScene,
-    SkillTargets,
-    Subgoal,
-    ToolContact,
-    contacts_with,
-    skill_postures,
-)
-from planning.steps.skill_trial import (
+from planning.handling.skill_contacts import SkillContacts, ToolContact
+from planning.handling.skill_scene import SkillScene
+from planning.handling.skill_targets import SkillTargets, Subgoal, skill_postures
+from planning.handling.skill_trial import (
     PathObstacle,
     SkillTrial,
     find_obstruction,
     resolve_skill,
 )
+from planning.kinematics.kinematics import frame_pose, joint_poses_of
+from planning.robots.registry import robot_model
+from planning.steps.skill import Obstruction, SkillPath, contacts_with
 from planning.transforms import read_only_copy, translation
 
 MODEL = robot_model("gp4")
