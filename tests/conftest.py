@@ -20,8 +20,8 @@ from xdist.scheduler import LoadScopeScheduling
 # Tests run side by side: threads of linear algebra would only be in each other's way.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-FEW_EXAMPLES = 6
-"""Property tests that try no more than these try them all by day, others half of what they say."""
+FEW_EXAMPLES = 3
+"""Property tests that try no more than these try them all by day, others a third of what they say."""
 
 SETTINGS = "_hypothesis_internal_use_settings"
 """Attribute in which hypothesis keeps the settings of a property test."""
@@ -81,7 +81,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(
     config: pytest.Config, items: list[pytest.Item]
 ) -> None:
-    """Put the longest files first; leave what is for the night to it, half of the examples, too."""
+    """Put the longest files first; leave what is for the night to it, most examples, too."""
     from tests.longest import ranks
 
     known = ranks()
@@ -114,7 +114,7 @@ def _set_examples_of_day(test: Any, factor: int) -> int:
     """
     own = getattr(test, SETTINGS)
     many = own.max_examples
-    by_day = max(min(many, FEW_EXAMPLES), many // 2)
+    by_day = max(min(many, FEW_EXAMPLES), many // 3)
     setattr(test, SETTINGS, hypothesis.settings(own, max_examples=by_day))
     return -(-factor * many // by_day)
 
