@@ -22,6 +22,7 @@ python=${python:-python3}
 # Each process would compile the same modules otherwise. Those of packages that are used are compiled at
 # their first import, which takes a fraction of what pip takes for all of them.
 unset PYTHONDONTWRITEBYTECODE
+"$python" -m compileall -q planning scheduling twin &
 "$python" -m venv "$work/venv"
 bin="$work/venv/bin"
 "$bin/python" -m pip --disable-pip-version-check --quiet install --no-compile \
