@@ -184,7 +184,7 @@ def test_what_is_left_of_a_run_knows_where_parts_were_found(
         f"    pick: {{probability: 0, parts: {{block_a: 0.5}}, retries: 0, loses: 1, beside: 1, offset: {FAR}}}\n"
     )
     file = written(tmp_path, text)
-    for seed in range(9):
+    for seed in range(1, 9):
         again = load(file).varied({**FEW, "seed": seed})
         out = tmp_path / f"{seed}"
         run = twin.operate(again, out=out, recording=False, audit=False)

@@ -207,6 +207,7 @@ def test_whatever_is_asked_for_it_goes_on(
         assert sum(ask.step == step for ask in done.asks) <= times
 
 
+@pytest.mark.nightly
 def test_what_a_person_brings_is_audited_and_resumed(
     plan: PlanResult, tmp_path: Path
 ) -> None:

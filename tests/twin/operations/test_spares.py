@@ -48,7 +48,9 @@ IN_TWO_LAYERS = ", ".join(
 )
 
 
-@pytest.fixture(scope="module", params=["beside", "above"])
+@pytest.fixture(
+    scope="module", params=["beside", pytest.param("above", marks=pytest.mark.nightly)]
+)
 def file(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:

@@ -155,7 +155,7 @@ def test_the_order_of_the_board_is_one_in_which_it_can_be_built(
     assert step["inspect board/middle"] == max(step.values()) == 10
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_the_driver_of_the_gearbox_screws_while_the_gripper_holds(
     shipped: ShippedRuns,
 ) -> None:
