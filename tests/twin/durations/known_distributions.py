@@ -6,9 +6,9 @@ import numpy as np
 from scipy import stats
 
 from twin.durations.bounded import Pert, Triangular, Uniform
-from twin.durations.fittable import Family, ShiftedFamily
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.normal import Lognormal, TruncatedNormal
+from twin.fit.shifted import Family, ShiftedFamily
 
 Frozen = Any
 """A distribution of SciPy with its parameters; SciPy has no public name for the type."""

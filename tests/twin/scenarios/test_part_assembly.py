@@ -8,7 +8,6 @@ from tests.assembly_section import assembly_section
 from tests.twin.scenarios.cells import cell, panda
 from twin.kinds.parts.section import PartsSection
 from twin.scenario.sections.scenario import Scenario
-from twin.scenario.sections.shapes import build_transform
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
 
@@ -63,7 +62,7 @@ def test_parts_end_at_their_goals_and_the_audit_is_clean(
     for part in assembly_section(scenario, PartsSection).parts:
         goal_or_start = part.goal or part.start
         assert goal_or_start is not None
-        goal = build_transform(goal_or_start)
+        goal = goal_or_start.transform()
         assert last[part.name]["parent"] == "world"
         np.testing.assert_allclose(last[part.name]["xyz"], goal[:3, 3], atol=1e-9)
 
