@@ -13,20 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.workcell import Begun, start_state
+from planning.cell.workcell import Begun
 from planning.errors import RequestError
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
-from planning.tasks.task import (
-    FAILED,
-    GONE,
-    STRAIGHT,
-    SUPPLY_KINDS,
-    TAKEN_OUT,
-    TRANSIT,
-    StepTasks,
-    Task,
-)
+from planning.tasks.task import Handling, StepTasks, Task, TaskKind
 from planning.worlds.measured import MeasuredWork
 from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, picked_steps
@@ -96,7 +87,7 @@ class RunRemainder:
         """
         tpg, counts = self.tpg, self.counts
         done = complete_tasks(tpg, counts)
-        world = World(start_state(tpg.cell), planned_steps(tpg), complete=done)
+        world = World(tpg.cell.start_state(), planned_steps(tpg), complete=done)
         planner = self._planner(motions, world)
         trigger = ReplanTrigger(self.failures, self.out, frozenset(), counts, self.ago)
         state, extension = planner.extend_initial(trigger)
@@ -117,7 +108,7 @@ class RunRemainder:
         """Return what plans the remainder; begun steps keep their choices."""
         scenario, tpg = self.scenario, self.tpg
         before = [h for h in tpg.handlings if h.node < self.counts[h.robot]]
-        gone = frozenset(h.object for h in before if h.holder == GONE)
+        gone = frozenset(h.object for h in before if h.holder == Handling.GONE)
         nobody = Person(None, scenario.seed)
         if (kind := scenario.assembly.kind) in RECOVERIES:
             planner: Planner[Any] = RECOVERIES.load(kind)(
@@ -127,7 +118,7 @@ class RunRemainder:
         measured = {
             h.object: h.pose
             for h in before
-            if tpg.task_of(h).kind == FAILED
+            if tpg.task_of(h).kind == TaskKind.FAILED
             and tpg.task_of(h).object == h.object
             and h.holder is None
             and h.object not in gone
@@ -154,7 +145,7 @@ class RunRemainder:
 def _done_steps(world: World) -> Iterator[int]:
     """Yield the steps that are done except for final transits."""
     for number, step in sorted(world.begun().items()):
-        ways = (TRANSIT, STRAIGHT, *SUPPLY_KINDS)
+        ways = (TaskKind.TRANSIT, TaskKind.STRAIGHT, *TaskKind.SUPPLY)
         skills = {task.index for task in step.tasks if task.kind not in ways}
         if skills <= world.complete:
             yield number
@@ -169,10 +160,12 @@ def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:
     failed = {
         task.step
         for task in tpg.tasks
-        if task.kind == FAILED and task.index not in world.complete
+        if task.kind == TaskKind.FAILED and task.index not in world.complete
     }
     for number, step in world.begun().items():
-        left = {t.index for t in step.tasks if t.kind != TRANSIT} - world.complete
+        left = {
+            t.index for t in step.tasks if t.kind != TaskKind.TRANSIT
+        } - world.complete
         if number in failed and left:
             raise RequestError(
                 f"step {number} is in the middle then, and fails later in this run: take a time before it was begun or"
@@ -201,7 +194,7 @@ def _require_whole(
     ]:
         raise RequestError("not all can go on from there: " + "; ".join(steps))
     for task in new.tasks[len(at.committed.tasks) :]:
-        if task.kind == TAKEN_OUT and task.robot != REMOVAL:
+        if task.kind == TaskKind.TAKEN_OUT and task.robot != REMOVAL:
             raise RequestError(
                 f"{task.robot!r} has {task.object!r} in its hand, which has nowhere to go"
             )
@@ -241,13 +234,15 @@ def _choices_of(
     every = {task.index for step in begun.values() for task in step.tasks}
     plan = replace(plan, taken=picked_steps(begun, every))
     for number, step in sorted(begun.items()):
-        skills = [task for task in step.tasks if task.kind != TRANSIT or task.goal]
+        skills = [
+            task for task in step.tasks if task.kind != TaskKind.TRANSIT or task.goal
+        ]
         for choice in _choices(work.problem, plan, number, skills):
             tried = plan.with_choice(choice)
             needed = [
                 task
                 for task in work.expand(tried, number, 0).tasks
-                if task.kind != TRANSIT or task.goal
+                if task.kind != TaskKind.TRANSIT or task.goal
             ]
             if all(any(_alike(a, b) for b in skills) for a in needed):
                 plan = tried
