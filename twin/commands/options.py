@@ -40,6 +40,16 @@ TeamSize = Annotated[
         help="Of the team, in place of the scenario's; without a team, the first M.",
     ),
 ]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Value of any key, such as cell.robots.left.base.xyz_m.0=0.7, or of one of the"
+        " execution section, such as stalls.rate_per_h=60; may be given several times."
+        " Values are words or JSON.",
+    ),
+]
 Recording = Annotated[bool, typer.Option(help="Write run.rrd for the viewer.")]
 Audited = Annotated[
     bool, typer.Option(help="Check what was executed with code of its own.")

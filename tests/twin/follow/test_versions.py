@@ -20,7 +20,7 @@ from twin.follow.followed_folder import PlanHistory, followed_execution, plan_hi
 from twin.follow.forecast import Forecaster
 from twin.follow.recording import LiveRecording
 from twin.follow.state import FollowedRun
-from twin.runs.events import Event, event_line, parse_event
+from twin.runs.events import Event, event_line
 from twin.runs.folder import EVENTS, FIRST, SUMMARY, VERSIONS
 
 FAILS = (
@@ -62,7 +62,7 @@ def run(
     code = int(outcome == "failed")
     invoke("operate", folder / "own.yaml", *words, code=code)
     lines = (out / EVENTS).read_text().splitlines()
-    events = [parse_event(line) for line in lines]
+    events = [Event.parse(line) for line in lines]
     assert sum(e.kind == "replanned" for e in events) >= 2
     return Operated(out, plan_history(out), events, outcome)
 

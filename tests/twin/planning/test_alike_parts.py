@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planning.tasks.task import PRESENT
+from planning.tasks.task import TaskKind
 from planning.transforms import rotation
 from tests.planted import rows
 from tests.shipped_runs import SCENARIOS
@@ -214,7 +214,9 @@ def test_a_source_gives_parts_of_a_kind_one_after_another(tmp_path: Path) -> Non
         t.object for t in tpg.tasks if t.kind == "pick" and "bolt" in str(t.object)
     ]
     assert bolts == [f"bolt.{k}.{product}" for product in (1, 2, 3) for k in (1, 2)]
-    assert sum(t.kind == PRESENT and t.robot == "bolts" for t in tpg.tasks) >= 5
+    assert (
+        sum(t.kind == TaskKind.PRESENT and t.robot == "bolts" for t in tpg.tasks) >= 5
+    )
     said = str(refusal(tmp_path, text, (goal, goals + "\n      count: 3")))
     assert "3 bolt have 2 goals: leave count out" in said
 

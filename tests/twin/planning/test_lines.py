@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from planning.errors import ScenarioError
-from planning.tasks.task import LEAVE, PRESENT
+from planning.tasks.task import TaskKind
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -92,7 +92,7 @@ def test_a_tray_and_a_pallet_repeat_when_both_are_as_they_were(tmp_path: Path) -
     assert line.period == 2
     tpg = planned(own, tmp_path)
     tasks = tpg.tasks
-    exchanges = [t for t in tasks if t.kind == PRESENT and t.robot == "bolts"]
+    exchanges = [t for t in tasks if t.kind == TaskKind.PRESENT and t.robot == "bolts"]
     # Thirteen bolts from trays of two: full ones come six times.
     assert [len(t.handlings) for t in exchanges] == [2] * 6
     picks = [t for t in tasks if t.kind == "pick" and str(t.object).startswith("bolt.")]
@@ -136,7 +136,9 @@ def test_a_slow_conveyor_sets_the_pace(tmp_path: Path) -> None:
     own = scenario(tmp_path, source={"belt": belt}, products={"count": 8})
     tpg = planned(own, tmp_path)
     (chain,) = (
-        k for k, c in enumerate(tpg.chains) if tpg.tasks[c.task[0]].kind == LEAVE
+        k
+        for k, c in enumerate(tpg.chains)
+        if tpg.tasks[c.task[0]].kind == TaskKind.LEAVE
     )
     ends = earliest_times(tpg).end[chain]
     assert np.allclose(np.diff(ends)[1:], 60.0)

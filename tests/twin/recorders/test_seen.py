@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from planning.tasks.task import TRANSIT, Task
+from planning.tasks.task import Task, TaskKind
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.recorders.recorded_toys import recorded_run, rows, static, toy_of
@@ -297,14 +297,14 @@ def _in_picture(
 PATH = np.zeros((1, 1))
 SAID = {
     ("pick b1", "pick", 1, "b1"): "pick b1 (step 1/3)",
-    ("HOME with b1", TRANSIT, 1, "b1"): "HOME with b1 (step 1/3)",
-    ("to b1", TRANSIT, 1, None): "to b1 (step 1/3)",
-    ("to b1", TRANSIT, 1, "b1"): "b1 to its place (step 1/3)",
-    ("HOME", TRANSIT, 1, None): "HOME after b1 (step 1/3)",
-    ("to its support", TRANSIT, 2, None): "to its support for b2 (step 2/3)",
+    ("HOME with b1", TaskKind.TRANSIT, 1, "b1"): "HOME with b1 (step 1/3)",
+    ("to b1", TaskKind.TRANSIT, 1, None): "to b1 (step 1/3)",
+    ("to b1", TaskKind.TRANSIT, 1, "b1"): "b1 to its place (step 1/3)",
+    ("HOME", TaskKind.TRANSIT, 1, None): "HOME after b1 (step 1/3)",
+    ("to its support", TaskKind.TRANSIT, 2, None): "to its support for b2 (step 2/3)",
     ("support step 2", "support-bottom", 2, None): "support for b2 (step 2/3)",
     ("place b2 from below", "place-up", 2, "b2"): "place b2 from below (step 2/3)",
-    ("to goal 3", TRANSIT, 3, None): "to goal 3 (step 3/3)",
+    ("to goal 3", TaskKind.TRANSIT, 3, None): "to goal 3 (step 3/3)",
 }
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.tasks.task import CLOSE, OPEN
+from planning.tasks.task import Actuation
 from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -98,7 +98,12 @@ def test_a_pick_is_motion_then_a_stand_then_motion(planned: PlanResult) -> None:
     tpg = planned.tpg
     handled = {(h.robot, h.node): h for h in tpg.handlings}
     found = list(stands(tpg))
-    assert sorted(act for *_, act in found) == [CLOSE, CLOSE, OPEN, OPEN]
+    assert sorted(act for *_, act in found) == [
+        Actuation.CLOSE,
+        Actuation.CLOSE,
+        Actuation.OPEN,
+        Actuation.OPEN,
+    ]
     for k, node, act in found:
         chain = tpg.chains[k]
         at = int(chain.first[node])
@@ -107,8 +112,8 @@ def test_a_pick_is_motion_then_a_stand_then_motion(planned: PlanResult) -> None:
         assert set(chain.task[node - 1 : node + 2]) == {chain.task[node]}
         change = handled[k, node]
         assert change.waypoint == 1
-        assert (change.holder == chain.robot) == (act == CLOSE)
-        nominal = 0.45 if act == CLOSE else 0.25
+        assert (change.holder == chain.robot) == (act == Actuation.CLOSE)
+        nominal = 0.45 if act == Actuation.CLOSE else 0.25
         assert chain.duration[node] == pytest.approx(nominal)
 
 
@@ -127,7 +132,7 @@ def test_gripping_is_an_activity_and_a_skill_is_measured_whole(
 ) -> None:
     lanes = robot_activities(planned.tpg, trial.history)
     states = [item.state for lane in lanes.values() for item in lane]
-    assert states.count(CLOSE) == states.count(OPEN) == 2
+    assert states.count(Actuation.CLOSE) == states.count(Actuation.OPEN) == 2
     whole = [skill.skill for skill in logged_skills(trial.files)]
     assert sorted(whole) == ["pick", "pick", "place-down", "place-down"]
 
@@ -145,7 +150,7 @@ def test_the_makespan_of_one_robot_grows_by_what_its_tool_takes(
 ) -> None:
     scenario, tpg = alone
     acts = [act for *_, act in stands(tpg)]
-    assert acts.count(CLOSE) == acts.count(OPEN) == 2
+    assert acts.count(Actuation.CLOSE) == acts.count(Actuation.OPEN) == 2
     without = makespan(scenario, tpg, 0.0, 0.0)
 
     @settings(max_examples=25, deadline=None)
@@ -237,7 +242,7 @@ def test_fingers_close_on_the_rod_in_the_recording(
             for t, cell in rows(path, entity, "Transform3D:translation")
         }
         for (_, act), start, end in zip(nodes, starts, ends, strict=True):
-            wide = (0.02, 0.0121) if act == CLOSE else (0.0121, 0.02)
+            wide = (0.02, 0.0121) if act == Actuation.CLOSE else (0.0121, 0.02)
             assert (shown[start], shown[end]) == pytest.approx(wide, abs=3e-4)
 
 

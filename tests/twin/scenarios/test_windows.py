@@ -22,7 +22,7 @@ from twin.audits.audit import audit_run
 from twin.audits.expectations import scenario_expectations
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.engine import Simulator
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.products import windows_summary
 from twin.studies.replications.block_results import cell_part, write_block
@@ -125,7 +125,7 @@ def test_a_study_counts_what_single_runs_break(
     own, tpg = held(gluing.scenario, 0.95), gluing.planned.tpg
     model = scenario_execution(own, gluing.file.parent)
     free = timing_graph(tpg)
-    load = Workload(with_window_holds(free, model), model, seed=5, free=free)
+    load = Workload(with_model_holds(free, model), model, seed=5, free=free)
     block = Block(0, 0, 12)
     result = Engines(load).compute(block)
     write_block(tmp_path, result)
