@@ -16,7 +16,7 @@ from planning.cell.workcell import CellObject, Clearances, PlacedRobot, Workcell
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task import LEAVE, AllowedContact, Handling, Task
+from planning.tasks.task import AllowedContact, Handling, Task, TaskKind
 from planning.transforms import Array, rotation, translation
 from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import build_tpg, connect_nodes
@@ -350,7 +350,9 @@ def test_a_handover_without_a_dependency_is_refused() -> None:
 def _leaves(tpg: TemporalPlanGraph) -> list[float]:
     """Return when each product has left [s]."""
     (chain,) = (
-        k for k, c in enumerate(tpg.chains) if tpg.tasks[c.task[0]].kind == LEAVE
+        k
+        for k, c in enumerate(tpg.chains)
+        if tpg.tasks[c.task[0]].kind == TaskKind.LEAVE
     )
     return earliest_times(tpg).end[chain].tolist()
 

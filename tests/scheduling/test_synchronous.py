@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.workcell import Workcell, WorldState, start_state
+from planning.cell.workcell import Workcell, WorldState
 from planning.errors import PlanInvariantError, TransitError
 from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
@@ -53,7 +53,7 @@ def graph_of(plan: SynchronousPlan) -> TemporalPlanGraph:
 
 
 def state_at(cell: Workcell, **q: Array) -> WorldState:
-    state = start_state(cell)
+    state = cell.start_state()
     return WorldState({**state.configurations, **q}, state.attachments)
 
 
@@ -86,7 +86,7 @@ class TestMovingPair:
         self, seed: int
     ) -> None:
         cell, q = crossing(seed)
-        parts = MovingPair(cell, "arm0", "arm1", start_state(cell)).split(*q, 12)
+        parts = MovingPair(cell, "arm0", "arm1", cell.start_state()).split(*q, 12)
         if parts is None:
             return
         share = np.linspace(0.0, 1.0, 120)
@@ -100,7 +100,7 @@ class TestMovingPair:
         self, seed: int
     ) -> None:
         cell, q = crossing(seed)
-        parts = MovingPair(cell, "arm0", "arm1", start_state(cell)).split(*q, 10)
+        parts = MovingPair(cell, "arm0", "arm1", cell.start_state()).split(*q, 10)
         if parts is None:
             return
         rng = np.random.default_rng(seed)
@@ -113,7 +113,7 @@ class TestMovingPair:
         share = np.linspace(0.0, 1.0, 120)
         for seed in range(60):
             cell, q = crossing(seed)
-            pair = MovingPair(cell, "arm0", "arm1", start_state(cell))
+            pair = MovingPair(cell, "arm0", "arm1", cell.start_state())
             found = pair.split(*q, 40) is not None
             roomy = replace(cell.clearances, robot_robot=0.03)
             wide = replace(cell, clearances=roomy)
@@ -126,7 +126,7 @@ class TestMovingPair:
         halved = 0
         for seed in range(100):
             cell, q = crossing(seed)
-            parts = MovingPair(cell, "arm0", "arm1", start_state(cell)).split(*q, 1)
+            parts = MovingPair(cell, "arm0", "arm1", cell.start_state()).split(*q, 1)
             halved += parts is not None and len(parts) > 1
         assert halved > 0
 
@@ -134,7 +134,7 @@ class TestMovingPair:
         cell, q = next(
             found
             for found in map(crossing, range(100))
-            if MovingPair(found[0], "arm0", "arm1", start_state(found[0])).split(
+            if MovingPair(found[0], "arm0", "arm1", found[0].start_state()).split(
                 *found[1], 8
             )
             is None
@@ -143,7 +143,7 @@ class TestMovingPair:
             f"{arm}/{group}" for arm in ("arm0", "arm1") for group in ("arm", "tool")
         ]
         allowed = frozenset(frozenset((x, y)) for x in groups for y in groups)
-        pair = MovingPair(cell, "arm0", "arm1", start_state(cell), allowed)
+        pair = MovingPair(cell, "arm0", "arm1", cell.start_state(), allowed)
         assert pair.split(*q, 8) is not None
 
 
@@ -152,7 +152,7 @@ def test_composite_parts_are_no_longer_than_a_step() -> None:
     cell = planar_cell(2, rng)
     speeds = {"arm0": L1Speed(1.0), "arm1": L1Speed(0.5)}
     checker = CompositeChecker(
-        cell, {"arm0": 0, "arm1": 1}, start_state(cell), {}, (), speeds, step=0.1
+        cell, {"arm0": 0, "arm1": 1}, cell.start_state(), {}, (), speeds, step=0.1
     )
     start = np.concatenate([robot.home for robot in cell.robots])
     goal = start + 0.2

@@ -12,7 +12,6 @@ from planning.cell.workcell import (
     PlacedRobot,
     Workcell,
     WorldState,
-    start_state,
 )
 from planning.geometry.scene_checker import SceneChecker
 from planning.motion.motion_plan import MotionPlan, TaskMotion
@@ -66,7 +65,7 @@ class Writer(PlanWriter):
             o.name: Attachment(None, translation(0.0, 0.0, -5.0 - k))
             for k, o in enumerate(self.cell.objects)
         }
-        state = WorldState(self.q, {**start_state(self.cell).attachments, **placed})
+        state = WorldState(self.q, {**self.cell.start_state().attachments, **placed})
         checker = SceneChecker(self.cell, robot, state, margin=0.002)
         return checker.motion_free(self.q[robot], goal)
 

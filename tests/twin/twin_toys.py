@@ -10,7 +10,7 @@ import numpy as np
 from planning.cell.robot_model import KinematicChain, RobotModel
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
-from planning.tasks.task import SKILLS, TRANSIT, Task
+from planning.tasks.task import Task, TaskKind
 from planning.transforms import Array, translation
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
@@ -92,7 +92,11 @@ def random_tpg(
     for m in range(tasks):
         k = int(owner[m])
         skill = m % 2 == 1
-        kind = SKILLS[int(rng.integers(len(SKILLS)))] if skill else TRANSIT
+        kind = (
+            TaskKind.SKILLS[int(rng.integers(len(TaskKind.SKILLS)))]
+            if skill
+            else TaskKind.TRANSIT
+        )
         waypoints = int(rng.integers(1, 4)) if skill else nodes_per_transit
         path = rng.uniform(-1, 1, (waypoints, dofs[k]))
         task_list.append(
@@ -158,7 +162,7 @@ def two_robot_tpg(edges: Sequence[tuple[int, int, int, int]]) -> TemporalPlanGra
     """Two robots of three pose nodes of 1 s each, with the edges asked for."""
     cell = toy_cell((1, 1))
     tasks = tuple(
-        Task(k, f"robot_{k}", TRANSIT, 1, f"transit {k}", np.full((1, 1), 0.3))
+        Task(k, f"robot_{k}", TaskKind.TRANSIT, 1, f"transit {k}", np.full((1, 1), 0.3))
         for k in range(2)
     )
     chains = tuple(

@@ -19,7 +19,6 @@ from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.world.fixed_world import PlannedTask
 from planning.construction.world.timeline import ObjectChange, RobotTimeline
-from planning.kinematics.kinematics import frame_in_flange
 from planning.transforms import Array, Transform, inverse
 from scheduling.witness.robot import WitnessRobot
 
@@ -216,7 +215,7 @@ def _grip_faults(
     """Yield a fault where the tool does not touch the part as one of its grips says."""
     assert change.holder is not None
     model = problem.cell.robot(change.holder).model
-    tool = frame_in_flange(model, problem.frame)
+    tool = model.frame_in_flange(problem.frame)
     touch = inverse(np.asarray(change.pose)) @ tool
     for grip in part.grips:
         near = float(np.linalg.norm(touch[:3, 3] - grip.touch[:3, 3])) < JUMP

@@ -18,6 +18,7 @@ from planning.cell.workcell import CellObject, Workcell
 from planning.contacts.precedence import StepPrecedence
 from planning.errors import InfeasibleStepError
 from planning.grips.grip import DOWN, UP, GripRules
+from planning.handling.skill_targets import STRIDE, SkillTargets
 from planning.kinematics.kinematics import frame_pose
 from planning.parts.assembly import PartAssembly, PartHandling, Process, Spot, Work
 from planning.parts.candidates import PartCandidates, find_candidates
@@ -33,10 +34,10 @@ from planning.parts.part_skills import (
 from planning.parts.step_paths import Pairing
 from planning.parts.work import part_work
 from planning.steps.candidate_collector import CandidateCollector
-from planning.steps.skill import STRIDE, Obstruction, Phase, SkillTargets
+from planning.steps.skill import Obstruction, Phase
 from planning.tasks.assignment import PrimaryCandidate, TaskPlan
 from planning.tasks.highs_solver import assign_steps
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import TaskKind
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, from_rpy, translation
 from tests.planning.parts.boxes import built, part, two_arms
@@ -133,7 +134,14 @@ def test_a_step_carries_its_part_over_home(
     step = part_work(found).expand(plan, 3, 20)
     robot = found.cell.robot(plan[3].robot)
     kinds = [task.kind for task in step.tasks]
-    assert kinds == [TRANSIT, "pick", TRANSIT, TRANSIT, "place-down", TRANSIT]
+    assert kinds == [
+        TaskKind.TRANSIT,
+        "pick",
+        TaskKind.TRANSIT,
+        TaskKind.TRANSIT,
+        "place-down",
+        TaskKind.TRANSIT,
+    ]
     np.testing.assert_array_equal(step.tasks[2].path[-1], robot.home)
     np.testing.assert_array_equal(step.tasks[-1].path[-1], robot.home)
     (taken,), (put,) = step.tasks[1].handlings, step.tasks[4].handlings

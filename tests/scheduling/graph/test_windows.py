@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.tasks.task import EARLIER, TimeWindow
+from planning.tasks.task import TimeWindow
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.graph.windows import (
@@ -120,7 +120,9 @@ def test_a_window_that_was_open_before_is_due_and_nobody_is_held_back_for_it(
     seed: int, ago: float
 ) -> None:
     tpg = windowed_tpg(seed, windows=1)
-    open_before = replace(tpg.windows[0], begun=EARLIER, done=EARLIER, ago=ago)
+    open_before = replace(
+        tpg.windows[0], begun=TimeWindow.EARLIER, done=TimeWindow.EARLIER, ago=ago
+    )
     tpg, busy = replace(tpg, windows=(open_before,)), nominal(tpg)
     start, end = plain_times(tpg, busy)
     due = int(window_nodes(tpg)[0, 2])

@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 import twin
-from planning.cell.motion_limits import limits_of
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.shape import Box, Cylinder, Element
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
@@ -330,9 +330,9 @@ def test_a_maker_s_limits_stay_when_a_cell_adds_a_tool_or_a_limit() -> None:
         "panda", None, Fitting(limits=GivenLimits(acceleration=(2.0,)))
     )
     for model in (own, fitted):
-        assert limits_of(model).acceleration.tolist()[:3] == [15.0, 7.5, 10.0]
-        assert limits_of(model).jerk.tolist()[-1] == 10000.0
-    assert set(limits_of(slower).acceleration.tolist()) == {2.0}
+        assert MotionLimits.of(model).acceleration.tolist()[:3] == [15.0, 7.5, 10.0]
+        assert MotionLimits.of(model).jerk.tolist()[-1] == 10000.0
+    assert set(MotionLimits.of(slower).acceleration.tolist()) == {2.0}
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planning.cell.motion_limits import MotionLimits, limits_of
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import robot_model
 from planning.transforms import Array, identity
@@ -375,7 +375,9 @@ def test_a_drivers_file_names_a_franka_robot(
     chosen = read_drivers(file, ("arm",)).driver_of("arm")
     assert isinstance(chosen, FrankaArm)
     model = robot_model("fr3")
-    arm = PlacedRobot("arm", model, identity(), model.home, limits=limits_of(model))
+    arm = PlacedRobot(
+        "arm", model, identity(), model.home, limits=MotionLimits.of(model)
+    )
     driver = franka_driver(chosen, arm)
     assert driver._hand.grip == HandGrip(width=0.05, goal=0.0)
     np.testing.assert_array_equal(driver._limits[0][1], np.minimum(model.velocity, 4.0))

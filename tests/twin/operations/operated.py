@@ -10,7 +10,7 @@ from typing import Any
 
 import twin
 from planning.cell.workcell import Attachment
-from planning.tasks.task import GONE, Task
+from planning.tasks.task import Handling, Task
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
@@ -107,7 +107,7 @@ def placed(done: Operation) -> list[int]:
 
 def gone(done: Operation) -> set[str]:
     """Return what has left the cell."""
-    return {h.object for h in done.tpg.handlings if h.holder == GONE}
+    return {h.object for h in done.tpg.handlings if h.holder == Handling.GONE}
 
 
 def at_the_end(done: Operation) -> Mapping[str, Attachment]:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from planning.errors import RequestError
-from planning.tasks.task import SKILLS
+from planning.tasks.task import TaskKind
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED, sample, sample_node_times, uniform
 from tests.twin.simulated import simulate
@@ -397,7 +397,7 @@ def test_choices_are_distinct_and_those_of_floyds_algorithm(
 def test_a_run_longer_than_any_is_refused(disturbances: Disturbances) -> None:
     """Its times would not fit into 64 bits of nanoseconds."""
     tpg = random_tpg(3, tasks=4)
-    slow = SkillDurations({kind: Fixed(value_s=3e2) for kind in SKILLS})
+    slow = SkillDurations({kind: Fixed(value_s=3e2) for kind in TaskKind.SKILLS})
     with pytest.raises(RequestError, match="longer than 2e"):
         simulate(tpg, slow, disturbances=disturbances)
 
