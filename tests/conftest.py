@@ -188,7 +188,7 @@ def pytest_sessionfinish() -> None:
     gc.unfreeze()
 
 
-class _Scopes(LoadScopeScheduling):
+class _Scopes(LoadScopeScheduling):  # type: ignore[misc]  # xdist has no types
     """Keeps a file's tests in one process, as they share what they plan; commands of docs do not."""
 
     def _split_scope(self, nodeid: str) -> str:

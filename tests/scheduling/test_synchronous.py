@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 import pytest
@@ -206,7 +207,7 @@ def test_tasks_end_where_they_ended_in_the_sequential_plan() -> None:
 
 
 def test_some_are_planned_as_one_robot_and_move_in_lock_step() -> None:
-    joint = []
+    joint: list[tuple[int, ...]] = []
     for seed in range(12):
         plan = random_plan(3, seed, rounds=10, objects=0)
         slots = in_slots(plan)
@@ -297,7 +298,11 @@ def with_conflicts(
     pairs = np.array(dependencies, dtype=np.int64).reshape(-1, 2)
     with_pairs = MotionPlan(plan.cell, plan.tasks, plan.motions, pairs, plan.allowed)
     speeds = {robot.name: L1Speed() for robot in plan.cell.robots}
-    return plan_synchronous(with_pairs, MotionSettings({}, speeds, 0.05, {}), conflicts)
+    return plan_synchronous(
+        with_pairs,
+        MotionSettings({}, speeds, 0.05, {}),
+        cast(TaskConflicts, conflicts),
+    )
 
 
 def test_robots_that_never_meet_all_work_in_every_slot() -> None:

@@ -117,7 +117,7 @@ def random_tpg(
             found.add((*order[a], *order[b]))
     rows = np.array(sorted(found), dtype=np.int64).reshape(-1, 4)
     skills = [(k, n) for k, n in order if chains[k].skill[n]]
-    handlings = ()
+    handlings: tuple[NodeHandling, ...] = ()
     if len(skills) >= 2:
         (k, n), (j, m) = skills[0], skills[1]
         handlings = (
@@ -146,15 +146,17 @@ class _Node(NamedTuple):
 
 
 def _chain(robot: PlacedRobot, nodes: list[_Node]) -> NodeChain:
-    paths, *columns = zip(*nodes, strict=True)
-    counts = [len(path) for path in paths]
+    counts = [len(node.path) for node in nodes]
     return NodeChain(
         robot.name,
         robot.home,
-        np.vstack(paths),
+        np.vstack([node.path for node in nodes]),
         np.concatenate([np.arange(1, c + 1) / c for c in counts]),
         np.cumsum([0, *counts]),
-        *map(np.array, columns),
+        np.array([node.task for node in nodes]),
+        np.array([node.skill for node in nodes]),
+        np.array([node.duration for node in nodes]),
+        np.array([node.planned_start for node in nodes]),
     )
 
 

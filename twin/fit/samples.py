@@ -27,7 +27,7 @@ from twin.durations.timing_files import (
     read_durations,
     split_unit,
 )
-from twin.runs.events import Event, EventLogError, parse_event, read_log
+from twin.runs.events import Event, EventLogError, read_log
 from twin.runs.folder import EVENTS, require_recorded_hashes
 from twin.trial.plan_result import plan_of_run
 
@@ -138,7 +138,7 @@ def _busy_nodes(log: Path, tpg: TemporalPlanGraph) -> Iterator[tuple[int, int]]:
 
 def _event(log: Path, number: int, line: str) -> Event:
     try:
-        return parse_event(line)
+        return Event.parse(line)
     except EventLogError as error:
         raise error.with_message(f"{log}:{number}: {error.message}") from error
 

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.construction.fine_check.clearance import Progress, measure_clearances
+from benchmarks.construction.fine_check.clearance import measure_clearances
 from benchmarks.construction.fine_check.timed_motion import TimedMotion
 from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.world.fixed_world import PlannedTask
 from planning.construction.world.timeline import ObjectChange, RobotTimeline
+from planning.progress import Progress
 from planning.transforms import Array, Transform, inverse
 from scheduling.witness.robot import WitnessRobot
 
@@ -193,6 +194,7 @@ def _skill_faults(
     last: str | None,
 ) -> Iterator[Fault]:
     """Yield what is wrong with a skill: who does it, for how long, and what changes in it."""
+    assert skill.object is not None
     kind = problem.cell.object(skill.object).kind
     nominal = problem.seconds.of(skill.kind, skill.robot, kind)
     name = f"{skill.kind} of {skill.object} by {skill.robot}"

@@ -94,7 +94,7 @@ def first_touch(body: Array, piece: Array, closing: Array) -> float | None:
     cost[-1] = 1.0
     bounds = [(0.0, None)] * (n + m) + [(-1.0, 1.0)]
     found = linprog(cost, A_eq=rows, b_eq=[0, 0, 0, 1, 1], bounds=bounds)
-    return float(found.x[-1]) if found.status == 0 else None
+    return None if found.x is None else float(found.x[-1])
 
 
 def apart(first: Array, second: Array) -> float:

@@ -20,7 +20,14 @@ from planning.errors import InfeasibleStepError
 from planning.grips.grip import DOWN, UP, GripRules
 from planning.handling.skill_targets import STRIDE, SkillTargets
 from planning.kinematics.kinematics import frame_pose
-from planning.parts.assembly import PartAssembly, PartHandling, Process, Spot, Work
+from planning.parts.assembly import (
+    PartAssembly,
+    PartHandling,
+    PlacePart,
+    Process,
+    Spot,
+    Work,
+)
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.order import find_ordered_candidates, order_steps_by_search
 from planning.parts.part_skills import (
@@ -31,6 +38,7 @@ from planning.parts.part_skills import (
     place_targets,
     process_targets,
 )
+from planning.parts.part_steps import PartStep
 from planning.parts.step_paths import Pairing
 from planning.parts.work import part_work
 from planning.steps.candidate_collector import CandidateCollector
@@ -87,7 +95,9 @@ def plan(found: PartCandidates) -> TaskPlan:
 def test_what_a_part_touches_is_found_from_the_poses(
     found: PartCandidates,
 ) -> None:
-    assert set(found.steps[2].at_start) == {"table"}
+    across = found.steps[2]
+    assert isinstance(across, PartStep)
+    assert set(across.at_start) == {"table"}
     assert set(found.steps[0].touched) == {"table"}
     assert set(found.steps[2].touched) == {"south", "north"}
     assert set(found.steps[3].touched) == {"table"}
@@ -100,6 +110,8 @@ def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
     assert {c.robot for c in plan.choices} == {"west", "east"}
     for item, (pick, place) in found.paths.alone.items():
         robot, step = found.cell.robot(item.robot), found.steps[item.step - 1]
+        assert isinstance(item, PrimaryCandidate)
+        assert isinstance(step, PartStep)
         grip = step.grips[item.grasp].pose
         for path, lying in ((pick, step.part.start), (place, step.place)):
             tool = frame_pose(robot, path.contact, "tool")
@@ -264,15 +276,14 @@ def test_blocks_are_stacked_from_below_whatever_the_list(
         cell, built(goals, *(names[k] for k in listed))
     ).placed
     assert sorted(order) == names
-    for column in "ab":
-        assert [n for n in order if n[0] == column] == [
-            f"{column}{k}" for k in range(3)
-        ]
+    for first in "ab":
+        assert [n for n in order if n[0] == first] == [f"{first}{k}" for k in range(3)]
 
 
 def test_what_cannot_follow_is_explained() -> None:
     cell, assembly = two_arms_and_rods(), crossing("south", "north", "across")
     south, north, across = assembly.steps
+    assert isinstance(south, PlacePart)
     circle = replace(assembly, steps=(replace(south, after=("across",)), north, across))
     with pytest.raises(InfeasibleStepError, match="across rests on south"):
         order_steps_by_search(cell, circle)

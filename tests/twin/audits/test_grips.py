@@ -64,7 +64,7 @@ def found(
     """
     robot = PlacedRobot("arm", model, np.eye(4), model.home)
     part = CellObject("part", "part", shape, frame_pose(robot, model.home, "tool") @ at)
-    fixtures = ()
+    fixtures: tuple[Fixture, ...] = ()
     if beside is not None:
         fixtures = (Fixture("slat", beside[0], part.start @ beside[1]),)
     run = HandWrittenRun(Workcell((robot,), fixtures, (part,)))
@@ -228,7 +228,8 @@ def test_planning_and_audit_measure_the_same(
         ):
             # Where a rim is met, a little aside is a long way on.
             beside = ways_beside(pose, sign)
-            assert None in beside or min(beside) - 3e-3 < way < max(beside) + 3e-3
+            near = [other for other in beside if other is not None]
+            assert len(near) < len(beside) or min(near) - 3e-3 < way < max(near) + 3e-3
 
 
 def ways_beside(pose: Transform, sign: float) -> list[float | None]:

@@ -1,9 +1,11 @@
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -33,8 +35,12 @@ from twin.runs.execution_record import DeadlockError, ExecutionRecord
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import Disturbances, Stalls
 
+AnyArray = npt.NDArray[Any]
 
-def same_times(run: ExecutionRecord, start: tuple, end: tuple) -> bool:
+
+def same_times(
+    run: ExecutionRecord, start: Sequence[AnyArray], end: Sequence[AnyArray]
+) -> bool:
     return all(map(np.array_equal, run.start_ns, start)) and all(
         map(np.array_equal, run.end_ns, end)
     )
@@ -341,7 +347,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(plan: Path, out: Path, policy: str) -> tuple[Result, dict]:
+def run(plan: Path, out: Path, policy: str) -> tuple[Result, dict[str, Any]]:
     where = ("run", plan / "two.yaml", "--plan", plan, "--out", out)
     result = invoke(*where, "--policy", policy, "--no-recording", "--json")
     return result, json.loads((out / "summary.json").read_text())

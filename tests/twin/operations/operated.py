@@ -72,7 +72,7 @@ def stack(folder: Path) -> PlanResult:
 
 
 def operated(
-    plan: PlanResult, seed: int, *, halting: bool = False, **values: Any
+    plan: PlanResult, seed: int, halting: bool = False, /, **values: Any
 ) -> tuple[Operation, list[Event]]:
     """Operate a plan with other values of its execution; return what was told, too."""
     case = plan.scenario.varied(values)
@@ -95,7 +95,7 @@ def lost(chance: float, retries: int = 0) -> dict[str, Any]:
     return {f"failures.{skill}": item for skill in ("pick", "place-down")}
 
 
-def tasks_of(done: Operation, *kinds: str) -> list[Task]:
+def tasks_of(done: Operation | RunResult, *kinds: str) -> list[Task]:
     """Return the tasks of some kinds that were executed."""
     return [task for task in done.tpg.tasks if task.kind in kinds]
 

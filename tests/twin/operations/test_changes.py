@@ -136,7 +136,7 @@ def late(**times: float) -> dict[str, Any]:
 
 def picked_at(done: Operation) -> dict[str, int]:
     """Return when the picks of what was picked began, by object [ns]."""
-    found = {}
+    found: dict[str, int] = {}
     for k, chain in enumerate(done.tpg.chains):
         for node, index in enumerate(chain.task.tolist()):
             task = done.tpg.tasks[index]

@@ -340,6 +340,7 @@ def test_who_keeps_hold_is_audited_and_goes_on_in_what_is_left(
     (put,) = (t for t in run.tpg.tasks if t.label == "place long")
     k = run.tpg.chain_index[put.robot]
     last = np.flatnonzero(run.tpg.chains[k].task == put.index)[-1]
+    assert run.record is not None
     at_s = (run.record.end_ns[k][last] + 1) / 1e9
     left, _ = gone_on(run, at_s, tmp_path / "went")
     first = next(t for t in left.tpg.tasks if t.robot == put.robot)

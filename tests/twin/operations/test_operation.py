@@ -107,7 +107,7 @@ def tries(done: Operation) -> dict[tuple[int, str], list[int]]:
             skill = done.tpg.chains[k].skill
             node += int(np.argmax(skill[node:]))
             own = [s.node for s in done.record.standstills[k] if s.cause == "retry"]
-            found.setdefault((task.step, kind), []).append(own.count(node))
+            found.setdefault((task.step, kind), []).append(own.count(int(node)))
     return found
 
 
@@ -118,7 +118,7 @@ def test_luck_is_that_of_the_step_however_it_is_planned_anew(
     plan: PlanResult, seed: int
 ) -> None:
     one, other = (
-        operated(plan, seed, halting=halting, **lost(0.3, 1), **{"recovery.again": 100})
+        operated(plan, seed, halting, **lost(0.3, 1), **{"recovery.again": 100})
         for halting in (False, True)
     )
     if not one[0].given_up and not other[0].given_up:

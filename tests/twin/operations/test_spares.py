@@ -186,6 +186,7 @@ def require_presented(plan: PlanResult, done: Operation) -> None:
     places = {t.step: t.object for t in done.tpg.tasks if t.kind.startswith("place")}
     assert len(places) == len(plan.motions.task_plan.choices)
     assert gone(done).isdisjoint(places.values())
+    assert plan.motions.work is not None
     stations = plan.motions.work.problem.unlimited
     for station in stations:
         own = {name for name in names if station_of(name, stations) == station}

@@ -89,7 +89,7 @@ def test_parts_have_names_and_goals_have_steps(tmp_path: Path) -> None:
     assert [part.goal and part.goal.xyz_m[0] for part in pegs] == pytest.approx(
         [-0.1, 0.0, 0.1, None, None]
     )
-    starts = [part.start and part.start.xyz_m[:2] for part in pegs]
+    starts = [part.start.xyz_m[:2] for part in pegs if part.start is not None]
     np.testing.assert_allclose(
         starts, [(-0.2, -0.3), (-0.1, -0.3), (-0.2, -0.2), (-0.1, -0.2), (0.2, -0.3)]
     )

@@ -13,12 +13,14 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
+from tests.assembly_section import assembly_section
 from tests.planted import rows
 from tests.twin.written import loaded, refusal
 from twin.audits.expectations import scenario_expectations
 from twin.document.validation import InvalidScenarioError
 from twin.host.progress import StageWatch
 from twin.kinds.parts.line import source_places, write_out_line
+from twin.kinds.parts.section import PartsSection
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
@@ -108,10 +110,10 @@ def test_a_stack_is_taken_from_above(tmp_path: Path) -> None:
         "pitch_m": 0.03,
     }
     own = scenario(tmp_path, source={"bolts": stack}, products={"count": 3})
-    assembly = own.assembly
-    heights = [at[2, 3] for at in source_places(assembly.sources["bolts"])]  # type: ignore[union-attr]
+    assembly = assembly_section(own, PartsSection)
+    heights = [at[2, 3] for at in source_places(assembly.sources["bolts"])]
     assert np.allclose(heights, [0.135, 0.105, 0.075])
-    line = write_out_line(assembly)  # type: ignore[arg-type]
+    line = write_out_line(assembly)
     assert line.period == line.products
     assert not line.supply.refills.keys() & {"bolt.1", "bolt.2", "bolt.3"}
     planned(own, tmp_path)

@@ -146,7 +146,7 @@ def test_paint_covers_what_is_coloured_and_tints_white_meshes() -> None:
         paint_robot(root, (255, 0, 0))
         color = root.find(".//visual/material/color")
         seen[name] = (
-            [] if color is None else [float(c) for c in color.get("rgba").split()]
+            [] if color is None else [float(c) for c in color.attrib["rgba"].split()]
         )
     assert seen["own"] == seen["named"] == [1, 0, 0, 1]
     assert seen["grey"] == seen["grey mesh"] == [0.6, 0.6, 0.6, 1]
@@ -253,6 +253,8 @@ def test_followed_lanes_say_what_recorded_ones_do(
 def test_the_camera_sees_all_of_the_site_from_near(team: str) -> None:
     tpg = TEAMS[team]
     view = camera(tpg)
+    assert view.position is not None
+    assert view.look_target is not None
     eye = np.array(view.position.as_arrow_array().to_pylist()[0])
     target = np.array(view.look_target.as_arrow_array().to_pylist()[0])
     points = site_points(tpg)

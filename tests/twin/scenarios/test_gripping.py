@@ -14,6 +14,7 @@ from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
+from tests.assembly_section import assembly_section
 from tests.twin.recorders.recorded_toys import recorded_run, rows
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
@@ -22,9 +23,11 @@ from tests.twin.written import checked, written
 from twin.activities.activities import robot_activities
 from twin.engine.engine import Simulator
 from twin.fit.samples import logged_skills
+from twin.kinds.parts.section import PartsSection
 from twin.reading.scenario_file import load_scenario
 from twin.rerun.entities import entity_path, robot_part
 from twin.rerun.fingers import finger_motions
+from twin.runs.execution_record import Policy
 from twin.runs.trajectory import object_placements
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.replications.timing_graph import timing_graph
@@ -85,8 +88,9 @@ def makespan(
     scenario: Scenario, tpg: TemporalPlanGraph, close: float, opening: float
 ) -> float:
     """Return the makespan of the same plan with other times of the tool."""
-    rules = scenario.assembly.grips.changed(close_s=close, open_s=opening)
-    other = scenario.changed(assembly=scenario.assembly.changed(grips=rules))
+    assembly = assembly_section(scenario, PartsSection)
+    rules = assembly.grips.changed(close_s=close, open_s=opening)
+    other = scenario.changed(assembly=assembly.changed(grips=rules))
     return Simulator(tpg, scenario_execution(other, Path())).run(seed=1).makespan_s
 
 
@@ -129,12 +133,12 @@ def test_gripping_is_an_activity_and_a_skill_is_measured_whole(
     lanes = robot_activities(planned.tpg, trial.history)
     states = [item.state for lane in lanes.values() for item in lane]
     assert states.count(Actuation.CLOSE) == states.count(Actuation.OPEN) == 2
-    whole = [skill.skill for skill in logged_skills(trial.folder)]
+    whole = [skill.skill for skill in logged_skills(trial.files)]
     assert sorted(whole) == ["pick", "pick", "place-down", "place-down"]
 
 
 @pytest.mark.parametrize("policy", ["asynchronous", "sequential"])
-def test_engines_agree(scenario: Scenario, planned: PlanResult, policy: str) -> None:
+def test_engines_agree(scenario: Scenario, planned: PlanResult, policy: Policy) -> None:
     model = scenario_execution(scenario, Path())
     model = replace(model, policy=policy)
     assert_same_ends(planned.tpg, model, 4, [0, 1, 77])

@@ -157,7 +157,7 @@ def test_the_audit_finds_what_was_not_done_as_wanted(
     processes = list(wanted.processes)
     processes[step] = change(processes[step])
     other: Expectations = replace(wanted, processes=tuple(processes))
-    report = audit_run(trial.folder, wanted=other)
+    report = audit_run(trial.files, wanted=other)
     assert [v.kind for v in report.violations] == [kind]
     assert says in report.violations[0].detail
 

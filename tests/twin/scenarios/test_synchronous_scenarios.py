@@ -61,6 +61,7 @@ def test_stalled_runs_are_clean(
     assert trial.passed
     assert trial.summary["makespan_s"] < trial.summary["makespan_sequential_s"]
     if policy == "synchronous":
+        assert trial.record is not None
         order = np.argsort(plan.tpg.slots, kind="stable")
         tasks = [plan.tpg.tasks[k].index for k in order]
         slot = dict(zip(tasks, plan.tpg.slots[order].tolist(), strict=True))

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -165,9 +166,7 @@ def planned(folder: Path) -> PlanResult:
     return planned_steps(["screw", "block", "seal"], folder)
 
 
-def audited(
-    planned: PlanResult, folder: Path, name: str, **changed: object
-) -> list[str]:
+def audited(planned: PlanResult, folder: Path, name: str, **changed: Any) -> list[str]:
     """Return what the audit finds in a run of a plan with some fields changed."""
     out = folder / name
     out.mkdir()

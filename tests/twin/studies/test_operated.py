@@ -160,7 +160,7 @@ def test_what_prevention_gains_is_found_by_operating_all_without_the_failures(
             assert np.isfinite(found[k]) == whole
             assert not whole or round(found[k] * 1e9) == done.makespan_ns
         for own in cell_blocks(study.folder / PREVENTED, place):
-            same += np.count_nonzero(own.rows.outcome == "same")
+            same += int(np.count_nonzero(own.rows.outcome == "same"))
     assert same
     prevented = study.summary["cells"][0]["operated"]["prevented"]
     assert [item["skill"] for item in prevented] == ["place-down", "pick"]

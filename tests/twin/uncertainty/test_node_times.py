@@ -233,8 +233,8 @@ def test_a_failed_attempt_takes_as_long_as_the_skill_unless_said() -> None:
 
 
 def test_any_attempt_may_lose_the_object_the_last_one_too() -> None:
-    def failing(**own: float) -> Disturbances:
-        item = SkillFailure(probability=1.0, retries=1, **own)
+    def failing(loses: float = 0.0) -> Disturbances:
+        item = SkillFailure(probability=1.0, retries=1, loses=loses)
         return Disturbances(failures={"pick": item})
 
     lost = Counter[tuple[int, bool]]()
@@ -321,7 +321,9 @@ def test_pieces_of_replications_make_no_difference(
     assert np.array_equal(whole.fails, pieces.fails)
 
 
-def standstills_of_chain(k: int, motion: list[int], replication: int) -> list[tuple]:
+def standstills_of_chain(
+    k: int, motion: list[int], replication: int
+) -> list[tuple[int, str, int]]:
     """Rate stalls, breakdowns and failed attempts, one draw after the other."""
     chain, found = TPG.chains[k], []
 

@@ -196,7 +196,7 @@ def test_transits_drawn_quicker_keep_to_their_limits() -> None:
     tpg = planned(2)
     least = least_ns(tpg)
     chains = tuple(
-        replace(chain, duration=2e-9 * own + 1e-9)
+        replace(chain, duration=np.asarray(2e-9 * own + 1e-9, dtype=float))
         for chain, own in zip(tpg.chains, least, strict=True)
     )
     tpg = replace(tpg, chains=chains)

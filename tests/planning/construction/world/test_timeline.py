@@ -245,7 +245,9 @@ def test_what_is_remembered_equals_what_is_worked_out_anew(seed: int) -> None:
         # A stand that began before the cell of ``start`` is cut there, and a motion is not.
         assert found.pieces.start[0] <= start
         for one, other in zip(found.pieces, wanted.pieces, strict=True):
-            np.testing.assert_allclose(one[1:], other[1:], atol=1e-9)
+            np.testing.assert_allclose(
+                np.asarray(one)[1:], np.asarray(other)[1:], atol=1e-9
+            )
         ours, theirs = found.sweeps, wanted.sweeps
         np.testing.assert_allclose(ours.box, theirs.box, atol=1e-9)
         for first, *columns in (
