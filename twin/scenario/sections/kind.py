@@ -167,7 +167,7 @@ class AssemblyKind(Protocol):
         Raises:
             TwinError: the assembly cannot be built as it is.
         """
-        ...
+        raise AssertionError("it is planned in space and time")
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
@@ -182,7 +182,7 @@ class AssemblyKind(Protocol):
         Raises:
             TwinError: the assembly cannot be built as it is, or no plan was found.
         """
-        ...
+        raise AssertionError("it is planned one task after another")
 
     def ahead(self, cell: Workcell, watch: StageWatch) -> Assembly:
         """Return the assembly of which ``first`` gives any number of steps, once all are known to be possible in order.
