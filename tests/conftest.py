@@ -113,7 +113,7 @@ def _set_examples_of_day(test: Any, factor: int) -> int:
         factor: examples at night, as a multiple of what the test states.
     """
     own = getattr(test, SETTINGS)
-    many = own.max_examples
+    many: int = own.max_examples
     by_day = max(min(many, FEW_EXAMPLES), many // 3)
     setattr(test, SETTINGS, hypothesis.settings(own, max_examples=by_day))
     return -(-factor * many // by_day)

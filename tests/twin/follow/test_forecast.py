@@ -86,7 +86,7 @@ def test_before_it_begins_a_run_is_any_run(
     )
     model = ExecutionModel(
         VARIED,
-        policy,  # type: ignore[arg-type]
+        policy,
         Messages.of_seconds(depth, latency, latency),
         disturbances,
     )
