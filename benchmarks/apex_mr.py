@@ -37,7 +37,7 @@ from planning.lego.importers.apex_mr.importer import available_tasks
 from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.kinds.lego.imports import import_task
-from twin.planning.pipeline import plan_synchronously
+from twin.planning.pipeline import plan_motions, plan_synchronously
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.compare import follow_references
@@ -45,7 +45,7 @@ from twin.studies.comparison import (
     Measurement,
     comparison_figures,
     measure_policies,
-    shared_motions,
+    require_comparable,
 )
 from twin.studies.plans import shortcut_budget
 
@@ -204,7 +204,8 @@ class _Case:
         before = os.getloadavg()[0]
         scenario = self.scenario.model_copy(update={"seed": seed})
         watch = StageWatch(progress, clock=time.process_time)
-        turns = shared_motions(scenario, self.base, watch)
+        require_comparable(scenario)
+        turns = plan_motions(scenario, self.base, watch)
         found = measure_policies(
             turns, scenario, watch, candidates=self.candidates, base=self.base
         )

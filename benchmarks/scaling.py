@@ -37,7 +37,6 @@ from planning.lego.skills.candidates import find_candidates
 from planning.lego.skills.expansion import lego_work
 from planning.motion.sequential import plan_motions_sequentially
 from planning.tasks.highs_solver import assign_steps
-from planning.tasks.work import StepExpansions
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -227,10 +226,7 @@ def _go_through(bricks: int, clock: Clock, *, shortcuts: bool) -> Measurement:
         with clock.stage("assignment"):
             choices = assign_steps(work.problem)
         with clock.stage("motion"):
-            ways = StepExpansions(work, choices)
-            motions = plan_motions_sequentially(
-                cell, ways.callables(), work.link, settings
-            )
+            choices, motions = plan_motions_sequentially(cell, work, choices, settings)
         with clock.stage("graph"):
             tpg = build_tpg(motions)
         cost, memory, violations = sum(c.cost for c in choices.choices), None, None

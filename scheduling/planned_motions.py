@@ -8,8 +8,8 @@ from typing import Any
 from planning.cell.workcell import Workcell
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan
-from planning.tasks.work import AssemblyWork, WorkAhead
 from scheduling.copies import Pattern
 
 
@@ -25,7 +25,7 @@ class PlannedMotions:
         settings: how tasks were turned into motions.
         work: what task and motion plan were made from, where others can be made from it.
         pattern: continuation of the plan for further products, None where it covers all.
-        ahead: the work of more steps, None where all are planned.
+        ahead: the assembly of which ``work`` is the first steps, None where all are planned.
     """
 
     cell: Workcell
@@ -33,6 +33,6 @@ class PlannedMotions:
     task_plan: TaskPlan
     motion_plan: MotionPlan
     settings: MotionSettings
-    work: AssemblyWork | None = field(default=None, kw_only=True)
+    work: Assembly | None = field(default=None, kw_only=True)
     pattern: Pattern | None = field(default=None, kw_only=True)
-    ahead: WorkAhead | None = field(default=None, kw_only=True)
+    ahead: Assembly | None = field(default=None, kw_only=True)

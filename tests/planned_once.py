@@ -43,5 +43,4 @@ class PlannedOnce:
 
     def take_over(self, patch: pytest.MonkeyPatch) -> None:
         """Let runs and studies ask here."""
-        for name in ("twin.trial.planning", "twin.studies.plans"):
-            patch.setattr(import_module(name), "plan_motions", self)
+        patch.setattr(import_module("twin.trial.planning"), "plan_motions", self)

@@ -14,6 +14,8 @@ from tests.scripts import script
 ROOT = Path(__file__).parents[1]
 DESIGN_ROW = re.compile(r"^\| `([\w/]+)/` \| ([\d,]+) \| .+ \|$", re.MULTILINE)
 MOST_DOCSTRING_LINES = 5
+MOST_CLASSES = 14
+"""From the text of a scenario to the plan that the dispatcher executes."""
 
 BROKEN_WALLS: set[str] = set()
 """Imports from the core into a wing, or into a wing that is not declared. Add none; what is mended goes."""
@@ -181,6 +183,23 @@ def test_files_that_the_design_names_are_there() -> None:
     places = [str(path) for room in rooms for path in (ROOT / room).rglob("*.py")]
     for name in re.findall(r"`([\w/]+\.py)`", text):
         assert any(place.endswith(f"/{name}") for place in places), name
+
+
+def test_the_path_of_a_scenario_in_the_design_is_short_and_there(
+    code: dict[str, ast.Module],
+) -> None:
+    text = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+    (path,) = re.findall(r"```text\n(YamlDocument.*?)```", text, re.DOTALL)
+    classes = re.findall(r"\b[A-Z]\w+\b(?!\.)", path)
+    functions = re.findall(r"\b[a-z]+(?:_[a-z]+)+\b", path)
+    defined = {
+        node.name
+        for tree in code.values()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef | ast.FunctionDef)
+    }
+    assert len(classes) <= MOST_CLASSES
+    assert {*classes, *functions} <= defined
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: str(f.relative_to(ROOT)))

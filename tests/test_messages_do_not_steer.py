@@ -19,7 +19,8 @@ from tests.twin.operations.operated import STACK, lost, operated, planned
 from tests.twin.written import checked, written
 from twin.checks.finding import Finding
 from twin.engine.narrator import Narrator
-from twin.operations.person import Ask, OperationLedger, Question
+from twin.operations.ledger import LedgerDraft
+from twin.operations.person import Ask, Question
 from twin.runs.events import EventCode
 
 PARTS = CELL.replace("  parts:", "  grips: {positions: 2}\n  parts:")
@@ -48,7 +49,7 @@ def other_messages() -> Iterator[None]:
         for kind, names in TEXTS:
             patch.setattr(kind, "__init__", _with_texts(kind.__init__, names))
         patch.setattr(TwinError, "__init__", _with_message(TwinError.__init__))
-        patch.setattr(OperationLedger, "give_up", _with_reason(OperationLedger.give_up))
+        patch.setattr(LedgerDraft, "give_up", _with_reason(LedgerDraft.give_up))
         patch.setattr(Narrator, "emit", _with_detail(Narrator.emit))
         yield
 

@@ -22,7 +22,6 @@ from benchmarks.open.planners import (
 from planning.errors import TwinError
 from twin.audits.motion.executed import ReplayedRun
 from twin.exports.open_plan import open_plan_of
-from twin.host.progress import report_nothing
 from twin.judge.delays import nominal_spans
 from twin.judge.foreign_execution import planned_spans
 from twin.judge.judge import JudgedPlan
@@ -31,9 +30,9 @@ from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import default_shortcuts, motion_settings
 from twin.runs import policies
 from twin.scenario.sections.kind import assembly_kind
-from twin.studies.plans import study_plans
+from twin.studies.plans import require_no_machines
 from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_scenario
 
 Document = dict[str, Any]
 
@@ -76,17 +75,12 @@ def own_plan(task: LoadedScenario, policy: str) -> Document:
     begun = time.process_time()
     budget = default_shortcuts(scenario)
     try:
-        plans = study_plans(
-            scenario,
-            task.folder,
-            (policy,),
-            candidates=budget,
-            progress=report_nothing,
-        )
+        if named.plan in (policies.IN_SLOTS, policies.SLOTS_SHORTENED):
+            require_no_machines(scenario)
+        planned = plan_scenario(task, wanted=(named.plan,), candidates=budget)
     except TwinError as error:
         raise CannotEnterError(str(error)) from error
     spent = time.process_time() - begun
-    planned = PlanResult(task, plans[named.plan], named.plan)
     document = open_plan_of(planned, named.release)
     document["planner"] = f"assembly-twin, {policy}"
     document["planning_cpu_s"] = round(spent, 2)

@@ -15,8 +15,8 @@ from planning.handling.handovers import Handover
 from planning.handling.skill_contacts import NOTHING
 from planning.steps.skill import Pairs, SkillPath
 from planning.steps.step_writer import StepWriter
+from planning.tasks.refill import Refill
 from planning.tasks.task import TaskKind
-from planning.tasks.work import Refill
 from planning.transforms import Transform
 
 

@@ -18,9 +18,9 @@ import pulp
 from planning.cell.workcell import Workcell
 from planning.motion.sequential import MotionSettings
 from planning.silence import QuietHighs
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
 from planning.tasks.task import StepTasks, Task, TaskKind, cell_with_steps
-from planning.tasks.work import AssemblyWork
 from planning.transforms import Array
 
 _MOST_WAYS = 2000
@@ -43,7 +43,7 @@ class AlternativeLoad:
 
 
 def load_bound_s(
-    cell: Workcell, work: AssemblyWork, plan: TaskPlan, settings: MotionSettings
+    cell: Workcell, work: Assembly, plan: TaskPlan, settings: MotionSettings
 ) -> float | None:
     """Return a lower bound of the makespan over robots, objects, grips and supports [s].
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from typing import Literal, Protocol
 
@@ -19,6 +20,8 @@ from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.speed import SpeedModel, cut_path
 from planning.motion.transit import TransitPlanner
 from planning.progress import Progress, no_progress
+from planning.tasks.assembly import Assembly
+from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import (
     ActuationKey,
     AllowedContact,
@@ -38,6 +41,10 @@ from planning.transforms import Array
 MARGIN = 0.0005
 """Kept on top of the clearances by single-robot planning, so that the conflict search, which
 rounds against itself, never finds a standing robot in conflict with the motion past it [m]."""
+
+Expansion = Callable[[TaskPlan, int], Iterator[tuple[TaskPlan, StepTasks]]]
+"""Given a plan and the index of the first task, yields the tasks of a step for alternative choices, each
+with the plan that has that choice."""
 
 _SMALL_STEP, _LOOKED_AT = 0.05, 201
 """Step of a joint that is tried where no path is found [rad or m], and configurations looked at."""
@@ -111,23 +118,45 @@ class _Progress:
 
 def plan_motions_sequentially(
     cell: Workcell,
-    expansions: Sequence[Callable[[int], Iterator[StepTasks]]],
+    assembly: Assembly,
+    plan: TaskPlan,
+    settings: MotionSettings,
+    progress: Progress = no_progress,
+    known: MotionCache | None = None,
+) -> tuple[TaskPlan, MotionPlan]:
+    """Plan the paths of an assembly from its start; see ``plan_steps_sequentially``."""
+    return plan_steps_sequentially(
+        cell,
+        plan,
+        [partial(assembly.alternatives, choice.step) for choice in plan.choices],
+        assembly.link,
+        settings,
+        progress,
+        known,
+        assembly.windows,
+    )
+
+
+def plan_steps_sequentially(
+    cell: Workcell,
+    plan: TaskPlan,
+    expansions: Sequence[Expansion],
     link_steps: Callable[[Sequence[StepTasks]], np.ndarray],
     settings: MotionSettings,
     progress: Progress = no_progress,
     known: MotionCache | None = None,
     windows: Callable[[Sequence[StepTasks]], Iterable[TimeWindow]] = lambda _: (),
     begins: StartConfiguration | None = None,
-) -> MotionPlan:
-    """Plan the paths of all steps in order.
+) -> tuple[TaskPlan, MotionPlan]:
+    """Plan the paths of steps in order.
 
     A transit that fails is tried again with other seeds, then its step with the next
     expansion (another grasp or support pose).
 
     Args:
         cell: the static cell; objects that come up in steps are added to it.
-        expansions: one per step: given the index of its first task, yields the step's tasks in
-            ever less preferred ways.
+        plan: the choices.
+        expansions: one per step.
         link_steps: returns all task dependencies, shape (e, 2), once every step is settled.
         settings: planners, speeds, attempts and seed.
         progress: called with the steps done and the steps in all.
@@ -135,6 +164,9 @@ def plan_motions_sequentially(
             is added. The plan is the same with it and without.
         windows: returns the windows of time between tasks, once every step is settled.
         begins: where it begins; by default with every robot at HOME and everything at its start.
+
+    Returns:
+        The plan with the choices that were realised, and its motions.
 
     Raises:
         TransitError: no expansion of a step has a collision-free plan; names the task, the
@@ -147,7 +179,7 @@ def plan_motions_sequentially(
     reached: dict[str, Array] = {}
     for number, expand in enumerate(expansions):
         first_failure: TransitError | None = None
-        for expansion in expand(first.tasks + len(motions)):
+        for chosen, expansion in expand(plan, first.tasks + len(motions)):
             turned, then_reached = take_near_turns(cell, expansion, reached)
             try:
                 here = cell_with_steps(cell, [turned])
@@ -156,7 +188,7 @@ def plan_motions_sequentially(
                 failure.step = turned.step
                 first_failure = first_failure or failure
                 continue
-            cell = here
+            cell, plan = here, chosen
             steps.append(turned)
             motions.extend(done)
             now, reached = after, then_reached
@@ -167,7 +199,7 @@ def plan_motions_sequentially(
     tasks = tuple(task for step in steps for task in step.tasks)
     allowed = tuple(contact for step in steps for contact in step.allowed)
     links, times = link_steps(steps), tuple(windows(steps))
-    return MotionPlan(cell, tasks, tuple(motions), links, allowed, times)
+    return plan, MotionPlan(cell, tasks, tuple(motions), links, allowed, times)
 
 
 def _plan_step(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from planning.tasks.work import PlacedPart, Refill
+from planning.tasks.refill import PlacedPart, Refill
 
 
 @dataclass(frozen=True)

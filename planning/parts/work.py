@@ -1,58 +1,104 @@
-"""The assembly work of parts, as input of task and motion planning."""
+"""An assembly of parts with its candidates, as input of task and motion planning."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import replace
-from functools import partial
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
+from planning.cell.workcell import Workcell
 from planning.parts.assembly import PartAssembly, Work
 from planning.parts.candidates import LazyCandidates, PartCandidates
 from planning.parts.expansion import step_tasks, time_windows, waiting_tasks
 from planning.parts.spares import with_spares
-from planning.tasks.work import AssemblyWork
+from planning.tasks.assembly import Assembly
+from planning.tasks.assignment import TaskPlan
+from planning.tasks.task import StepTasks, Task, TimeWindow
 from planning.transforms import Transform
 
 
-def part_work(candidates: PartCandidates) -> AssemblyWork:
-    """Return the assembly work of part candidates, for assignment and motion planning."""
-    passing = _passing(candidates.assembly)
-    stands = {(a + 1, b + 1) for a, b in candidates.balance}
-    return AssemblyWork(
-        candidates.problem,
-        partial(step_tasks, candidates),
-        partial(waiting_tasks, candidates),
-        windows=partial(time_windows, candidates.steps),
-        spare=partial(_spare_work, candidates),
-        moved=partial(_work_with, candidates),
-        needs=frozenset(stands.union(*map(pairwise, passing.values()))),
-        passing=passing,
-    )
+@dataclass(frozen=True)
+class PartWork(Assembly):
+    """An assembly of parts with its candidates, for assignment and motion planning.
+
+    Attributes:
+        candidates: of the steps of the problem at least.
+        count: number of first steps that the problem is of, None for all.
+        lazy: source of the candidates of first steps; None where those of all are found.
+    """
+
+    candidates: PartCandidates
+    count: int | None = field(default=None, kw_only=True)
+    lazy: LazyCandidates | None = field(default=None, repr=False, kw_only=True)
+
+    @property
+    def built(self) -> PartAssembly:
+        """Goals and steps."""
+        return self.candidates.assembly
+
+    @property
+    def needs(self) -> frozenset[tuple[int, int]]:
+        """Pairs of steps: supports, and what is done about a part before."""
+        pairs = {(a + 1, b + 1) for a, b in self.candidates.balance}
+        found = frozenset(pairs.union(*map(pairwise, _passing(self.built).values())))
+        if self.count is None:
+            return found
+        return frozenset(pair for pair in found if max(pair) <= self.count)
+
+    @property
+    def passing(self) -> Mapping[str, tuple[int, ...]]:
+        """Steps of each part that comes from a source or is put down temporarily."""
+        last = len(self.problem.steps)
+        return {k: own for k, own in _passing(self.built).items() if max(own) <= last}
+
+    def first(self, count: int) -> PartWork:
+        """Return the assembly of a number of first steps."""
+        if self.lazy is not None:
+            return part_work(self.lazy.first(count)).first(count)
+        return replace(super().first(count), count=count)
+
+    def expand(self, plan: TaskPlan, step: int, first: int) -> StepTasks:
+        """Return the tasks of a step."""
+        return step_tasks(self.candidates, plan, step, first)
+
+    def waits(self, steps: Sequence[StepTasks]) -> Iterator[tuple[Task, Task]]:
+        """Yield the precedence pairs of steps, and those of machines."""
+        return waiting_tasks(self.candidates, steps)
+
+    def windows(self, steps: Sequence[StepTasks]) -> Iterator[TimeWindow]:
+        """Yield the windows of time between tasks."""
+        return time_windows(self.candidates.steps, steps)
+
+    def with_spares(self, step: int, there: Collection[str]) -> PartWork | None:
+        """Return the assembly with spare parts for a step, None where there are no others."""
+        found = with_spares(self.candidates, step, there)
+        return None if found is None else self._of(found)
+
+    def with_poses(self, starts: Mapping[str, Transform]) -> PartWork:
+        """Return the assembly with other start poses of parts, and without spares."""
+        old = self.candidates
+        objects = tuple(
+            replace(item, start=starts.get(item.name, item.start))
+            for item in old.cell.objects
+        )
+        moved = replace(old.cell, objects=objects)
+        return self._of(LazyCandidates(moved, old.assembly).first(old.count))
+
+    def _of(self, candidates: PartCandidates) -> PartWork:
+        """Return the same steps with other candidates."""
+        work = part_work(candidates)
+        return work if self.count is None else work.first(self.count)
 
 
-def first_work(known: LazyCandidates, count: int) -> AssemblyWork:
-    """Return the assembly work of a number of first steps, see ``LazyCandidates``."""
-    return part_work(known.first(count)).of_first(count)
+def part_work(candidates: PartCandidates) -> PartWork:
+    """Return the assembly of part candidates, for assignment and motion planning."""
+    return PartWork(candidates.problem, candidates)
 
 
-def _spare_work(
-    candidates: PartCandidates, step: int, there: Collection[str]
-) -> AssemblyWork | None:
-    found = with_spares(candidates, step, there)
-    return None if found is None else part_work(found)
-
-
-def _work_with(
-    candidates: PartCandidates, starts: Mapping[str, Transform]
-) -> AssemblyWork:
-    """Return the work with other start poses of parts, and without spares."""
-    objects = tuple(
-        replace(item, start=starts.get(item.name, item.start))
-        for item in candidates.cell.objects
-    )
-    moved = replace(candidates.cell, objects=objects)
-    return part_work(LazyCandidates(moved, candidates.assembly).first(candidates.count))
+def lazy_part_work(cell: Workcell, assembly: PartAssembly) -> PartWork:
+    """Return an assembly whose candidates are found as ``first`` asks for steps."""
+    lazy = LazyCandidates(cell, assembly)
+    return replace(part_work(lazy.first(0)), lazy=lazy)
 
 
 def _passing(assembly: PartAssembly) -> dict[str, tuple[int, ...]]:

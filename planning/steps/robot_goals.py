@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from planning.cell.workcell import Workcell
 from planning.geometry.scene_checker import SceneChecker
@@ -12,9 +12,9 @@ from planning.motion.sequential import MARGIN
 from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import Obstruction, joint_distance
 from planning.steps.step_writer import StepWriter
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import PrimaryCandidate, TaskPlan
 from planning.tasks.task import StepTasks
-from planning.tasks.work import AssemblyWork
 from planning.transforms import Array, Transform
 
 _MOST_CONFIGURATIONS = 12
@@ -38,7 +38,40 @@ class RobotGoal:
     frame: str = "tool"
 
 
-def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
+@dataclass(frozen=True)
+class GoalWork(Assembly):
+    """Robot goals with their configurations, for assignment and motion planning; nothing is built.
+
+    Attributes:
+        cell: the static cell.
+        goals: in the order of the steps.
+        configurations: by step and number of the candidate.
+    """
+
+    cell: Workcell
+    goals: tuple[RobotGoal, ...]
+    configurations: Mapping[tuple[int, int], Array] = field(repr=False)
+
+    @property
+    def built(self) -> tuple[RobotGoal, ...]:
+        """The goals."""
+        return self.goals
+
+    @property
+    def steps(self) -> int:
+        """Number of goals."""
+        return len(self.goals)
+
+    def expand(self, plan: TaskPlan, step: int, first: int) -> StepTasks:
+        """Return the transit to a goal."""
+        choice = plan[step]
+        build = StepWriter(self.cell, step, first)
+        goal = self.configurations[step, choice.grasp]
+        build.transit(choice.robot, goal, f"to goal {step}", goal=True)
+        return build.build()
+
+
+def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> GoalWork:
     """Find goal configurations; one step per goal, in this order.
 
     A configuration must be clear of the fixtures, the resting objects and the robot itself.
@@ -75,14 +108,7 @@ def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
     steps = [f"{goal.robot} goes to goal {k}" for k, goal in enumerate(goals, start=1)]
     problem = collector.problem(steps, [False] * len(goals), balance=0.0)
 
-    def expand(plan: TaskPlan, step: int, first_index: int) -> StepTasks:
-        choice = plan[step]
-        build = StepWriter(cell, step, first_index)
-        goal = found[step, choice.grasp]
-        build.transit(choice.robot, goal, f"to goal {step}", goal=True)
-        return build.build()
-
-    return AssemblyWork(problem, expand)
+    return GoalWork(problem, cell, tuple(goals), found)
 
 
 def _configurations(cell: Workcell, goal: RobotGoal, near: Array) -> list[Array]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.steps.skill import Pairs, SkillPath, handled_contact
+from planning.tasks.refill import Refill
 from planning.tasks.task import (
     STILL,
     Actuation,
@@ -18,7 +19,6 @@ from planning.tasks.task import (
     Task,
     TaskKind,
 )
-from planning.tasks.work import Refill
 from planning.transforms import Array, Transform, read_only_copy
 
 

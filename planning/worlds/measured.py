@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from planning.errors import InfeasibleStepError
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import AssignmentProblem, PrimaryCandidate, TaskPlan
-from planning.tasks.work import AssemblyWork
 from planning.transforms import Array, Transform, read_only_copy
 
 Poses = Mapping[str, Transform]
@@ -35,36 +35,36 @@ def offset_on_surface(pose: Transform, displacement: Array, turn: float) -> Tran
 class MeasuredWork:
     """Cache of the candidates of an assembly for measured part poses."""
 
-    _known: dict[tuple[tuple[str, bytes], ...], AssemblyWork | None] = field(
+    _known: dict[tuple[tuple[str, bytes], ...], Assembly | None] = field(
         default_factory=dict
     )
 
-    def of(self, work: AssemblyWork | None, poses: Poses) -> AssemblyWork:
+    def of(self, work: Assembly | None, poses: Poses) -> Assembly:
         """Return the work with parts at allowed poses."""
         found = self.find(work, poses)
         assert found is not None
         return found
 
-    def find(self, work: AssemblyWork | None, poses: Poses) -> AssemblyWork | None:
+    def find(self, work: Assembly | None, poses: Poses) -> Assembly | None:
         """Return the work with parts at these poses, None where a step becomes infeasible."""
         if not poses or work is None:
             return work
         key = _key(poses)
         if key not in self._known:
             try:
-                found = work.moved(poses) if work.moved else None
+                found = work.with_poses(poses)
             except InfeasibleStepError:
                 found = None
             self._known[key] = found
         return self._known[key]
 
-    def keep(self, work: AssemblyWork, poses: Poses) -> bool:
+    def keep(self, work: Assembly, poses: Poses) -> bool:
         """Record that these poses have further candidates, if such parts exist."""
         if poses:
             self._known[_key(poses)] = work
         return bool(poses)
 
-    def allows(self, work: AssemblyWork | None, plan: TaskPlan, poses: Poses) -> bool:
+    def allows(self, work: Assembly | None, plan: TaskPlan, poses: Poses) -> bool:
         """Tell whether parts are usable at these poses, with all others as planned."""
         found = self.find(work, poses)
         if found is None:
@@ -88,9 +88,7 @@ def _of_step(problem: AssignmentProblem, step: int) -> list[PrimaryCandidate]:
     return [problem.primaries[k] for k in problem.primaries_of.get(step, ())]
 
 
-def choices_at_measured_poses(
-    work: AssemblyWork, plan: TaskPlan, poses: Poses
-) -> TaskPlan:
+def choices_at_measured_poses(work: Assembly, plan: TaskPlan, poses: Poses) -> TaskPlan:
     """Return choices that pick measured parts where they are, with another grip if needed."""
     problem = work.problem
     known = set(problem.primaries) if poses else set()

@@ -21,9 +21,11 @@ from planning.motion.motion_cache import MotionCache
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import (
     MARGIN,
+    Expansion,
     MotionSettings,
-    plan_motions_sequentially,
+    plan_steps_sequentially,
 )
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -33,7 +35,6 @@ from planning.tasks.assignment import (
 )
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import AllowedContact, StepTasks, Task, TaskKind
-from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import Array, Indices, read_only_copy
 from planning.worlds.supplied import (
     RemovalPlan,
@@ -102,7 +103,7 @@ class ReplanningState:
 
 def plan_onward(
     cell: Workcell,
-    work: AssemblyWork,
+    work: Assembly,
     settings: MotionSettings,
     now: ReplanningState,
     known: MotionCache | None = None,
@@ -126,7 +127,7 @@ def plan_onward(
     busy = _busy_until(cell, left, now.reopened)
     problem = fix_choices(work.problem, kept, world.out, busy)
     plan = replace(assign_steps(problem), taken=now.taken, there=now.there)
-    again = StepExpansions(replace(work, problem=problem), plan)
+    assembly = replace(work, problem=problem)
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
     gone = {task.robot for item in left if item.ends for task in item.tasks}
     away = (*_away(cell, world, left, gone), *sorted(now.aside))
@@ -152,15 +153,15 @@ def plan_onward(
                 items.append(_of_leftover(item, now))
             else:
                 items.append(
-                    _Item(partial(_going_on, again, item), step, item.with_done)
+                    _Item(partial(_going_on, assembly, item), step, item.with_done)
                 )
         brought = there.get(step, ())
         if step in now.given_up:
             if work.passing:
-                alternatives = partial(scrap.of_step, again, step, brought)
+                alternatives = partial(scrap.of_step, assembly, step, brought)
                 items.append(_Item(alternatives, machines=step))
         elif step not in kept:
-            items.append(_fresh(again, step, brought))
+            items.append(_fresh(assembly, step, brought))
     begun = world.begun()
     steps = {number: begun[number] for number in begun.keys() - now.reopened.keys()}
     done = {number: _done(step, world) for number, step in steps.items()}
@@ -192,10 +193,10 @@ def plan_onward(
         more = np.array([*inside, *scrap.waits(every)], dtype=np.int64).reshape(-1, 2)
         return np.unique(np.concatenate([waits, more]), axis=0)
 
-    every_way = [partial(_there, scrap, item.ways) for item in items]
-    motions = plan_motions_sequentially(
+    plan, motions = plan_steps_sequentially(
         cell,
-        every_way,
+        plan,
+        [partial(_there, scrap, item.expand) for item in items],
         link,
         settings,
         known=known,
@@ -204,7 +205,7 @@ def plan_onward(
         begins=world.beginning,
     )
     whole = tuple(steps[number] for number in sorted(steps))
-    return OnwardPlan(motions, again.plan, whole, tuple(past))
+    return OnwardPlan(motions, plan, whole, tuple(past))
 
 
 @dataclass(frozen=True)
@@ -212,14 +213,14 @@ class _Item:
     """One item of the remaining work.
 
     Attributes:
-        ways: yields its tasks, alternatives in order of preference, given the index of the first.
+        expand: yields its tasks, alternatives in order of preference.
         step: number of the step that it is, None for what only clears the way.
         whole: returns the tasks of the step, those done before included.
         machines: number of a given-up step for which machines continue.
         back: whether a robot comes back with it to where the next one goes on.
     """
 
-    ways: Callable[[int], Iterator[StepTasks]]
+    expand: Expansion
     step: int | None = None
     whole: Callable[[StepTasks], StepTasks] = lambda planned: planned
     machines: int | None = None
@@ -242,18 +243,21 @@ def _back_before(
 
 
 def _there(
-    scrap: RemovalPlan, ways: Callable[[int], Iterator[StepTasks]], first: int
-) -> Iterator[StepTasks]:
+    scrap: RemovalPlan, expand: Expansion, plan: TaskPlan, first: int
+) -> Iterator[tuple[TaskPlan, StepTasks]]:
     """Yield the expansions of a step in which only present objects leave the cell."""
-    yield from map(scrap.there, ways(first))
+    for chosen, planned in expand(plan, first):
+        yield chosen, scrap.there(planned)
 
 
-def _fresh(again: StepExpansions, step: int, brought: tuple[Task, ...]) -> _Item:
+def _fresh(assembly: Assembly, step: int, brought: tuple[Task, ...]) -> _Item:
     """Return a step that is done from its beginning, without repeating its deliveries."""
 
-    def alternatives(first: int) -> Iterator[StepTasks]:
-        for planned in again.ways(step, first):
-            yield without_supplied_tasks(planned, brought)
+    def alternatives(
+        plan: TaskPlan, first: int
+    ) -> Iterator[tuple[TaskPlan, StepTasks]]:
+        for chosen, planned in assembly.alternatives(step, plan, first):
+            yield chosen, without_supplied_tasks(planned, brought)
 
     def whole(planned: StepTasks) -> StepTasks:
         return replace(planned, tasks=(*brought, *planned.tasks))
@@ -262,11 +266,10 @@ def _fresh(again: StepExpansions, step: int, brought: tuple[Task, ...]) -> _Item
 
 
 def _going_on(
-    again: StepExpansions, left: UnfinishedStep, first: int
-) -> Iterator[StepTasks]:
+    assembly: Assembly, left: UnfinishedStep, plan: TaskPlan, first: int
+) -> Iterator[tuple[TaskPlan, StepTasks]]:
     """Yield the rest of a step, among its current surroundings."""
-    fresh = again.work.expand(again.plan, left.step.step, first)
-    yield left.numbered(first, fresh)
+    yield plan, left.numbered(first, assembly.expand(plan, left.step.step, first))
 
 
 def _of_leftover(left: UnfinishedStep, now: ReplanningState) -> _Item:
@@ -370,11 +373,11 @@ def _busy_until(
     return until
 
 
-def _once(
-    numbered: Callable[[int], StepTasks],
-) -> Callable[[int], Iterator[StepTasks]]:
-    def alternatives(first: int) -> Iterator[StepTasks]:
-        yield numbered(first)
+def _once(numbered: Callable[[int], StepTasks]) -> Expansion:
+    def alternatives(
+        plan: TaskPlan, first: int
+    ) -> Iterator[tuple[TaskPlan, StepTasks]]:
+        yield plan, numbered(first)
 
     return alternatives
 
@@ -419,7 +422,7 @@ def _burdens(world: World, left: list[UnfinishedStep]) -> dict[str, str]:
 
 def _to(
     cell: Workcell, world: World, robot: str, q: Array, *, stands: bool = True
-) -> Callable[[int], Iterator[StepTasks]]:
+) -> Expansion:
     """Return the transit of a robot to or from its configuration in a world, if it still stands there."""
     last = world.beginning.last_task.get(robot)
     known = (*world.past, *world.steps)

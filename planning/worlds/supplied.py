@@ -14,6 +14,8 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import frame_pose
+from planning.tasks.assembly import Assembly
+from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import (
     STILL,
     AllowedContact,
@@ -22,7 +24,6 @@ from planning.tasks.task import (
     Task,
     TaskKind,
 )
-from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, read_only_copy
 from planning.worlds.world import World, renumber_contacts
 
@@ -95,18 +96,24 @@ class RemovalPlan:
     lies: dict[str, Transform | None] = field(default_factory=dict)
 
     def of_step(
-        self, again: StepExpansions, step: int, there: Sequence[Task], first: int
-    ) -> Iterator[StepTasks]:
+        self,
+        assembly: Assembly,
+        step: int,
+        there: Sequence[Task],
+        plan: TaskPlan,
+        first: int,
+    ) -> Iterator[tuple[TaskPlan, StepTasks]]:
         """Yield the substitute of a given-up step: its part is removed, and machines continue.
 
         Args:
-            again: expands it.
+            assembly: expands it.
             step: its number.
             there: what was brought in it before.
+            plan: the choices, which it leaves as they are.
             first: index of its first task.
         """
-        fresh = again.work.expand(again.plan, step, first)
-        tasks, name = [], again.plan[step].object
+        fresh = assembly.expand(plan, step, first)
+        tasks, name = [], plan[step].object
         pose = self._lies(name)
         if pose is not None:
             words = f"{name} is taken away"
@@ -118,7 +125,7 @@ class RemovalPlan:
         own = _some_of(left, [t for t in left.tasks if brings_parts(t)], {})
         later = [replace(t, index=t.index + len(tasks)) for t in own.tasks]
         waits = [(a + len(tasks), b + len(tasks)) for a, b in own.dependencies]
-        yield StepTasks(step, (*tasks, *later), tuple(waits), ())
+        yield plan, StepTasks(step, (*tasks, *later), tuple(waits), ())
 
     def _lies(self, name: str) -> Transform | None:
         """Return the pose of an object that must be removed, None where it stays or is nowhere."""

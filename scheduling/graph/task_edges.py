@@ -10,7 +10,7 @@ from heapq import heapify, heappop, heappush
 import numpy as np
 
 from planning.errors import PlanInvariantError
-from planning.tasks.work import TaskGraph, task_graph
+from planning.tasks.task_graph import TaskGraph, task_graph
 from planning.transforms import Indices
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import (

@@ -13,8 +13,8 @@ from planning.errors import PlanInvariantError, TransitError
 from planning.motion.motion_cache import MotionCache
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings, plan_motions_sequentially
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan
-from planning.tasks.work import AssemblyWork, StepExpansions
 from scheduling.build_nodes import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg, StretchConflicts
 from scheduling.ordering.beam_search import TaskOrderSearch
@@ -41,7 +41,7 @@ class RatedPlan:
         makespan_s: makespan of that graph with its runs of transits smoothed past HOME [s].
     """
 
-    work: AssemblyWork
+    work: Assembly
     task_plan: TaskPlan
     motion_plan: MotionPlan
     by_home_s: float
@@ -70,29 +70,23 @@ class PlanRater:
         self._motions = MotionCache()
         self._ways = SmoothedPathCache(settings.seed)
 
-    def rate(self, work: AssemblyWork, plan: TaskPlan) -> RatedPlan | None:
+    def rate(self, work: Assembly, plan: TaskPlan) -> RatedPlan | None:
         """Plan the motions of a task plan and rate it; None where no motions are found.
 
         Args:
             work: what it is a plan of.
             plan: the plan.
         """
-        steps = StepExpansions(work, plan)
         try:
-            motions = plan_motions_sequentially(
-                self._cell,
-                steps.callables(),
-                work.link,
-                self._settings,
-                known=self._motions,
-                windows=work.windows,
+            plan, motions = plan_motions_sequentially(
+                self._cell, work, plan, self._settings, known=self._motions
             )
-            return self.rate_motions(work, steps.plan, motions)
+            return self.rate_motions(work, plan, motions)
         except (TransitError, PlanInvariantError):
             return None
 
     def rate_motions(
-        self, work: AssemblyWork, plan: TaskPlan, motions: MotionPlan
+        self, work: Assembly, plan: TaskPlan, motions: MotionPlan
     ) -> RatedPlan:
         """Rate already planned motions, see ``rate``.
 

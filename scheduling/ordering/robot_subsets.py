@@ -15,9 +15,9 @@ from itertools import combinations, islice
 
 from planning.errors import InfeasibleStepError
 from planning.progress import Progress, no_progress
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import AssignmentProblem
 from planning.tasks.highs_solver import assign_steps
-from planning.tasks.work import AssemblyWork
 from scheduling.ordering.plan_rating import PlanRater, RatedPlan
 
 _SMALLEST = 2
@@ -44,7 +44,7 @@ def robot_subsets(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
 
 def rate_robot_subsets(
     rater: PlanRater,
-    work: AssemblyWork,
+    work: Assembly,
     start: RatedPlan,
     progress: Progress = no_progress,
 ) -> list[RatedPlan]:

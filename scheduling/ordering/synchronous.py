@@ -24,7 +24,7 @@ from planning.motion.speed import path_duration
 from planning.motion.transit import RrtConnect
 from planning.progress import Progress, no_progress
 from planning.tasks.task import TaskKind, apply_handlings
-from planning.tasks.work import task_graph
+from planning.tasks.task_graph import task_graph
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg

@@ -90,7 +90,7 @@ def test_bad_options_end_with_code_2(
 def test_an_output_folder_that_cannot_be_is_refused_before_planning(
     here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def never(*_: object) -> None:
+    def never(*_: object, **__: object) -> None:
         pytest.fail("planning has started")
 
     monkeypatch.setattr("twin.api.runs.plan_scenario", never)
@@ -104,7 +104,7 @@ def test_an_output_folder_that_cannot_be_is_refused_before_planning(
 def test_planning_that_fails_ends_with_code_2_and_leaves_no_folder(
     before: bool, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise InfeasibleStepError("step 1 (2x4) cannot be done")
 
     monkeypatch.setattr("twin.api.runs.plan_scenario", fail)
@@ -263,7 +263,7 @@ def test_ctrl_c_while_planning_ends_with_130_and_a_message(here: Path) -> None:
         "import signal, sys, time, twin.trial.planning, twin.cli;"
         # Where the tests run in the background, SIGINT is ignored, and that is inherited.
         "signal.signal(signal.SIGINT, signal.default_int_handler);"
-        "twin.trial.planning.plan_scenario = lambda *a: (print('go', flush=True), time.sleep(60));"
+        "twin.trial.planning.plan_scenario = lambda *a, **k: (print('go', flush=True), time.sleep(60));"
         "sys.argv = ['twin', 'run', sys.argv[1], '--out', sys.argv[2]]; twin.cli.main()"
     )
     with subprocess.Popen(

@@ -69,17 +69,11 @@ def plan(
         )
     checked = check_if_installed(load(scenario), progress)
     checked.require_ok()
-    if moment is None:
-        return _plan_checked(checked, progress)
-    plan_from_run = HOOKS.require("plan from run", "a plan from a run")
-    made: PlanResult = plan_from_run(checked.scenario, moment, out_of_service, progress)
-    return replace(made, warnings=checked.warnings, fits=checked.fits)
-
-
-def _plan_checked(checked: Checked, progress: Report) -> PlanResult:
-    """Plan a scenario whose check found no errors."""
-    loaded = checked.scenario
-    made = plan_scenario(loaded, loaded.folder, progress)
+    start = None
+    if moment is not None:
+        cut_run = HOOKS.require("cut of a run", "a plan from a run")
+        start = cut_run(checked.scenario, moment, out_of_service)
+    made = plan_scenario(checked.scenario, progress=progress, start=start)
     return replace(made, warnings=checked.warnings, fits=checked.fits)
 
 
@@ -166,7 +160,7 @@ def run(
     with run_folder(out, case.name) as folder:
         if begun is not None:
             begun(checked, folder)
-        made = ready or _plan_checked(checked, progress)
+        made = ready or plan_scenario(checked.scenario, progress=progress)
         return run_plan_to_folder(
             replace(made, warnings=checked.warnings, fits=checked.fits),
             folder,

@@ -10,9 +10,9 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import AssignmentProblem, TaskPlan
 from planning.tasks.task import AllowedContact, Handling, Task, TaskKind
-from planning.tasks.work import AssemblyWork
 from planning.transforms import Transform
 from planning.worlds.measured import Poses, offset_on_surface
 from planning.worlds.onward import ReplanningState, fix_choices
@@ -29,7 +29,8 @@ from twin.operations.commitment import (
     cut_at,
     failed_task,
 )
-from twin.operations.person import AGAIN, OperationLedger, Person, Question
+from twin.operations.ledger import LedgerDraft
+from twin.operations.person import AGAIN, Person, Question
 from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.draws import uniforms
 
@@ -68,7 +69,7 @@ class FailureTriage:
     """
 
     section: ExecutionSection
-    ledger: OperationLedger
+    ledger: LedgerDraft
     person: Person
     allows: Callable[[Poses], bool] = lambda _: False
 
@@ -249,7 +250,7 @@ def _beside_words(said: Transform, found: Transform) -> str:
 
 
 def request_replacement(
-    ledger: OperationLedger,
+    ledger: LedgerDraft,
     person: Person,
     cell: Workcell,
     step: int,
@@ -277,7 +278,7 @@ def request_replacement(
 
 
 def interrupted_steps(
-    ledger: OperationLedger, out: frozenset[str], world: World
+    ledger: LedgerDraft, out: frozenset[str], world: World
 ) -> dict[int, frozenset[str]]:
     """Return the steps interrupted by an outage of their robot, whose held object is lost."""
     ledger.gone |= {name for name, at in world.held() if at.holder in out}
@@ -308,7 +309,7 @@ def dependent_steps(
         tasks: of a plan.
         allowed: allowed contacts in them.
         chosen: objects of steps that are not done are those of their choices.
-        needs: supports without which parts fall, see ``AssemblyWork``.
+        needs: supports without which parts fall, see ``Assembly.needs``.
     """
     tasks = tuple(tasks)
     placed = {choice.object: choice.step for choice in chosen.choices}
@@ -333,8 +334,8 @@ def dependent_steps(
 
 
 def find_infeasible_steps(
-    work: AssemblyWork, now: ReplanningState, cell: Workcell
-) -> tuple[AssemblyWork, dict[int, str]]:
+    work: Assembly, now: ReplanningState, cell: Workcell
+) -> tuple[Assembly, dict[int, str]]:
     """Return the work with lost objects replaced by spare ones, and the infeasible steps.
 
     Args:
@@ -352,7 +353,7 @@ def find_infeasible_steps(
         for step in steps:
             own = work.problem.primaries_of.get(step, ())
             if all(work.problem.primaries[k].object in now.world.out for k in own):
-                work = work.spare(step, _untouched(now, cell)) or work
+                work = work.with_spares(step, _untouched(now, cell)) or work
         if work is before:
             return work, {
                 step: _lost_or_out(work.problem, step, now) or left.lacking(step) or ""

@@ -6,17 +6,15 @@ task of the graph, in which the person brings an object of the lost kind, or fix
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from planning.cell.workcell import Attachment, Workcell
-from planning.tasks.task import Task
-from planning.transforms import Array, Transform
+from planning.cell.workcell import Workcell
+from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.supply import deliveries, with_pending_objects, with_supply
+from scheduling.rolling.supply import with_pending_objects, with_supply
 from twin.scenario.sections.execution import AskSection
 from twin.uncertainty.draws import uniforms
 
@@ -172,146 +170,3 @@ def with_human_help(
             tpg, PERSON, item, label=ask.label, step=ask.step, seconds=ask.seconds
         )
     return tpg, cell
-
-
-@dataclass
-class OperationLedger:
-    """State of the steps and objects of an operation at one time.
-
-    Attributes:
-        resting: the later steps that rest on each step, by number.
-        given_up: abandoned steps, by number, with the reason.
-        dropped: steps that are not wanted any more, or rest on one, by number, with the reason.
-        gone: objects that are lost.
-        shunned: objects that could not be picked, and are only tried again where there are no others.
-        closed: why no further steps are planned, as the next one is infeasible; empty if some may be.
-        more: products that have been ordered since the beginning.
-        tries: how often all attempts at a skill of a step have failed.
-        asks: questions to a person.
-        measured: measured poses of displaced parts.
-    """
-
-    resting: Mapping[int, frozenset[int]]
-    given_up: dict[int, str] = field(default_factory=dict)
-    dropped: dict[int, str] = field(default_factory=dict)
-    gone: set[str] = field(default_factory=set)
-    shunned: set[str] = field(default_factory=set)
-    closed: str = ""
-    more: int = 0
-    tries: Counter[tuple[int, str]] = field(default_factory=Counter)
-    asks: tuple[Ask, ...] = ()
-    measured: dict[str, Transform] = field(default_factory=dict)
-
-    def copy(self) -> OperationLedger:
-        """Return an independent copy."""
-        return replace(
-            self,
-            given_up=dict(self.given_up),
-            dropped=dict(self.dropped),
-            gone=set(self.gone),
-            shunned=set(self.shunned),
-            tries=Counter(self.tries),
-            measured=dict(self.measured),
-        )
-
-    @property
-    def undone(self) -> frozenset[int]:
-        """Steps that will not be done, whatever the reason."""
-        return frozenset(self.given_up.keys() | self.dropped.keys())
-
-    @property
-    def fresh(self) -> dict[str, str]:
-        """Graph names of replacements, by the names of lost objects, which plans keep using."""
-        helpful = (ask for ask in self.asks if ask.helps)
-        return {ask.object: ask.fresh for ask in helpful if ask.object and ask.fresh}
-
-    def lost(self, name: str) -> str:
-        """Return the plan's name of an object in the graph."""
-        return next((old for old, own in self.fresh.items() if own == name), name)
-
-    def pending(self, tasks: Iterable[Task]) -> list[Ask]:
-        """Return the pending help of a person that is not among given tasks."""
-        done = Counter((task.step, task.object) for task in deliveries(tasks))
-        fresh, found = {None, *self.fresh.values()}, []
-        for ask in self.asks:
-            if not ask.helps or ask.fresh not in fresh:
-                continue
-            done[ask.step, ask.fresh] -= 1
-            if done[ask.step, ask.fresh] < 0:
-                found.append(ask)
-        return found
-
-    def where(
-        self,
-        attachments: Mapping[str, Attachment],
-        pending: Iterable[Ask],
-        cell: Workcell,
-    ) -> dict[str, Attachment]:
-        """Return object placements by their plan names; pending replacements count as delivered."""
-        found = {self.lost(name): own for name, own in attachments.items()}
-        for ask in pending:
-            if ask.object is not None:
-                found[ask.object] = Attachment(None, cell.object(ask.object).start)
-        return found
-
-    def asked_for(self, step: int) -> int:
-        """Return the number of questions about a step."""
-        return sum(ask.step == step for ask in self.asks)
-
-    def answered(self, ask: Ask) -> bool:
-        """Record an answer; return whether it helps."""
-        self.asks = (*self.asks, ask)
-        if ask.helps and ask.object is not None:
-            self.gone.discard(ask.object)
-        return ask.helps
-
-    def give_up(self, step: int, why: str) -> None:
-        """Abandon a step with all dependent ones."""
-        for one, words in self._with_resting(step, why):
-            if one not in self.dropped:
-                self.given_up.setdefault(one, words)
-
-    def drop(self, step: int) -> None:
-        """Drop a step that is no longer wanted; its dependent steps become infeasible."""
-        for one, words in self._with_resting(step, "it is not wanted any more"):
-            self.given_up.pop(one, None)
-            if one == step or one not in self.dropped:
-                self.dropped[one] = words
-
-    def leave_off(self, steps: Collection[int], whole: Sequence[int]) -> None:
-        """Abandon the unstarted steps of an object if one of its steps will not be done.
-
-        Args:
-            steps: those that are not begun.
-            whole: all steps about the same object.
-        """
-        undone = next((k for k in whole if k in self.undone), None)
-        told = self.dropped if undone in self.dropped else self.given_up
-        for step in sorted(set(steps) - self.undone) if undone else ():
-            told[step] = f"step {undone} is not done"
-
-    def falls(self) -> bool:
-        """Record dependents of steps that will not be done; return whether there are any."""
-        before = self.undone
-        for step, why in tuple(self.given_up.items()):
-            self.give_up(step, why)
-        for step, why in tuple(self.dropped.items()):
-            for one, words in self._with_resting(step, why):
-                self.dropped.setdefault(one, words)
-        return self.undone != before
-
-    def _with_resting(self, step: int, why: str) -> Iterator[tuple[int, str]]:
-        todo, seen = [step], {step}
-        while todo:
-            one = todo.pop()
-            words = why if one == step else f"it rests on step {step}"
-            yield one, words.splitlines()[0]
-            more = {k for k in self.resting.get(one, ()) if k > one} - seen
-            todo += sorted(more)
-            seen |= more
-
-    def takes_what_is_there(self) -> bool:
-        """Retry objects that could not be picked before; return whether there are any."""
-        there = bool(self.shunned)
-        self.shunned.clear()
-        return there

@@ -25,7 +25,8 @@ from twin.operations.commitment import (
     ReplanTrigger,
     describe_cause,
 )
-from twin.operations.person import AGAIN, OperationLedger, Person, with_human_help
+from twin.operations.ledger import LedgerEntries, OperationLedger
+from twin.operations.person import AGAIN, Person, with_human_help
 from twin.operations.termination import NO_PROGRESS, RevisionMeasure, measure_of
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.draws import TaskName
@@ -226,7 +227,7 @@ def append_extension(
     at: CommittedPrefix,
     new: TemporalPlanGraph,
     cell: Workcell,
-    ledger: OperationLedger,
+    ledger: LedgerEntries,
     waits: Indices,
     windows: Iterable[TimeWindow] | None = None,
 ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Workcell]:

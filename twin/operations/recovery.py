@@ -6,7 +6,7 @@ chooses; else abandon the step with its dependents, and continue the rest.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import InitVar, dataclass, replace
 from functools import partial
 from types import MappingProxyType
@@ -38,7 +38,8 @@ from twin.operations.failure_triage import (
     FailureTriage,
     dependent_steps,
 )
-from twin.operations.person import OperationLedger, Person
+from twin.operations.ledger import OperationLedger
+from twin.operations.person import Person
 from twin.operations.planner import (
     Extension,
     Planner,
@@ -125,7 +126,7 @@ class Recovery(Planner[AssemblyState]):
         ledger = OperationLedger(
             dependent_steps(tpg.tasks, tpg.allowed, chosen, work.needs),
             given_up=dict(undone),
-            gone=set(gone),
+            gone=frozenset(gone),
             measured=dict(measured),
         )
         cell = with_pending_objects(tpg.cell, (), REMOVAL) if work.passing else tpg.cell
@@ -209,7 +210,7 @@ class Recovery(Planner[AssemblyState]):
             self.context,
             state.tpg,
             state.seeds,
-            state.ledger.copy(),
+            state.ledger.draft(),
             state.cell,
             state.task_plan,
             state.steps,
@@ -229,18 +230,13 @@ class Recovery(Planner[AssemblyState]):
         before, found, why = draft.state(), list[Proposal](), ""
         motions, tpg = draft.motions, draft.tpg
         planning_s = self.scenario.execution.recovery.planning_s
-        tried = set[tuple[Counts, bool]]()
-        for cuts in _AS_PLANNED if trigger.due else self.cuts:
+        for cuts in self._cuts(tpg, trigger):
             stuck = False
-            for cut in cuts:
-                counts = cut.counts(tpg, trigger, planning_s)
-                if (counts, cut.aside) in tried:
-                    continue
-                tried.add((counts, cut.aside))
+            for counts, aside in cuts:
                 at = committed_at(tpg, counts, trigger, triage)
                 attempt = self._draft(before, motions, draft.reach)
                 try:
-                    union, new = attempt.onward(at, aside=cut.aside)
+                    union, new = attempt.onward(at, aside=aside)
                 except (PlanInvariantError, TransitError, InfeasibleStepError) as error:
                     why = str(error)
                 else:
@@ -258,6 +254,17 @@ class Recovery(Planner[AssemblyState]):
         ended = self._draft(before, motions, draft.reach)
         extension = ended.nothing_further(at, why)
         return ended.state(), extension
+
+    def _cuts(
+        self, tpg: TemporalPlanGraph, trigger: ReplanTrigger
+    ) -> Iterator[list[tuple[Counts, bool]]]:
+        """Yield cuts and whether robots make way there, in groups of decreasing preference, without duplicates."""
+        planning_s = self.scenario.execution.recovery.planning_s
+        tried = set[tuple[Counts, bool]]()
+        for policies in _AS_PLANNED if trigger.due else self.cuts:
+            cuts = [(p.counts(tpg, trigger, planning_s), p.aside) for p in policies]
+            yield [cut for cut in dict.fromkeys(cuts) if cut not in tried]
+            tried.update(cuts)
 
     def end(
         self,

@@ -11,9 +11,9 @@ from planning.errors import (
     TransitError,
 )
 from planning.motion.motion_cache import MotionCache
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks
-from planning.tasks.work import AssemblyWork
 from planning.worlds.measured import MeasuredWork
 from planning.worlds.onward import (
     BlockedStep,
@@ -34,7 +34,8 @@ from twin.operations.failure_triage import (
     interrupted_steps,
     request_replacement,
 )
-from twin.operations.person import OperationLedger, Person
+from twin.operations.ledger import LedgerDraft
+from twin.operations.person import Person
 from twin.operations.planner import (
     Extension,
     RecoveryState,
@@ -99,7 +100,7 @@ class Draft:
     context: PlanningContext
     tpg: TemporalPlanGraph
     seeds: TaskSeeds
-    ledger: OperationLedger
+    ledger: LedgerDraft
     cell: Workcell
     task_plan: TaskPlan
     steps: tuple[StepTasks, ...]
@@ -114,7 +115,7 @@ class Draft:
         return AssemblyState(
             self.tpg,
             self.seeds,
-            self.ledger.copy(),
+            self.ledger.recorded(),
             self.cell,
             self.task_plan,
             self.steps,
@@ -124,7 +125,7 @@ class Draft:
         )
 
     @property
-    def work(self) -> AssemblyWork:
+    def work(self) -> Assembly:
         """All candidates, with parts at their measured poses."""
         elsewhere = self.context.elsewhere
         return elsewhere.of(self.motions.work, self.ledger.measured)

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from planning.cell.workcell import Begun
 from planning.errors import RequestError
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
 from planning.tasks.task import Handling, StepTasks, Task, TaskKind
-from planning.tasks.work import AssemblyWork
 from planning.worlds.measured import MeasuredWork
 from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, picked_steps
@@ -45,23 +45,12 @@ _SAME = 1e-6
 """Joint values of a task that differ by less, in turns, are the same."""
 
 
-def remaining_graph(
-    scenario: Scenario,
-    motions: PlannedMotions,
-    tpg: TemporalPlanGraph,
-    counts: Counts,
-    failures: Sequence[Failure],
-    out: Collection[str],
-    left_s: Mapping[str, float],
-    ago: Mapping[int, float],
-    when: str,
-    undone: Mapping[int, str],
-) -> TemporalPlanGraph:
-    """Return the plan of the remainder from a cut, beginning in the world there.
+@dataclass(frozen=True)
+class RunRemainder:
+    """What a run leaves to do from a cut on, as the start of another plan.
 
-    Args:
+    Attributes:
         scenario: assembly and planning settings.
-        motions: of a plan of all of it.
         tpg: the executed plan.
         counts: number of nodes of each chain complete at the cut.
         failures: skills that have failed for good, and of which nothing was made.
@@ -70,59 +59,87 @@ def remaining_graph(
         ago: how long before all robots are at rest there tasks ended that opened windows of time, by index [s].
         when: the time, for people.
         undone: abandoned or dropped steps, by number, with the reason.
-
-    Raises:
-        RequestError: a robot cannot continue, or nothing is left.
     """
-    done = complete_tasks(tpg, counts)
-    world = World(tpg.cell.start_state(), planned_steps(tpg), complete=done)
-    before = [h for h in tpg.handlings if h.node < counts[h.robot]]
-    gone = frozenset(h.object for h in before if h.holder == Handling.GONE)
-    measured = {
-        h.object: h.pose
-        for h in before
-        if tpg.task_of(h).kind == TaskKind.FAILED
-        and tpg.task_of(h).object == h.object
-        and h.holder is None
-        and h.object not in gone
-    }
-    planner: Planner[Any]
-    if (kind := scenario.assembly.kind) in RECOVERIES:
+
+    scenario: Scenario
+    tpg: TemporalPlanGraph
+    counts: Counts
+    failures: tuple[Failure, ...]
+    out: frozenset[str]
+    left_s: Mapping[str, float]
+    ago: Mapping[int, float]
+    when: str
+    undone: Mapping[int, str]
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of the executed plan."""
+        return max((task.step for task in self.tpg.tasks), default=0)
+
+    def continue_with(self, motions: PlannedMotions) -> TemporalPlanGraph:
+        """Return the plan of the remainder, beginning in the world at the cut.
+
+        Args:
+            motions: of a plan of all of it.
+
+        Raises:
+            RequestError: a robot cannot continue, or nothing is left.
+        """
+        tpg, counts = self.tpg, self.counts
+        done = complete_tasks(tpg, counts)
+        world = World(tpg.cell.start_state(), planned_steps(tpg), complete=done)
+        planner = self._planner(motions, world)
+        trigger = ReplanTrigger(self.failures, self.out, frozenset(), counts, self.ago)
+        state, extension = planner.extend_initial(trigger)
+        union, new, at = extension
+        first = len(at.committed.tasks)
+        _require_whole(state.ledger.given_up, new, at, self.undone)
+        if not len(new.tasks) > first:
+            raise RequestError(f"nothing is left to do at {self.when}")
+        kinds = Counter(tpg.tasks[k].kind for k in done)
+        after = f"{self.scenario.name} {plan_sha256(tpg)[:12]} at {self.when}"
+        counted = tuple(sorted(kinds.items()))
+        steps = tuple(_done_steps(world))
+        begun = Begun(after, counted, tuple(sorted(self.out)), steps)
+        own = drop_history(new, first, begun, room=len(self.left_s))
+        return resume_machines(own, union, at.lengths, self.left_s)
+
+    def _planner(self, motions: PlannedMotions, world: World) -> Planner[Any]:
+        """Return what plans the remainder; begun steps keep their choices."""
+        scenario, tpg = self.scenario, self.tpg
+        before = [h for h in tpg.handlings if h.node < self.counts[h.robot]]
+        gone = frozenset(h.object for h in before if h.holder == Handling.GONE)
         nobody = Person(None, scenario.seed)
-        planner = RECOVERIES.load(kind)(
-            scenario, motions, tpg, _nobody_draws, nobody, gone, steps=False
-        )
-    else:
+        if (kind := scenario.assembly.kind) in RECOVERIES:
+            planner: Planner[Any] = RECOVERIES.load(kind)(
+                scenario, motions, tpg, _nobody_draws, nobody, gone, steps=False
+            )
+            return planner
+        measured = {
+            h.object: h.pose
+            for h in before
+            if tpg.task_of(h).kind == TaskKind.FAILED
+            and tpg.task_of(h).object == h.object
+            and h.holder is None
+            and h.object not in gone
+        }
         assert motions.work is not None
         _require_tried_once(tpg, world)
         work = MeasuredWork().find(motions.work, measured) or motions.work
         work = _with_what_was_used(work, world.begun())
-        known = {k: own for k, own in world.begun().items() if k not in undone}
+        known = {k: own for k, own in world.begun().items() if k not in self.undone}
         chosen = _choices_of(work, motions.task_plan, known)
-        planner = Recovery(
+        return Recovery(
             _with_shortcuts(scenario),
             replace(motions, task_plan=chosen, work=work),
             tpg,
             _nobody_draws,
-            Person(None, scenario.seed),
+            nobody,
             gone,
             measured,
-            undone,
+            self.undone,
             cuts=((CutPolicy(),), (CutPolicy(aside=True),)),
         )
-    trigger = ReplanTrigger(tuple(failures), frozenset(out), frozenset(), counts, ago)
-    state, extension = planner.extend_initial(trigger)
-    union, new, at = extension
-    first = len(at.committed.tasks)
-    _require_whole(state.ledger.given_up, new, at, undone)
-    if not len(new.tasks) > first:
-        raise RequestError(f"nothing is left to do at {when}")
-    kinds = Counter(tpg.tasks[k].kind for k in done)
-    after = f"{scenario.name} {plan_sha256(tpg)[:12]} at {when}"
-    counted = tuple(sorted(kinds.items()))
-    begun = Begun(after, counted, tuple(sorted(out)), tuple(_done_steps(world)))
-    own = drop_history(new, first, begun, room=len(left_s))
-    return resume_machines(own, union, at.lengths, left_s)
 
 
 def _done_steps(world: World) -> Iterator[int]:
@@ -196,20 +213,18 @@ def _nobody_draws(
     raise AssertionError("a plan is made and not executed")
 
 
-def _with_what_was_used(
-    work: AssemblyWork, begun: Mapping[int, StepTasks]
-) -> AssemblyWork:
+def _with_what_was_used(work: Assembly, begun: Mapping[int, StepTasks]) -> Assembly:
     """Return the work with the spare objects used so far."""
     for number, step in sorted(begun.items()):
         known = {item.object for item in work.problem.primaries if item.step == number}
         picked = {t.object for t in step.tasks if t.kind == "pick" and t.object}
         if picked - known:
-            work = work.spare(number, picked - known) or work
+            work = work.with_spares(number, picked - known) or work
     return work
 
 
 def _choices_of(
-    work: AssemblyWork, plan: TaskPlan, begun: Mapping[int, StepTasks]
+    work: Assembly, plan: TaskPlan, begun: Mapping[int, StepTasks]
 ) -> TaskPlan:
     """Return choices that keep the tasks of started steps.
 

@@ -60,7 +60,7 @@ class StepWindow:
         """Return the next number of planned steps after a given one, where more are wanted."""
         assert self._ahead is not None
         assert self._section is not None
-        return min(self._ahead.whole(planned + self._section.steps), last)
+        return min(self._ahead.with_whole_products(planned + self._section.steps), last)
 
     @property
     def in_products(self) -> bool:
@@ -86,7 +86,7 @@ class StepWindow:
         if self._ahead is None:
             return 0
         ahead = self._ahead
-        wanted = ahead.wanted + (ahead.made_of(given_up) + more) * ahead.product
+        wanted = ahead.wanted + (ahead.count_products(given_up) + more) * ahead.product
         return min(wanted, ahead.steps)
 
     def is_short(self, given_up: Collection[int], more: int, planned: int) -> bool:
@@ -94,7 +94,7 @@ class StepWindow:
         if self._ahead is None or not self.in_products:
             return bool(given_up)
         ahead = self._ahead
-        made = planned // ahead.product - ahead.made_of(given_up)
+        made = planned // ahead.product - ahead.count_products(given_up)
         return made < ahead.wanted // ahead.product + more
 
     def all_steps(self, plan: TaskPlan) -> range:

@@ -33,7 +33,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from planning.tasks.task import TaskKind
-from twin.operations.person import OperationLedger, Person
+from twin.operations.ledger import OperationLedger
+from twin.operations.person import Person
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
@@ -87,5 +88,5 @@ def measure_of(
         events,
         steps,
         times * count - len(ledger.asks),
-        count * len(kinds) * tries - ledger.tries.total(),
+        count * len(kinds) * tries - sum(ledger.tries.values()),
     )

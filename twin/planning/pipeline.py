@@ -11,8 +11,9 @@ from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import Workcell
 from planning.errors import ScenarioError
 from planning.motion.motion_plan import MotionPlan
-from planning.motion.sequential import MotionSettings
+from planning.motion.sequential import MotionSettings, plan_motions_sequentially
 from planning.motion.speed import JointSpeed, L1Speed, LimitedSpeed, SpeedModel
+from planning.tasks.highs_solver import assign_steps
 from planning.transforms import Indices
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -31,6 +32,7 @@ from twin.registry import PLANNERS
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
+MOTION = "motions"
 SLOTS, ORDER = "who moves at once", "what waits for what"
 SHORTCUTS = "shortcuts"
 """Names of the stages for progress displays."""
@@ -52,7 +54,8 @@ def plan_motions(
 ) -> PlannedMotions:
     """Plan assignment and sequential motions, before robots move simultaneously.
 
-    See the kinds of assemblies for the stages, plan_scenario for the errors.
+    The stages are those of the kind of assembly, then assignment and motion; see plan_scenario for the
+    errors.
 
     Args:
         scenario: a checked scenario.
@@ -70,15 +73,26 @@ def plan_motions(
         _require_plannable(scenario, kind)
     cell = build_workcell(scenario, folder, kind)
     settings = motion_settings(scenario, cell, folder)
-    if first is None:
+    if first is None and kind.space_time:
         return kind.plan(cell, settings, watch)
-    from twin.planning.in_turns import plan_sequentially
-
-    ahead = kind.ahead(cell, watch)
+    ahead = None if first is None else kind.ahead(cell, watch)
+    if first is None or ahead is None:
+        work = kind.assembly(cell, watch)
+    else:
+        with watch.stage("assignment"):
+            work = ahead.first(ahead.with_whole_products(first))
     with watch.stage("assignment"):
-        work = ahead.first(ahead.whole(first))
-    motions = plan_sequentially(cell, work.assembly, work, settings, watch)
-    return replace(kind.finished(motions), ahead=ahead)
+        chosen = assign_steps(work.problem)
+    with watch.stage("motion"):
+        watch.report(MOTION, 0, len(chosen.choices))
+        chosen, motion_plan = plan_motions_sequentially(
+            cell, work, chosen, settings, watch.reporter(MOTION)
+        )
+    return kind.finished(
+        PlannedMotions(
+            cell, work.built, chosen, motion_plan, settings, work=work, ahead=ahead
+        )
+    )
 
 
 def _require_plannable(scenario: Scenario, kind: AssemblyKind) -> None:

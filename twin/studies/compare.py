@@ -11,6 +11,7 @@ from twin.host.arguments import checks_arguments
 from twin.host.atomic_files import write_json
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.build_workcell import build_workcell
+from twin.planning.pipeline import plan_motions
 from twin.runs.folder import replace_results, run_folder
 from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.execution import ReferenceDuration
@@ -19,7 +20,7 @@ from twin.studies.comparison import (
     SEEDS,
     comparison_figures,
     measure_policies,
-    shared_motions,
+    require_comparable,
 )
 from twin.studies.plans import shortcut_budget
 from twin.studies.report.comparison_chart import draw_comparison, mean, percent, spread
@@ -131,10 +132,11 @@ def compare(
     numbers = range(chosen.seed, chosen.seed + seeds)
     with run_folder(out, chosen.name) as folder:
         found = {}
+        require_comparable(chosen)
         for k, seed in enumerate(numbers):
             progress(SEEDS, k, seeds)
             own = chosen.model_copy(update={"seed": seed})
-            turns = shared_motions(own, base, watch := StageWatch(progress))
+            turns = plan_motions(own, base, watch := StageWatch(progress))
             found[seed] = measure_policies(
                 turns, own, watch, candidates=candidates, base=base
             )

@@ -21,7 +21,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import StageWatch
-from twin.planning.pipeline import plan_motions, require_sequential
+from twin.planning.pipeline import require_sequential
 from twin.planning.time_parameterization import time_parameterize
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.policies import (
@@ -87,15 +87,14 @@ Rows = Mapping[int, Mapping[str, Measurement]]
 """Measurements of all policies, by seed and policy."""
 
 
-def shared_motions(scenario: Scenario, base: Path, watch: StageWatch) -> PlannedMotions:
-    """Return the tasks and motions that all policies share.
+def require_comparable(scenario: Scenario) -> None:
+    """Refuse a scenario that has no plan in slots.
 
     Raises:
-        TwinError: it cannot be planned, or not in slots; see ``plan_scenario``.
+        ScenarioError: it has machines, or is planned in space and time.
     """
     require_no_machines(scenario)
     require_sequential(scenario)
-    return plan_motions(scenario, base, watch)
 
 
 def measure_policies(

@@ -17,11 +17,10 @@ from twin.checks.check import check_scenario
 from twin.document.validation import parse_document
 from twin.engine.execution_model import ExecutionModel
 from twin.engine.model_holds import with_model_holds
-from twin.host.progress import Report, StageWatch
+from twin.host.progress import Report
 from twin.host.versions import versions
 from twin.operations.replicated.operating import OperatingWorkload
-from twin.planning.pipeline import default_shortcuts, plan_motions, planned_shortcuts
-from twin.planning.repetition import repeated_plans
+from twin.planning.pipeline import default_shortcuts, planned_shortcuts
 from twin.reading.checks import find_problems
 from twin.runs.policies import (
     ASYNCHRONOUS,
@@ -32,7 +31,6 @@ from twin.runs.policies import (
     SEQUENTIAL,
     SHORTENED,
     SLOTS_SHORTENED,
-    WHOLE_PLANS,
     named_policies,
     plan_folder,
     policy_name,
@@ -45,9 +43,8 @@ from twin.studies.folder import RefusedLayout, StudyRequest
 from twin.studies.replications.experiment import Experiment
 from twin.studies.replications.timing_graph import timing_graph
 from twin.studies.replications.workload import Workload
-from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import CoordinatedPlans, chooses_robot_subset, shortest_plan
+from twin.trial.planning import plan_scenario
 from twin.trial.simulation import scenario_execution
 
 Plans = Mapping[str, TemporalPlanGraph]
@@ -90,45 +87,6 @@ def require_no_machines(scenario: Scenario) -> None:
             "no plan in slots can wait for machines, sources and products: study the"
             " scenario with the policies sequential and asynchronous"
         )
-
-
-def study_plans(
-    scenario: Scenario,
-    base: Path,
-    policies: tuple[str, ...],
-    *,
-    candidates: int,
-    progress: Report,
-) -> Plans:
-    """Return the plans that policies need, all from the same motions.
-
-    Args:
-        scenario: a checked scenario.
-        base: where relative paths in it start.
-        policies: names of twin.runs.policies.
-        candidates: shortcuts tried, where a policy takes them.
-        progress: receives the progress of each stage.
-
-    Raises:
-        TwinError: the scenario cannot be planned; see plan_scenario.
-    """
-    needed = {named_policies()[policy].plan for policy in policies}
-    watch = StageWatch(progress)
-    if needed & {IN_SLOTS, SLOTS_SHORTENED}:
-        require_no_machines(scenario)
-    if chooses_robot_subset(scenario):
-        turns = shortest_plan(LoadedScenario(scenario, base), watch).motions
-    else:
-        turns = plan_motions(scenario, base, watch)
-    made = CoordinatedPlans(turns, scenario, lambda: watch, candidates=candidates)
-    also = {WHOLE_PLANS.get(name) for name in needed}
-    within = {
-        name: made[name]
-        for name in (IN_TURNS, IN_SLOTS, *WHOLE_PLANS)
-        if name in needed | also
-    }
-    plans = repeated_plans(within, turns.pattern, watch)
-    return {name: plan for name, plan in plans.items() if name in needed}
 
 
 def given_plans(given: PlanResult, policies: tuple[str, ...]) -> Plans:
@@ -339,13 +297,15 @@ def _planned(request: StudyRequest, layout: Variant, progress: Report) -> Plans:
     if layout:
         for message in _errors(scenario, request.base):
             raise RequestError(message)
-    return study_plans(
-        scenario,
-        request.base,
-        request.experiment.policies,
-        candidates=request.candidates,
-        progress=progress,
+    names = request.experiment.policies
+    wanted = {named_policies()[policy].plan for policy in names}
+    if wanted & {IN_SLOTS, SLOTS_SHORTENED}:
+        require_no_machines(scenario)
+    candidates = request.candidates
+    made = plan_scenario(
+        scenario, request.base, progress, wanted=wanted, candidates=candidates
     )
+    return made.plans
 
 
 def _errors(scenario: Scenario, base: Path) -> Iterator[str]:

@@ -36,6 +36,7 @@ class PlanResult:
         name: which plan it is, such as ``in turns`` or ``shortened``.
         turns: the sequential plan of the same motions, where the plan is made in slots or
             shortened; None where ``tpg`` has the same nodes.
+        plans: plans of the same motions by their names in twin.runs.policies, where these were asked for.
         planning_s: wall-clock seconds of each stage of planning; empty for a plan that was read.
         load_bound_s: lower bound of the makespan at nominal durations over all assignments
             [s], None where that was not worked out.
@@ -50,6 +51,7 @@ class PlanResult:
     tpg: TemporalPlanGraph
     name: str
     turns: TemporalPlanGraph | None = None
+    plans: Mapping[str, TemporalPlanGraph] = field(default_factory=dict, kw_only=True)
     planning_s: Mapping[str, float] = field(default_factory=dict)
     load_bound_s: float | None = None
     warnings: tuple[str, ...] = ()

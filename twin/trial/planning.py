@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -63,13 +63,36 @@ LOSES = 0.2
 """Share of failed attempts that lose the object, where only a failure rate is given; synthetic."""
 
 
+class PlanStart(Protocol):
+    """Where a plan begins, if not with all robots at HOME and all objects at their starts."""
+
+    @property
+    def steps(self) -> int:
+        """Number of first steps that must be planned."""
+        ...
+
+    def continue_with(self, motions: PlannedMotions) -> TemporalPlanGraph:
+        """Return the plan of what is left.
+
+        Args:
+            motions: of a plan from the beginning.
+
+        Raises:
+            RequestError: a robot cannot continue, or nothing is left.
+        """
+        ...
+
+
 def plan_scenario(
     scenario: Scenario | LoadedScenario,
     folder: Path = Path(),
     progress: Report = report_nothing,
     *,
-    motions: PlannedMotions | None = None,
+    start: PlanStart | None = None,
     keep: bool = False,
+    wanted: Collection[str] = (),
+    candidates: int = 0,
+    motions: PlannedMotions | None = None,
 ) -> PlanResult:
     """Plan a scenario from the cell to the temporal plan graph.
 
@@ -81,43 +104,79 @@ def plan_scenario(
         scenario: a checked scenario.
         folder: where relative paths in it start, that of its file; known of one that was loaded.
         progress: receives the progress of each stage.
-        motions: result of ``plan_motions``, where it exists already.
+        start: where the plan begins; by default with all robots at HOME.
         keep: keep what other plans can be made from: every product is planned by itself, and no more
             than what is wanted, or what the window of the scenario says.
+        wanted: names in twin.runs.policies of plans to make from the same motions, in place of the one
+            that the scenario says.
+        candidates: shortcuts tried on each wanted plan.
+        motions: result of ``plan_motions``, where it exists already.
 
     Raises:
         RobotModelError: a robot description cannot be used.
         ConstructionError: a construction for which no plan was found.
         InfeasibleStepError: a step that no robot, brick and grasp can do.
         TransitError: no collision-free path was found.
+        RequestError: see PlanStart, and plan_motions for what is kept.
         PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
     """
     case, watch = scenario, StageWatch(progress)
     if not isinstance(case, LoadedScenario):
         case = LoadedScenario(case, folder)
+    sections = case.sections
+    whole, window = keep or start is not None, sections.execution.window
+    if motions is None:
+        first = None
+        if keep and window is not None:
+            first = window.first
+        elif whole:
+            first = wanted_steps(sections, 0 if start is None else start.steps)
+        motions = plan_motions(sections, case.folder, watch, whole=whole, first=first)
+    if start is not None:
+        with watch.stage("motion"):
+            tpg = start.continue_with(motions)
+        name = SHORTENED if planned_shortcuts(sections) else IN_TURNS
+        return PlanResult(case, tpg, name, planning_s=watch.seconds)
+    if keep and window is not None:
+        # Shortened as much as the steps that come after them will be.
+        most = sections.execution.recovery.shortcuts
+        return _coordinated(case, motions, watch, most)
+    if wanted:
+        return _wanted(case, motions, watch, wanted, candidates)
+    plan = _shortest(case, motions, watch)
     if keep:
-        return _plan_to_keep(case, watch)
-    plan = shortest_plan(case, watch, motions)
-    first = plan.motions
-    # What other plans can be made from is no longer needed, and cannot be saved.
-    plan = replace(plan, made_of=replace(first, work=None))
-    if first.pattern is not None:
-        return _repeated(plan, watch)
-    if first.work is None:
         return plan
-    bound = load_bound_s(first.cell, first.work, first.task_plan, first.settings)
+    used = plan.motions
+    # What other plans can be made from is no longer needed, and cannot be saved.
+    plan = replace(plan, made_of=replace(used, work=None))
+    if used.pattern is not None:
+        return _repeated(plan, watch)
+    if used.work is None:
+        return plan
+    bound = load_bound_s(used.cell, used.work, used.task_plan, used.settings)
     return replace(plan, load_bound_s=bound)
 
 
-def _plan_to_keep(case: LoadedScenario, watch: StageWatch) -> PlanResult:
-    """Return the plan of the first steps or of all, with the data that replanning needs."""
-    sections, window = case.sections, case.sections.execution.window
-    first = wanted_steps(sections) if window is None else window.first
-    motions = plan_motions(sections, case.folder, watch, whole=True, first=first)
-    if window is None:
-        return shortest_plan(case, watch, motions)
-    # Shortened as much as the steps that come after them will be.
-    return _coordinated(case, motions, watch, sections.execution.recovery.shortcuts)
+def _wanted(
+    case: LoadedScenario,
+    motions: PlannedMotions,
+    watch: StageWatch,
+    wanted: Collection[str],
+    candidates: int,
+) -> PlanResult:
+    """Return plans by their names for all products, from the motions of the best subset of robots."""
+    if chooses_robot_subset(case.sections):
+        motions = _shortest(case, motions, watch).motions
+    made = CoordinatedPlans(
+        motions, case.sections, lambda: watch, candidates=candidates
+    )
+    needed = {*wanted, *(WHOLE_PLANS.get(name) for name in wanted)}
+    order = (IN_TURNS, IN_SLOTS, *WHOLE_PLANS)
+    within = {name: made[name] for name in order if name in needed}
+    repeated = repeated_plans(within, motions.pattern, watch)
+    plans = {name: plan for name, plan in repeated.items() if name in wanted}
+    name, tpg = list(plans.items())[-1]
+    return PlanResult(case, tpg, name, planning_s=watch.seconds, plans=plans)
 
 
 def with_failures(
@@ -143,21 +202,15 @@ def with_failures(
     )
 
 
-def shortest_plan(
-    case: LoadedScenario, watch: StageWatch, motions: PlannedMotions | None = None
+def _shortest(
+    case: LoadedScenario, motions: PlannedMotions, watch: StageWatch
 ) -> PlanResult:
-    """Return the shortest plan over subsets of robots, for the planned products.
-
-    See plan_scenario for the errors, and for motions that are there already.
-    """
-    scenario = case.sections
-    if motions is None:
-        motions = plan_motions(scenario, case.folder, watch)
-    first, *others = _motions_of_crews(scenario, motions, watch)
+    """Return the shortest plan over subsets of robots, for the planned products."""
+    first, *others = _motions_of_crews(case.sections, motions, watch)
     plan = _coordinated(case, first, watch)
     for other in others:
         plan = _shorter(plan, other, watch)
-    return replace(plan, idle=find_idle_robots(plan.tpg, motions, scenario.kind))
+    return replace(plan, idle=find_idle_robots(plan.tpg, motions, case.sections.kind))
 
 
 def _shorter(
@@ -315,7 +368,6 @@ def _with_plan(
     """Return the motions that belong to a plan found by search."""
     found = replace(
         first,
-        assembly=plan.work.assembly or first.assembly,
         task_plan=plan.task_plan,
         motion_plan=plan.motion_plan,
         work=plan.work,

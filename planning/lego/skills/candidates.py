@@ -33,13 +33,11 @@ class LegoCandidates:
         world: cell and assembly.
         problem: what the solver needs.
         skills: picks, places, supports and handovers.
-        alternatives: see ``find_candidates``.
     """
 
     world: BrickWorld
     problem: AssignmentProblem
     skills: BrickSkills = field(repr=False)
-    alternatives: int | None = None
 
 
 def find_candidates(
@@ -65,27 +63,35 @@ def find_candidates(
     Raises:
         ScenarioError: a step cannot be understood.
     """
-    nothing = empty_candidates(cell, assembly, alternatives=alternatives)
-    return candidates_up_to(nothing, len(assembly.steps))
+    found = LazyBrickCandidates(cell, assembly, alternatives=alternatives)
+    return found.first(len(assembly.steps))
 
 
-def empty_candidates(
-    cell: Workcell, assembly: LegoAssembly, *, alternatives: int | None = None
-) -> LegoCandidates:
-    """Return a problem without candidates yet; see ``find_candidates`` for arguments and errors."""
-    skills = BrickSkills(BrickWorld(cell, assembly))
-    return BrickCollector(skills, alternatives).candidates(0)
+class LazyBrickCandidates:
+    """Candidates of the steps of a LEGO assembly, found on request, in order; see ``find_candidates``."""
 
+    def __init__(
+        self, cell: Workcell, assembly: LegoAssembly, *, alternatives: int | None = None
+    ) -> None:
+        self._skills = BrickSkills(BrickWorld(cell, assembly))
+        self._alternatives = alternatives
+        self._known = BrickCollector(self._skills, alternatives).candidates(0)
 
-def candidates_up_to(known: LegoCandidates, count: int) -> LegoCandidates:
-    """Return the candidates of a number of first steps; those of known steps are kept."""
-    collector = BrickCollector(known.skills, known.alternatives)
-    for number in range(1, count + 1):
-        if number <= len(known.problem.steps):
-            collector.keep(known.problem, number)
-        else:
-            collector.add(number)
-    return collector.candidates(count)
+    def first(self, count: int) -> LegoCandidates:
+        """Return the candidates of a number of first steps."""
+        known, collector = (
+            self._known.problem,
+            BrickCollector(self._skills, self._alternatives),
+        )
+        for number in range(1, count + 1):
+            if number <= len(known.steps):
+                collector.keep(known, number)
+            else:
+                collector.add(number)
+        found = collector.candidates(count)
+        if count > len(known.steps):
+            self._known = found
+        return found
 
 
 class BrickCollector(CandidateCollector):
@@ -114,7 +120,7 @@ class BrickCollector(CandidateCollector):
             [step.up or step.support is not None for step in steps],
             unlimited=self.world.stations,
         )
-        return LegoCandidates(self.world, problem, self.skills, self._most)
+        return LegoCandidates(self.world, problem, self.skills)
 
     def keep(self, problem: AssignmentProblem, step: int) -> None:
         """Add the candidates that a step has in another problem."""

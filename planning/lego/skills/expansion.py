@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass, field, replace
 
-from planning.cell.workcell import CellObject
+from planning.cell.workcell import CellObject, Workcell
 from planning.geometry.robot_bodies import entity_name
 from planning.handling.handovers import Handover
 from planning.handling.placement import (
@@ -19,7 +19,7 @@ from planning.handling.skill_contacts import NOTHING, grip_contact
 from planning.handling.skill_trial import ResolvedSkill
 from planning.handling.task_history import TaskHistory
 from planning.kinematics.kinematics import frame_pose
-from planning.lego.bricks.assembly import GridSpan, OnGrid, PlacedBrick
+from planning.lego.bricks.assembly import GridSpan, LegoAssembly, OnGrid, PlacedBrick
 from planning.lego.bricks.brick_world import (
     BrickWorld,
     copy_name,
@@ -27,7 +27,7 @@ from planning.lego.bricks.brick_world import (
     press_from_number,
     station_of,
 )
-from planning.lego.skills.candidates import LegoCandidates
+from planning.lego.skills.candidates import LazyBrickCandidates, LegoCandidates
 from planning.lego.skills.targets import (
     Bricks,
     resting_contacts,
@@ -37,63 +37,83 @@ from planning.lego.skills.targets import (
 )
 from planning.steps.skill import Obstruction, Pairs, contacts_with
 from planning.steps.step_writer import StepWriter
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task
-from planning.tasks.work import AssemblyWork
 from planning.transforms import Array, Transform, inverse
 
 PLACES = ("place-down", "place-up")
 SUPPORTS = ("support-bottom", "support-top")
 
 
-def lego_work(candidates: LegoCandidates) -> AssemblyWork:
-    """Return the assembly work of LEGO candidates, for assignment and motion planning."""
-    return AssemblyWork(
-        candidates.problem,
-        partial(_expand_step, candidates),
-        partial(_waits, candidates),
-        candidates.world.assembly,
-    )
+@dataclass(frozen=True)
+class LegoWork(Assembly):
+    """A LEGO assembly with its candidates, for assignment and motion planning.
 
-
-def _expand_step(
-    candidates: LegoCandidates, plan: TaskPlan, step: int, first_index: int
-) -> StepTasks:
-    """Return the tasks of a step for the choice of a plan.
-
-    The plan must have the choices of the earlier steps, whose bricks stand around.
+    Attributes:
+        candidates: of the steps of the problem.
+        lazy: source of the candidates of first steps; None where those of all are found.
     """
-    build = StepWriter(candidates.world.cell, step, first_index)
-    write_placement(build, _ChosenBrickStep(candidates, plan, step).placement())
-    return build.build()
+
+    candidates: LegoCandidates
+    lazy: LazyBrickCandidates | None = field(default=None, repr=False, kw_only=True)
+
+    @property
+    def built(self) -> LegoAssembly:
+        """The plate, the stock and the steps."""
+        return self.candidates.world.assembly
+
+    def first(self, count: int) -> LegoWork:
+        """Return the assembly of a number of first steps."""
+        return (
+            super().first(count)
+            if self.lazy is None
+            else lego_work(self.lazy.first(count))
+        )
+
+    def expand(self, plan: TaskPlan, step: int, first: int) -> StepTasks:
+        """Return the tasks of a step; the bricks of earlier choices stand around it."""
+        build = StepWriter(self.candidates.world.cell, step, first)
+        write_placement(
+            build, _ChosenBrickStep(self.candidates, plan, step).placement()
+        )
+        return build.build()
+
+    def waits(self, steps: Sequence[StepTasks]) -> Iterator[tuple[Task, Task]]:
+        """Yield the precedence pairs of steps.
+
+        A place waits for the place before it, and so does a support; a brick of the stock is picked
+        after those that stood on it, a station's once it has come up.
+        """
+        world, history = self.candidates.world, TaskHistory()
+        brought = {
+            handling.object: task
+            for task in (task for step in steps for task in step.tasks)
+            for handling in task.handlings
+            if handling.object != task.object
+        }
+        for task in (task for step in steps for task in step.tasks):
+            if task.kind in (*PLACES, *SUPPORTS):
+                yield from history.before(task, "placed", "the brick before")
+            if task.kind in PLACES:
+                history.put("placed", "the brick before", task)
+            if task.kind == "pick" and task.object is not None:
+                source = station_of(task.object, world.stations)
+                yield from history.before(task, "picked", *world.above[source])
+                history.put("picked", source, task)
+                if task.object in brought:
+                    yield brought[task.object], task
 
 
-def _waits(
-    candidates: LegoCandidates, steps: Sequence[StepTasks]
-) -> Iterator[tuple[Task, Task]]:
-    """Yield the precedence pairs of steps.
+def lego_work(candidates: LegoCandidates) -> LegoWork:
+    """Return the assembly of LEGO candidates, for assignment and motion planning."""
+    return LegoWork(candidates.problem, candidates)
 
-    A place waits for the place before it, and so does a support; a brick of the stock is picked
-    after those that stood on it, a station's once it has come up.
-    """
-    world, history = candidates.world, TaskHistory()
-    brought = {
-        handling.object: task
-        for task in (task for step in steps for task in step.tasks)
-        for handling in task.handlings
-        if handling.object != task.object
-    }
-    for task in (task for step in steps for task in step.tasks):
-        if task.kind in (*PLACES, *SUPPORTS):
-            yield from history.before(task, "placed", "the brick before")
-        if task.kind in PLACES:
-            history.put("placed", "the brick before", task)
-        if task.kind == "pick" and task.object is not None:
-            source = station_of(task.object, world.stations)
-            yield from history.before(task, "picked", *world.above[source])
-            history.put("picked", source, task)
-            if task.object in brought:
-                yield brought[task.object], task
+
+def lazy_lego_work(cell: Workcell, assembly: LegoAssembly) -> LegoWork:
+    """Return an assembly whose candidates are found as ``first`` asks for steps."""
+    lazy = LazyBrickCandidates(cell, assembly)
+    return replace(lego_work(lazy.first(0)), lazy=lazy)
 
 
 def _bricks_taken(

@@ -19,11 +19,12 @@ from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import (
     MotionSettings,
     explain_blockage,
-    plan_motions_sequentially,
+    plan_steps_sequentially,
 )
 from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
 from planning.robots.registry import robot_model
+from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import AllowedContact, Handling, StepTasks, Task, TaskKind
 from planning.transforms import Array, from_rpy, inverse, translation
 
@@ -85,12 +86,14 @@ def _fetch(cell: Workcell, first: int, reach: Array = REACH) -> StepTasks:
 def _plan(cell: Workcell, *reach: Array, seed: int = 0, **changes: Any) -> MotionPlan:
     """The plan of one step, the first of its ways that can be."""
     ways = reach or (REACH,)
-    return plan_motions_sequentially(
+    _, plan = plan_steps_sequentially(
         cell,
-        [lambda first: (_fetch(cell, first, way) for way in ways)],
+        TaskPlan(()),
+        [lambda plan, first: ((plan, _fetch(cell, first, way)) for way in ways)],
         _no_links,
         replace(_settings(cell, seed), **changes),
     )
+    return plan
 
 
 def test_paths_join_times_rise_and_the_box_comes_along(cell: Workcell) -> None:

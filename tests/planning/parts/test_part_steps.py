@@ -46,7 +46,6 @@ from planning.steps.skill import Obstruction, Phase
 from planning.tasks.assignment import PrimaryCandidate, TaskPlan
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import TaskKind
-from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, from_rpy, translation
 from tests.planning.parts.boxes import built, part, two_arms
 from tests.planning.tasks.plan_oracle import plan_violations, task_order
@@ -169,11 +168,10 @@ def test_a_step_carries_its_part_over_home(
 def test_a_step_can_be_done_in_other_ways(
     found: PartCandidates, plan: TaskPlan
 ) -> None:
-    expansions = StepExpansions(part_work(found), plan)
-    ways = expansions.callables()[2](0)
-    first, second = next(ways), next(ways)
-    assert expansions.plan[3] != plan[3]
-    assert expansions.plan[1] == plan[1]
+    alternatives = part_work(found).alternatives(3, plan, 0)
+    (_, first), (other, second) = next(alternatives), next(alternatives)
+    assert other[3] != plan[3]
+    assert other[1] == plan[1]
     assert [t.kind for t in first.tasks] == [t.kind for t in second.tasks]
 
 

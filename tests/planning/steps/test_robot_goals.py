@@ -10,7 +10,6 @@ from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
 from planning.steps.robot_goals import RobotGoal, prepare_goals
 from planning.tasks.highs_solver import assign_steps
-from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, from_rpy, translation
 from tests.planning.parts.boxes import two_arms
 
@@ -27,8 +26,8 @@ def test_robots_go_where_they_are_told() -> None:
         for robot in CELL.robots
     }
     settings = MotionSettings(transits, dict.fromkeys(transits, speed), 0.05, {})
-    steps = StepExpansions(work, assign_steps(work.problem))
-    plan = plan_motions_sequentially(CELL, steps.callables(), work.link, settings)
+    chosen = assign_steps(work.problem)
+    _, plan = plan_motions_sequentially(CELL, work, chosen, settings)
     west, east = (motion.path[-1] for motion in plan.motions)
     assert np.allclose(frame_pose(CELL.robots[0], west, "tool"), pose, atol=1e-6)
     assert np.array_equal(east, joints)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from planning.tasks.task import Task
-from planning.tasks.work import DEPENDENCY, ORDER, task_graph
+from planning.tasks.task_graph import DEPENDENCY, ORDER, task_graph
 
 PLANS = st.lists(st.sampled_from(["ada", "bob", "eve"]), max_size=12).flatmap(
     lambda robots: st.tuples(

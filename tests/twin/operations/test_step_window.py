@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from planning.errors import RequestError
 from planning.lego.skills.candidates import (
-    candidates_up_to,
-    empty_candidates,
+    LazyBrickCandidates,
     find_candidates,
 )
 from planning.parts.candidates import LazyCandidates
@@ -124,9 +123,9 @@ def test_candidates_are_those_of_all_steps_at_once(stack_file: Path) -> None:
     assert isinstance(section, LegoSection)
     cell, assembly = build_workcell(case.sections, case.folder), build_lego(section)
     whole = find_candidates(cell, assembly).problem
-    known = empty_candidates(cell, assembly)
+    lazy = LazyBrickCandidates(cell, assembly)
     for count in (1, 3, 4):
-        known = candidates_up_to(known, count)
+        known = lazy.first(count)
 
     assert told(known.problem) == told(whole)
 

@@ -8,13 +8,13 @@ import pytest
 
 import twin.trial.planning as planning
 from planning.motion.motion_plan import MotionPlan
+from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
     TaskPlan,
     alternative_choices,
 )
-from planning.tasks.work import AssemblyWork
 from scheduling.ordering.plan_rating import PlanRater
 from scheduling.ordering.robot_subsets import robot_subsets
 from scheduling.planned_motions import PlannedMotions
@@ -89,12 +89,12 @@ def _changed(scenario: Scenario, **keys: object) -> Scenario:
     return scenario.model_copy(update={"planning": planning})
 
 
-def _work(first: PlannedMotions) -> AssemblyWork:
+def _work(first: PlannedMotions) -> Assembly:
     assert first.work is not None
     return first.work
 
 
-def _walk(work: AssemblyWork, plan: TaskPlan, steps: int) -> list[TaskPlan]:
+def _walk(work: Assembly, plan: TaskPlan, steps: int) -> list[TaskPlan]:
     """Return plans, each with another choice at one step of the one before."""
     rng = np.random.default_rng(5)
     plans: list[TaskPlan] = []

@@ -14,7 +14,6 @@ from planning.tasks.assignment import (
     PrimaryCandidate,
     SupportCandidate,
 )
-from planning.tasks.work import AssemblyWork
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.supply import remove_idle_chains
 from tests.twin.twin_toys import random_tpg
@@ -59,11 +58,10 @@ def motions(
         tuple(primaries),
         tuple(supports),
     )
-    work = AssemblyWork(problem, lambda *_: None, assembly=assembly)  # type: ignore[arg-type]
     tasks = (SimpleNamespace(robot=by),)
     cell = without_last().cell
     return SimpleNamespace(
-        work=work,
+        work=SimpleNamespace(problem=problem),
         assembly=assembly,
         cell=cell,
         motion_plan=SimpleNamespace(tasks=tasks),

@@ -18,13 +18,12 @@ from tests.planted import rows
 from tests.twin.written import loaded, refusal
 from twin.audits.expectations import scenario_expectations
 from twin.document.validation import InvalidScenarioError
-from twin.host.progress import StageWatch
 from twin.kinds.parts.line import source_places, write_out_line
 from twin.kinds.parts.section import PartsSection
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
-from twin.studies.comparison import shared_motions
+from twin.studies.comparison import require_comparable
 from twin.throughput.throughput import line_summary, product_nodes
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute
@@ -186,4 +185,4 @@ def test_a_part_that_lies_there_once_makes_one_product(tmp_path: Path) -> None:
 def test_lines_have_no_slots(tmp_path: Path) -> None:
     own = scenario(tmp_path)
     with pytest.raises(ScenarioError, match="no plan in slots"):
-        shared_motions(own, tmp_path, StageWatch())
+        require_comparable(own)

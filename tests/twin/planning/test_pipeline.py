@@ -20,7 +20,7 @@ from tests.twin.scenarios.executed import executed
 from tests.twin.written import loaded
 from twin.host.progress import StageWatch
 from twin.planning import pipeline
-from twin.planning.in_turns import MOTION
+from twin.planning.pipeline import MOTION
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario

@@ -19,7 +19,7 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import StageWatch
-from twin.planning.pipeline import motion_settings
+from twin.planning.pipeline import motion_settings, plan_motions
 from twin.reading.scenario_file import load_scenario
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.policies import (
@@ -36,7 +36,6 @@ from twin.studies.comparison import (
     COMPARED,
     Measurement,
     measure_policies,
-    shared_motions,
     straight_line_ratio,
     straight_line_s,
 )
@@ -74,7 +73,7 @@ def goals(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def cliff() -> Mapping[str, Measurement]:
     scenario = load_scenario(CLIFF).model_copy(update={"seed": 3})
-    turns = shared_motions(scenario, CLIFF.parent, watch := StageWatch())
+    turns = plan_motions(scenario, CLIFF.parent, watch := StageWatch())
     return measure_policies(turns, scenario, watch, candidates=400, base=CLIFF.parent)
 
 

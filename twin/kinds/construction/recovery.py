@@ -40,7 +40,8 @@ from twin.operations.commitment import (
     executable_lengths,
 )
 from twin.operations.failure_triage import FailureTriage, request_replacement
-from twin.operations.person import OperationLedger, Person
+from twin.operations.ledger import LedgerDraft, LedgerEntries, OperationLedger
+from twin.operations.person import Person
 from twin.operations.planner import (
     Extension,
     Planner,
@@ -117,7 +118,7 @@ class ConstructionRecovery(Planner[_Built]):
             steps[name]: frozenset(steps[k] for k in steps if name in carriers[k])
             for name in steps
         }
-        ledger = OperationLedger(above, gone=set(self.gone))
+        ledger = OperationLedger(above, gone=frozenset(self.gone))
         self.initial = _Built(tpg, TaskSeeds.of(tpg), ledger, kind.parts, steps)
 
     def begun(self, state: _Built, counts: Sequence[int]) -> set[int]:
@@ -138,7 +139,7 @@ class ConstructionRecovery(Planner[_Built]):
         self, state: _Built, trigger: ReplanTrigger, why: str
     ) -> tuple[_Built, Extension]:
         """Return the state with all remaining steps abandoned, and the committed graph alone."""
-        tpg, ledger = state.tpg, state.ledger.copy()
+        tpg, ledger = state.tpg, state.ledger.draft()
         about = self.scenario.execution, ledger, self.person
         triage = FailureTriage(*about).decide(tpg, trigger)
         counts = executable_lengths(tpg, trigger)
@@ -147,7 +148,8 @@ class ConstructionRecovery(Planner[_Built]):
         done = {task.step for task in complete if task.kind == _PUT}
         for step in sorted({*state.step_of.values()} - done - ledger.undone):
             ledger.give_up(step, why)
-        return replace(state, ledger=ledger), empty_extension(at, tpg.cell)
+        after = replace(state, ledger=ledger.recorded())
+        return after, empty_extension(at, tpg.cell)
 
     def extend(
         self,
@@ -157,7 +159,7 @@ class ConstructionRecovery(Planner[_Built]):
         more_steps: bool = True,
     ) -> tuple[_Built, Extension]:
         """Return the next state and an extended graph, see ``Planner``."""
-        tpg, ledger = state.tpg, state.ledger.copy()
+        tpg, ledger = state.tpg, state.ledger.draft()
         section = self.scenario.execution
         triage = FailureTriage(section, ledger, self.person).decide(tpg, trigger)
         counts = cut_at(tpg, trigger, steps=self.steps)
@@ -172,20 +174,20 @@ class ConstructionRecovery(Planner[_Built]):
             if task.kind == _PUT and task.index in at.complete
         )
         kept, placed = self._kept(state, ledger, at, placed)
-        built = replace(state, ledger=ledger, kept=kept)
+        built = replace(state, kept=kept)
         for name in placed:
             goals = {part.name: part.goal for part in built.parts}
             lies = there[name].pose
             (own,) = (k for k in goals if np.allclose(goals[k], lies, atol=1e-6))
             built = built.exchanged(name, own)
         for name in sorted(ledger.gone & built.step_of.keys()):
-            built = self._exchanged(built, name, placed, there)
+            built = self._exchanged(built, ledger, name, placed, there)
         for name in sorted(ledger.gone & built.step_of.keys() - there.keys()):
             if (step := built.step_of[name]) not in ledger.undone:
                 about = ledger, self.person, tpg.cell
                 request_replacement(*about, step, name, f"{name} is lost")
         there = self._there(ledger, at)
-        problem = self._problem(tpg.cell, built, placed, there, at.out)
+        problem = self._problem(tpg.cell, built, ledger, placed, there, at.out)
         names = {part.name for part in problem.parts}
         held = {
             name: own
@@ -204,7 +206,7 @@ class ConstructionRecovery(Planner[_Built]):
             )
             kept = {k: (own.robot, own.last) for k, own in rest.kept.items()}
             built = replace(built, kept=kept)
-            self._give_up(built, rest.placed)
+            self._give_up(built, ledger, rest.placed)
             plan = self._motions(problem, built, rest, world, tpg.cell)
             new = graph_from_world(plan, world, before, StageWatch())
             new = time_parameterize(new, self.scenario, StageWatch())
@@ -214,12 +216,13 @@ class ConstructionRecovery(Planner[_Built]):
             for name in names - {*placed}:
                 why = str(error).partition("\n")[0]
                 ledger.given_up.setdefault(built.step_of[name], why)
-            self._give_up(built, placed)
-            return built, empty_extension(at, tpg.cell)
-        return built, (union, new, at)
+            self._give_up(built, ledger, placed)
+            extension = empty_extension(at, tpg.cell)
+            return replace(built, ledger=ledger.recorded()), extension
+        return replace(built, ledger=ledger.recorded()), (union, new, at)
 
     def _there(
-        self, ledger: OperationLedger, at: CommittedPrefix
+        self, ledger: LedgerEntries, at: CommittedPrefix
     ) -> Mapping[str, Attachment]:
         """Return the poses of parts, by their plan names."""
         pending = ledger.pending(at.committed.tasks)
@@ -228,7 +231,7 @@ class ConstructionRecovery(Planner[_Built]):
     def _kept(
         self,
         state: _Built,
-        ledger: OperationLedger,
+        ledger: LedgerEntries,
         at: CommittedPrefix,
         placed: Sequence[str],
     ) -> tuple[dict[str, tuple[str, str]], tuple[str, ...]]:
@@ -251,12 +254,13 @@ class ConstructionRecovery(Planner[_Built]):
     def _exchanged(
         self,
         built: _Built,
+        ledger: LedgerEntries,
         name: str,
         placed: Sequence[str],
         there: Mapping[str, Attachment],
     ) -> _Built:
         """Return the goals of parts after a lost one is replaced by another of its kind."""
-        ledger, steps = built.ledger, built.step_of
+        steps = built.step_of
         if steps[name] in ledger.undone:
             return built
         parts = {part.name: part for part in built.parts}
@@ -282,7 +286,7 @@ class ConstructionRecovery(Planner[_Built]):
         about = part.size.tobytes(), part.mass, part.faces
         return *about, ways.get(part.name)
 
-    def _above(self, ledger: OperationLedger, step: int) -> int:
+    def _above(self, ledger: LedgerEntries, step: int) -> int:
         """Return the number of remaining steps that depend on a step."""
         found, todo = set[int](), [step]
         while todo:
@@ -295,12 +299,12 @@ class ConstructionRecovery(Planner[_Built]):
         self,
         cell: Workcell,
         built: _Built,
+        ledger: LedgerEntries,
         placed: Sequence[str],
         there: Mapping[str, Attachment],
         out: frozenset[str],
     ) -> ConstructionProblem:
         """Return the problem of all placed or remaining parts."""
-        ledger = built.ledger
         wanted = tuple(
             part
             for part in built.parts
@@ -326,10 +330,12 @@ class ConstructionRecovery(Planner[_Built]):
         return self._made[key]
 
     def _give_up(
-        self, built: _Built, placed: Mapping[str, float] | Sequence[str]
+        self,
+        built: _Built,
+        ledger: LedgerDraft,
+        placed: Mapping[str, float] | Sequence[str],
     ) -> None:
         """Abandon the steps of unplaced parts, with the reason."""
-        ledger = built.ledger
         undone = {k: name for name, k in built.step_of.items() if name not in placed}
         for step, name in sorted(undone.items()):
             if step not in ledger.undone and name in ledger.gone:
@@ -398,7 +404,7 @@ class ConstructionRecovery(Planner[_Built]):
     def _waits(
         self,
         problem: ConstructionProblem,
-        ledger: OperationLedger,
+        ledger: LedgerEntries,
         rest: BuildState,
         plan: MotionPlan,
         at: CommittedPrefix,

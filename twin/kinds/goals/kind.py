@@ -14,11 +14,10 @@ from twin.document.validation import Found, check_known_name
 from twin.host.progress import StageWatch
 from twin.kinds.goals.section import GoalsSection, MoveSection
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.kind import AssemblyKind, IdleReason
+from twin.scenario.sections.kind import ASSIGNMENT, AssemblyKind, IdleReason
 
 if TYPE_CHECKING:
-    from planning.motion.sequential import MotionSettings
-    from planning.steps.robot_goals import RobotGoal
+    from planning.steps.robot_goals import GoalWork, RobotGoal
     from scheduling.planned_motions import PlannedMotions
 
 
@@ -54,19 +53,15 @@ class GoalsKind(AssemblyKind):
         """Return that every move is that of a named robot."""
         return "not allowed"
 
-    def plan(
-        self, cell: Workcell, settings: MotionSettings, watch: StageWatch
-    ) -> PlannedMotions:
-        """Find the configurations of all goals, then the paths to them."""
+    def assembly(self, cell: Workcell, watch: StageWatch) -> GoalWork:
+        """Return the goals with their configurations; the stage is assignment."""
         from planning.steps.robot_goals import prepare_goals
-        from twin.planning.in_turns import ASSIGNMENT, plan_sequentially
 
         goals = tuple(
             _goal(cell, move, k) for k, move in enumerate(self.section.moves, start=1)
         )
         with watch.stage("assignment", ASSIGNMENT):
-            work = prepare_goals(cell, goals)
-        return plan_sequentially(cell, goals, work, settings, watch)
+            return prepare_goals(cell, goals)
 
 
 def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:

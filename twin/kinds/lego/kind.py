@@ -35,15 +35,14 @@ from twin.kinds.lego.section import (
 )
 from twin.kinds.lego.structure import StructureSection, read_structure
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.kind import AssemblyKind
+from twin.scenario.sections.kind import ASSIGNMENT, AssemblyKind
 from twin.scenario.sections.shapes import Colour, to_planning_class
 
 if TYPE_CHECKING:
     from planning.lego.insertion.rules import SequencingRules
     from planning.lego.sequencing.arms import ArmSequence
     from planning.lego.sequencing.sequencing import SequencedStructure
-    from planning.motion.sequential import MotionSettings
-    from planning.tasks.work import AssemblyWork, WorkAhead
+    from planning.lego.skills.expansion import LegoWork
     from scheduling.planned_motions import PlannedMotions
 
 _BESIDE_STOCK = 3
@@ -141,37 +140,29 @@ class LegoKind(AssemblyKind):
 
         return stock_objects(build_lego(self.section))
 
-    def plan(
-        self, cell: Workcell, settings: MotionSettings, watch: StageWatch
-    ) -> PlannedMotions:
-        """Find the sequence of a given structure, then plan one task after another.
+    def assembly(self, cell: Workcell, watch: StageWatch) -> LegoWork:
+        """Return given steps, or the sequence of a given structure, with all candidates.
 
         Given steps are checked: the structure must stand, and bear every press. The stages are
-        sequence (where there is a structure), assignment and motion.
+        sequence (where there is a structure) and assignment.
         """
         from planning.lego.skills.candidates import find_candidates
         from planning.lego.skills.expansion import lego_work
-        from twin.planning.in_turns import ASSIGNMENT, plan_sequentially
 
         if self.section.structure is not None:
-            work = self._sequenced(cell, watch)
-        else:
-            with watch.stage("assignment", ASSIGNMENT):
-                assembly = self._given(cell, self._rules(cell))
-                work = lego_work(find_candidates(cell, assembly))
-        motions = plan_sequentially(cell, work.assembly, work, settings, watch)
-        return self.finished(motions)
+            return lego_work(buildable_sequence(self.section, cell, watch).candidates)
+        with watch.stage("assignment", ASSIGNMENT):
+            assembly = self._given(cell, self._rules(cell))
+            return lego_work(find_candidates(cell, assembly))
 
-    def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
-        """Return the work of any number of first steps, in a stable order.
+    def ahead(self, cell: Workcell, watch: StageWatch) -> LegoWork:
+        """Return the assembly in a stable order, with candidates of the steps that are asked for.
 
         The structure and the room for the tool are settled for all of it. What the arms can do at a step
         is found when it is planned: a sequence that they cannot do is not sought anew.
         """
         from planning.lego.sequencing.blocking import check_reach
-        from planning.lego.skills.candidates import candidates_up_to, empty_candidates
-        from planning.lego.skills.expansion import lego_work
-        from planning.tasks.work import WorkAhead
+        from planning.lego.skills.expansion import lazy_lego_work
 
         rules, robots = self._rules(cell), len(cell.robots)
         with watch.stage("sequence", SEQUENCE):
@@ -180,16 +171,7 @@ class LegoKind(AssemblyKind):
             else:
                 assembly, _ = find_sequence(self.section, rules, robots=robots)
                 check_reach(cell, assembly)
-        known = empty_candidates(cell, assembly)
-
-        def first(count: int) -> AssemblyWork:
-            nonlocal known
-            found = candidates_up_to(known, count)
-            if count > len(known.problem.steps):
-                known = found
-            return lego_work(found)
-
-        return WorkAhead(len(assembly.steps), first, len(assembly.steps))
+        return lazy_lego_work(cell, assembly)
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions with bricks in the colours of their goals."""
@@ -221,12 +203,6 @@ class LegoKind(AssemblyKind):
         check_reach(cell, assembly)
         return assembly
 
-    def _sequenced(self, cell: Workcell, watch: StageWatch) -> AssemblyWork:
-        """Find a sequence that is feasible for the arms."""
-        from planning.lego.skills.expansion import lego_work
-
-        return lego_work(buildable_sequence(self.section, cell, watch).candidates)
-
 
 def buildable_sequence(
     section: LegoSection, cell: Workcell, watch: StageWatch
@@ -240,7 +216,6 @@ def buildable_sequence(
         TwinError: there is none even for the tool alone, or a place that no arm reaches.
     """
     from planning.lego.sequencing.arms import sequence_for_arms
-    from twin.planning.in_turns import ASSIGNMENT
 
     robots, carrier = len(cell.robots), tool_carrier(cell)
 

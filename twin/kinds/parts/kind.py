@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, PlacedRobot, Workcell
+from planning.errors import RequestError
 from planning.tasks.task import DOOR, Actuation, ActuationKey
 from planning.transforms import read_only_copy
 from twin.document.validation import Found
@@ -30,12 +31,11 @@ from twin.kinds.parts.problems import (
 from twin.kinds.parts.section import PartSection, PartsSection
 from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import CellSection, RobotSection, actuation_model
-from twin.scenario.sections.kind import AssemblyKind, IdleReason
+from twin.scenario.sections.kind import ASSIGNMENT, NO_WINDOW, AssemblyKind, IdleReason
 from twin.scenario.sections.shapes import to_planning_class
 
 if TYPE_CHECKING:
-    from planning.motion.sequential import MotionSettings
-    from planning.tasks.work import AssemblyWork, WorkAhead
+    from planning.parts.work import PartWork
     from scheduling.planned_motions import PlannedMotions
 
 
@@ -194,47 +194,33 @@ class PartKind(AssemblyKind):
 
         return why_unable(robot, motions)
 
-    def plan(
-        self, cell: Workcell, settings: MotionSettings, watch: StageWatch
-    ) -> PlannedMotions:
-        """Find the candidates, choose, and plan one task after another."""
-        from twin.planning.in_turns import plan_sequentially
-
-        assembly, work = self._work(cell, watch)
-        return self.finished(plan_sequentially(cell, assembly, work, settings, watch))
-
-    def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
-        """Return the work of any number of products, computed on demand; see ``AssemblyKind``.
+    def ahead(self, cell: Workcell, watch: StageWatch) -> PartWork:
+        """Return all products, with candidates of those that are asked for; see ``AssemblyKind``.
 
         All are looked at beforehand where that is one search, so only for the sake of spare ones.
         """
-        from planning.parts.candidates import LazyCandidates
-        from planning.parts.work import first_work
-        from planning.tasks.work import WorkAhead
+        from planning.parts.work import lazy_part_work
         from twin.kinds.parts.built import assembly_of
-        from twin.planning.in_turns import ASSIGNMENT
 
-        section, period = self.section, len(listed_steps(self.section))
-        first: Callable[[int], AssemblyWork]
-        assembly, spare = assembly_of(self.line), self.wanted_steps() < self.steps()
-        searched = section.order == "find" or bool(assembly.alike)
+        assembly, spare = assembly_of(self.line), self.steps() - self.wanted_steps()
+        searched = self.section.order == "find" or bool(assembly.alike)
         if not spare and (searched or self.line.products == 1):
-            return super().ahead(cell, watch)
+            raise RequestError(NO_WINDOW)
         if searched:
-            first = self._work(cell, watch)[1].of_first
+            work = self.assembly(cell, watch)
         else:
             with watch.stage("assignment", ASSIGNMENT):
-                first = partial(first_work, LazyCandidates(cell, assembly))
-        return WorkAhead(self.steps(), first, self.wanted_steps(), period)
+                work = lazy_part_work(cell, assembly)
+        period = len(listed_steps(self.section))
+        return replace(work, product=period, spare_steps=spare)
 
-    def _work(self, cell: Workcell, watch: StageWatch) -> tuple[Any, AssemblyWork]:
-        """Return the assembly and its work."""
+    def assembly(self, cell: Workcell, watch: StageWatch) -> PartWork:
+        """Return the assembly with all candidates; the stage is assignment."""
         from planning.parts.alike import find_alike_candidates
         from planning.parts.candidates import find_candidates
         from planning.parts.order import find_ordered_candidates, order_steps_by_search
         from planning.parts.work import part_work
         from twin.kinds.parts.built import assembly_of
-        from twin.planning.in_turns import ASSIGNMENT
 
         assembly = assembly_of(self.line)
         with watch.stage("assignment", ASSIGNMENT):
@@ -245,8 +231,7 @@ class PartKind(AssemblyKind):
                 )
             else:
                 found = find_alike_candidates(cell, assembly, find_candidates)
-            work = part_work(found)
-        return found.assembly if assembly.alike else assembly, work
+            return part_work(found)
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions with their repetition pattern and the product of each task."""

@@ -12,8 +12,8 @@ from typing import TypeVar
 
 from planning.parts.assembly import TimeLag
 from planning.parts.supply import Leaving, Supply
+from planning.tasks.refill import PlacedPart, Refill
 from planning.tasks.task import TaskKind
-from planning.tasks.work import PlacedPart, Refill
 from planning.transforms import Transform, read_only_copy, translation
 from scheduling.copies import product_part_name
 from twin.durations.bounded import Fixed

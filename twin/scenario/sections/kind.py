@@ -27,7 +27,7 @@ from twin.scenario.sections.cell import CellSection, RobotSection
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
-    from planning.tasks.work import WorkAhead
+    from planning.tasks.assembly import Assembly
     from scheduling.planned_motions import PlannedMotions
 
 SpeedModelName = Literal["limits", "joint", "l1"]
@@ -36,6 +36,9 @@ IdleReason = Literal[
     "no reach", "tools", "not allowed", "makespan", "balance", "search", "unknown"
 ]
 """Why a robot gets no task."""
+
+ASSIGNMENT = "who does what"
+"""Name of the stage for progress displays."""
 
 NO_WINDOW = (
     "execution.window: only steps of a LEGO assembly, and products of a line whose steps are listed and whose"
@@ -154,10 +157,22 @@ class AssemblyKind(Protocol):
         """Return how deep objects that are meant to touch may be in each other [m]."""
         return CONTACT_DEPTH
 
+    def assembly(self, cell: Workcell, watch: StageWatch) -> Assembly:
+        """Return the assembly with the candidates of all steps; not asked of what is planned in space and time.
+
+        Args:
+            cell: built of the same scenario.
+            watch: measures and reports the stages.
+
+        Raises:
+            TwinError: the assembly cannot be built as it is.
+        """
+        raise AssertionError("it is planned in space and time")
+
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
     ) -> PlannedMotions:
-        """Plan who does what, and how everyone moves.
+        """Plan in space and time who does what, and how everyone moves; only asked where ``space_time``.
 
         Args:
             cell: built of the same scenario.
@@ -167,10 +182,10 @@ class AssemblyKind(Protocol):
         Raises:
             TwinError: the assembly cannot be built as it is, or no plan was found.
         """
-        ...
+        raise AssertionError("it is planned one task after another")
 
-    def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
-        """Return the work of any number of first steps, once all are known to be possible in their order.
+    def ahead(self, cell: Workcell, watch: StageWatch) -> Assembly:
+        """Return the assembly of which ``first`` gives any number of steps, once all are known to be possible in order.
 
         Args:
             cell: built of the same scenario.
@@ -183,7 +198,7 @@ class AssemblyKind(Protocol):
         raise RequestError(NO_WINDOW)
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
-        """Return motions that were planned otherwise, as ``plan`` would have left them."""
+        """Return planned motions with what only this kind knows of them."""
         return motions
 
     def included_problems(self) -> Found:

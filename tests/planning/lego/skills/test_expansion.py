@@ -13,7 +13,6 @@ from planning.lego.skills.expansion import PLACES, SUPPORTS, lego_work
 from planning.tasks.assignment import StepChoice, TaskPlan
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import StepTasks, Task, TaskKind, apply_handlings
-from planning.tasks.work import StepExpansions
 from planning.transforms import Transform
 from tests.planning.lego.skills.overhang import found_overhang, overhang
 from tests.planning.tasks.plan_oracle import task_order
@@ -221,18 +220,17 @@ def test_a_tool_touches_its_brick_from_pick_to_place(
         assert {t.index for t in between if t.robot == picked.robot} <= contact.tasks
 
 
-def test_other_ways_of_a_step_differ_and_are_remembered(
+def test_alternatives_of_a_step_differ_and_come_with_their_plan(
     found: LegoCandidates, plan: TaskPlan
 ) -> None:
-    expansions = StepExpansions(lego_work(found), plan)
-    ways = expansions.callables()[0](0)
-    first = next(ways)
-    assert expansions.plan == plan
-    second = next(ways)
-    assert expansions.plan[1] != plan[1]
-    assert expansions.plan[2] == plan[2]
+    alternatives = lego_work(found).alternatives(1, plan, 0)
+    planned, first = next(alternatives)
+    assert planned == plan
+    other, second = next(alternatives)
+    assert other[1] != plan[1]
+    assert other[2] == plan[2]
     assert [t.kind for t in second.tasks] == [t.kind for t in first.tasks]
-    assert {t.object for t in second.tasks} >= {expansions.plan[1].object}
+    assert {t.object for t in second.tasks} >= {other[1].object}
     assert second.tasks[0].index == 0
 
 
@@ -245,16 +243,14 @@ def test_everything_can_be_planned_in_sequence(
 
     robots = found.world.cell.robots
     speeds = {robot.name: L1Speed(1.0) for robot in robots}
-    work = lego_work(found)
-    expansions = StepExpansions(work, plan)
     planners = {
         r.name: RrtConnect(r.model.lower, r.model.upper, speeds[r.name]) for r in robots
     }
     durations = dict.fromkeys(TaskKind.SKILLS, 8.0)
-    motion = plan_motions_sequentially(
+    _, motion = plan_motions_sequentially(
         found.world.cell,
-        expansions.callables(),
-        work.link,
+        lego_work(found),
+        plan,
         MotionSettings(planners, speeds, 0.05, durations),
     )
     assert len(motion.tasks) == len(motion.motions)

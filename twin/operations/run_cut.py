@@ -1,4 +1,4 @@
-"""Plans that begin in the state of a run at some time: RUN@T."""
+"""Cut of a run at some time, in whose state another plan begins: RUN@T."""
 
 from __future__ import annotations
 
@@ -12,15 +12,11 @@ from scheduling.graph.temporal_plan_graph import NodeChain
 from scheduling.graph.windows import window_opening_times
 from scheduling.rolling.cut import Counts, cut_after
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.host.progress import Report, StageWatch
 from twin.operations.commitment import Failure
 from twin.operations.operation import require_rolling
-from twin.operations.remainder import remaining_graph
-from twin.planning.pipeline import plan_motions, planned_shortcuts, wanted_steps
+from twin.operations.remainder import RunRemainder
 from twin.runs.events import EventCode
-from twin.runs.policies import IN_TURNS, SHORTENED
 from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import PlanResult
 from twin.trial.run_moment import RunMoment
 from twin.trial.run_result import RunResult
 
@@ -28,10 +24,10 @@ _AWAY = 0.02
 """Largest deviation of a robot from its planned rest; beyond, it was moved externally [rad or m]."""
 
 
-def plan_from_run(
-    case: LoadedScenario, moment: RunMoment, out: Collection[str], progress: Report
-) -> PlanResult:
-    """Plan the remainder of a run from a time on.
+def cut_run(
+    case: LoadedScenario, moment: RunMoment, out: Collection[str]
+) -> RunRemainder:
+    """Return the remainder of a run from a time on.
 
     Every robot continues to the first border at which it is at rest and within no skill; the plan
     begins in the world there.
@@ -40,11 +36,9 @@ def plan_from_run(
         case: scenario of the remaining plan.
         moment: when.
         out: robots that do nothing any more from then on.
-        progress: receives the progress of each stage.
 
     Raises:
-        RequestError: a robot cannot continue, or nothing is left.
-        TwinError: the scenario has no plan; see ``twin.plan``.
+        RequestError: a robot cannot continue.
     """
     require_rolling(case.sections)
     run, t_ns = moment.run, moment.t_ns
@@ -68,30 +62,17 @@ def plan_from_run(
         for event in run.history
         if event.t_ns <= t_ns and event.code is EventCode.OUT_OF_SERVICE
     }
-    watch = StageWatch(progress)
-    last = max((task.step for task in tpg.tasks), default=0)
-    motions = plan_motions(
+    return RunRemainder(
         case.sections,
-        case.folder,
-        watch,
-        whole=True,
-        first=wanted_steps(case.sections, last),
+        tpg,
+        counts,
+        failures,
+        frozenset({*out, *gone}),
+        left_s,
+        ago,
+        str(moment),
+        _undone(run),
     )
-    with watch.stage("motion"):
-        found = remaining_graph(
-            case.sections,
-            motions,
-            tpg,
-            counts,
-            failures,
-            {*out, *gone},
-            left_s,
-            ago,
-            str(moment),
-            _undone(run),
-        )
-    name = SHORTENED if planned_shortcuts(case.sections) else IN_TURNS
-    return PlanResult(case, found, name, planning_s=watch.seconds)
 
 
 def _undone(run: RunResult) -> dict[int, str]:

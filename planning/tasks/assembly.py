@@ -1,0 +1,143 @@
+"""Assemblies as input of the planners: candidates of their steps, and the tasks that follow from choices."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from typing import Any, Self
+
+import numpy as np
+
+from planning.tasks.assignment import AssignmentProblem, TaskPlan, alternative_choices
+from planning.tasks.task import StepTasks, Task, TimeWindow
+from planning.transforms import Indices, Transform
+
+_MOST_ALTERNATIVES = 12
+"""Greatest number of choices tried for one step."""
+
+
+@dataclass(frozen=True)
+class Assembly(ABC):
+    """An assembly ready for assignment and sequential planning: all of its steps, or the first ones.
+
+    Attributes:
+        problem: the assignment problem.
+        product: number of steps that make a product, and are planned together; 1 where steps make none.
+        spare_steps: number of last steps that are only done where further products are ordered or others fail.
+    """
+
+    problem: AssignmentProblem
+    product: int = field(default=1, kw_only=True)
+    spare_steps: int = field(default=0, kw_only=True)
+
+    @property
+    @abstractmethod
+    def built(self) -> Any:
+        """What is built, such as a ``LegoAssembly``, with all steps in their order."""
+
+    @abstractmethod
+    def expand(self, plan: TaskPlan, step: int, first: int) -> StepTasks:
+        """Return the tasks of a step for its choice in a plan.
+
+        Args:
+            plan: the choices, those of earlier steps included.
+            step: counted from 1.
+            first: index of its first task.
+        """
+
+    def waits(self, steps: Sequence[StepTasks]) -> Iterable[tuple[Task, Task]]:
+        """Return pairs of tasks of all steps: the second waits for the first."""
+        return ()
+
+    def windows(self, steps: Sequence[StepTasks]) -> Iterable[TimeWindow]:
+        """Return the windows of time between tasks of all steps."""
+        return ()
+
+    @property
+    def needs(self) -> frozenset[tuple[int, int]]:
+        """Pairs of steps (from 1): without the first, something would fall after the second.
+
+        A part that is joined across a gap does; what touches need not be among them.
+        """
+        return frozenset()
+
+    @property
+    def passing(self) -> Mapping[str, tuple[int, ...]]:
+        """Steps (from 1) of each object that lies where others come after it, by its name.
+
+        It lies in a source, or where it is put down between two steps.
+        """
+        return {}
+
+    @property
+    def steps(self) -> int:
+        """Number of all steps."""
+        return len(self.built.steps)
+
+    @property
+    def wanted(self) -> int:
+        """Number of first steps that are wanted as long as nothing fails and nothing else is ordered."""
+        return self.steps - self.spare_steps
+
+    def first(self, count: int) -> Self:
+        """Return the assembly of a number of first steps, as if no others followed."""
+        return replace(self, problem=self.problem.of_first(count))
+
+    def with_spares(self, step: int, there: Collection[str]) -> Self | None:
+        """Return the assembly with spare objects for a step whose own is lost; None without others.
+
+        Args:
+            step: counted from 1.
+            there: objects that lie where they were at the start.
+        """
+        return None
+
+    def with_poses(self, starts: Mapping[str, Transform]) -> Self | None:
+        """Return the assembly with other start poses of parts, by name; None where these cannot change.
+
+        Raises:
+            InfeasibleStepError: a step is infeasible then.
+        """
+        return None
+
+    def alternatives(
+        self, step: int, plan: TaskPlan, first: int
+    ) -> Iterator[tuple[TaskPlan, StepTasks]]:
+        """Yield the tasks of a step for alternative choices, the planned one first.
+
+        Args:
+            step: counted from 1.
+            plan: the choices.
+            first: index of its first task.
+
+        Yields:
+            The plan with the choice, and the tasks that follow from it.
+        """
+        yield plan, self.expand(plan, step, first)
+        others = alternative_choices(self.problem, plan, step)
+        for choice in islice(others, _MOST_ALTERNATIVES - 1):
+            other = plan.with_choice(choice)
+            yield other, self.expand(other, step, first)
+
+    def link(self, steps: Sequence[StepTasks]) -> Indices:
+        """Return all dependencies between tasks, within steps and between them.
+
+        Returns:
+            Pairs (a, b) of task indices, shape (e, 2), sorted: a must be complete before b
+            starts. Tasks of one robot are in order anyway.
+        """
+        pairs = {pair for step in steps for pair in step.dependencies}
+        pairs |= {
+            (a.index, b.index) for a, b in self.waits(steps) if a.robot != b.robot
+        }
+        return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
+
+    def with_whole_products(self, count: int) -> int:
+        """Return a number of first steps, extended to the end of the last product."""
+        return min(-(-count // self.product) * self.product, self.steps)
+
+    def count_products(self, steps: Iterable[int]) -> int:
+        """Return the number of products of some steps, counted from 1."""
+        return len({(step - 1) // self.product for step in steps})
