@@ -117,7 +117,7 @@ class Measuring:
         """
         one = np.zeros(len(pairs[0]), dtype=np.int64)
         while True:
-            limit = below - PRECISION
+            limit = below - PRECISION + 2.0 * _FINEST
             found = self.too_close(x, y, pairs, limit, one, lockstep=lockstep)
             if (nearer := next(found, None)) is None:
                 return below
@@ -146,5 +146,7 @@ class Measuring:
 
 
 def _reach(motion: Motion, pieces: Indices, direction: Array) -> Array:
+    if np.all(pieces[1:] > pieces[:-1]):
+        return motion.reach(pieces, direction)
     once, where = np.unique(pieces, return_inverse=True)
     return np.asarray(motion.reach(once, direction)[where])
