@@ -10,26 +10,21 @@ from typing import TypeVar
 
 from planning.cell.workcell import Attachment
 from planning.grips.grip import Grip
+from planning.handling.skill_contacts import NOTHING, SkillContacts, grip_contact
+from planning.handling.skill_scene import SkillScene
+from planning.handling.skill_trial import find_obstruction
 from planning.parts.part_skills import PartSkills, SkillTry
 from planning.parts.part_steps import KnownStep, PartStep
 from planning.parts.relays import Relay
 from planning.steps.candidate_collector import CandidateCollector
-from planning.steps.skill import (
-    NOTHING,
-    Obstruction,
-    SkillContacts,
-    SkillPath,
-    SkillScene,
-    grip_contact,
-)
-from planning.steps.skill_trial import find_obstruction
+from planning.steps.skill import Obstruction, SkillPath
 from planning.tasks.assignment import (
     PrimaryCandidate,
     SupportCandidate,
     TaskPlan,
     Tools,
 )
-from planning.tasks.task import STRAIGHT
+from planning.tasks.task import TaskKind
 from planning.transforms import Array
 
 _ENOUGH = 4
@@ -135,7 +130,7 @@ class StepPaths:
         """Return the retreat of the robot that held its placed part."""
         assert place.change_at is not None
         rest = place.waypoints[place.change_at :]
-        return SkillPath(STRAIGHT, place.robot, rest[:1], rest[1:])
+        return SkillPath(TaskKind.STRAIGHT, place.robot, rest[:1], rest[1:])
 
     def blocks_release(self, item: PrimaryCandidate) -> Obstruction | None:
         """Return the obstruction of a release once the step that it waited for is done."""

@@ -6,7 +6,8 @@ import highspy
 import pulp
 import pytest
 
-from planning.silence import QuietHighs, make_quiet_solver
+from planning.silence import QuietHighs
+from planning.statics.equilibrium import make_quiet_solver
 
 
 class Greeting(highspy.Highs):
@@ -14,7 +15,7 @@ class Greeting(highspy.Highs):
 
     def __init__(self) -> None:
         os.write(1, b"Running HiGHS\n")
-        super().__init__()
+        super().__init__()  # type: ignore[no-untyped-call]  # highspy has no types
 
 
 def test_solvers_do_not_greet(

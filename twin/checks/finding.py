@@ -11,8 +11,8 @@ from typing import Any, ClassVar, Protocol
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.contacts.interference import Overlaps
-from planning.expectations import TOUCH
-from planning.steps.tool_changes import rack_tools, with_all_tools_mounted
+from planning.contacts.touching import NEAR
+from planning.handling.tool_changes import rack_tools, with_all_tools_mounted
 from planning.transforms import Array, Transform
 from twin.document.yaml_text import KeyPath
 from twin.durations.model import PackagedSkill
@@ -31,12 +31,18 @@ class Finding:
         message: the problem and its remedy.
         error: whether it makes a plan impossible or false; a warning otherwise.
         at_start: whether something is wrong before anybody moves.
+        code: its kind, where it is about parts that several products have.
+        parts: names of those parts, and of what they are near to.
+        figures: what else distinguishes such findings, such as distances [m].
     """
 
     at: KeyPath
     message: str
     error: bool = False
     at_start: bool = False
+    code: str = ""
+    parts: tuple[str, ...] = ()
+    figures: tuple[float, ...] = ()
 
 
 Findings = Iterator[Finding]
@@ -107,6 +113,18 @@ class CheckContext:
             return path
         return self.checks.key_at(path, key)
 
+    def alike_as(self, name: str) -> tuple[str, str]:
+        """Return what an object or a fixture has in common with those like it.
+
+        That is its name in the file without the number of equal parts, and, of equal parts, its product.
+        """
+        known = name_in_file(name, self._places)
+        kind, _, number = known.rpartition(".")
+        at = self._places.get(known)
+        if number.isdigit() and list(self._places.values()).count(at or ()) > 1:
+            return kind, name.removeprefix(known)
+        return known, ""
+
     @cached_property
     def _places(self) -> dict[str, KeyPath]:
         fixtures: dict[str, KeyPath] = {
@@ -143,7 +161,7 @@ class KindChecks:
     @property
     def touch_m(self) -> float:
         """Distance up to which things touch at the start [m]."""
-        return TOUCH
+        return NEAR
 
     @property
     def overlaps(self) -> Overlaps:

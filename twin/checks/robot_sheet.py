@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from planning.cell.motion_limits import limits_of
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.robot_model import DriveLimits, RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import FittingError, RobotModelError
@@ -35,7 +35,8 @@ from twin.checks.views import (
     placed_points,
     style_view,
 )
-from twin.host.pictures import INK, new_picture, save_png
+from twin.drawing.pictures import INK, new_picture
+from twin.host.atomic_files import save_png
 
 _ARM_COLOUR, _TOOL_COLOUR = "#7f93ab", "#d9822b"
 _VIEWS = (Viewpoint("from the front (+x)", 1, 2, 0, 1.0), FROM_THE_SIDE)
@@ -221,7 +222,7 @@ def robot_sheets(
 
 
 def _of_scenario(path: Path) -> tuple[RobotSheet, ...]:
-    from planning.steps.tool_changes import with_each_tool
+    from planning.handling.tool_changes import with_each_tool
     from twin.planning.build_workcell import build_workcell
     from twin.reading.scenario_file import load_scenario
 
@@ -379,7 +380,7 @@ def _joints(found: Overview) -> tuple[tuple[str, ...], Rows]:
         "jerk",
         "effort",
     )
-    model, usual = found.model, limits_of(found.model)
+    model, usual = found.model, MotionLimits.of(found.model)
     told = model.drives or DriveLimits(*np.full((3, model.dof), np.inf))
     rows = []
     for k, name in enumerate(model.joint_names):

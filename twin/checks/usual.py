@@ -11,11 +11,11 @@ import numpy as np
 from pydantic import BaseModel
 
 from twin.checks.finding import CheckContext, Finding, Findings
+from twin.checks.usual_range import UsualRange, usual_duration
 from twin.document.section import iterate_nested
 from twin.document.yaml_text import KeyPath
 from twin.durations.model import DurationModel
 from twin.durations.normal import TruncatedNormal
-from twin.durations.usual_range import UsualRange, usual_duration
 from twin.planning.fitted_robots import fitted_model
 from twin.scenario.sections.cell import LimitsSection
 
@@ -217,6 +217,8 @@ def check_physics(subject: CheckContext) -> Findings:
                 subject.thing_at(item.name, "mass_kg"),
                 f"{item.name} weighs {item.mass:g} kg and has {item.shape.volume * 1e6:.3g} cm^3: {density:.3g} kg/m^3,"
                 f" and usual is {_LIGHTEST:g} to {_HEAVIEST:g} kg/m^3; correct its mass or its size",
+                code="density",
+                parts=(item.name,),
             )
     lowest = min((float(item.start[2, 3]) for item in objects), default=-np.inf)
     for placed in subject.cell.robots:

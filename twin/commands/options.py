@@ -40,6 +40,16 @@ TeamSize = Annotated[
         help="Of the team, in place of the scenario's; without a team, the first M.",
     ),
 ]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Value of any key, such as cell.robots.left.base.xyz_m.0=0.7, or of one of the"
+        " execution section, such as stalls.rate_per_h=60; may be given several times."
+        " Values are words or JSON.",
+    ),
+]
 Recording = Annotated[bool, typer.Option(help="Write run.rrd for the viewer.")]
 Audited = Annotated[
     bool, typer.Option(help="Check what was executed with code of its own.")
@@ -50,23 +60,5 @@ AuditEngine = Annotated[
         metavar="ENGINE",
         help="What the audit measures with, pybullet or coal; by default PyBullet"
         " where it is installed, else coal.",
-    ),
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        help="Address of a Dask scheduler whose workers do the work: tls://host:port."
-        " Files that the scenario names must be in the same folder on their machines."
-    ),
-]
-Certificates = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Folder with the certificates of the scheduler."),
-]
-Insecure = Annotated[
-    bool,
-    typer.Option(
-        "--insecure",
-        help="Use a tcp:// scheduler on another machine, unprotected.",
     ),
 ]

@@ -14,17 +14,17 @@ import numpy as np
 
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.activities.progress import RobotProgress
+from twin.bulk.max_plus import Past, end_times, policy_graph
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import Exponential
 from twin.durations.measured import MeasuredTimes
 from twin.durations.model import DurationModel
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
-from twin.engine.bulk.bulk_engine import with_window_holds
-from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.execution_model import ExecutionModel
+from twin.engine.model_holds import with_model_holds
 from twin.follow.drift import FEWEST, Drift, DriftWatch
 from twin.follow.state import FollowedRun
-from twin.runs.activities import RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
 from twin.uncertainty.least_durations import least_ns
 from twin.uncertainty.node_times import NodeTimeSampler
@@ -91,7 +91,7 @@ class Forecaster:
             samples: futures to draw.
         """
         self._tpg = tpg
-        self._graph = policy_graph(with_window_holds(tpg, model), model.policy)
+        self._graph = policy_graph(with_model_holds(tpg, model), model.policy)
         self._messages = model.messages.under(model.policy)
         self._disturbances = model.disturbances
         self._least = least_ns(tpg)

@@ -9,10 +9,14 @@ import numpy as np
 import rerun as rr
 
 from planning.errors import OutputError
-from planning.tasks.task import GONE
+from planning.tasks.task import Handling
 from planning.transforms import Array
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.temporal_plan_graph import NodeHandling
+from twin.activities.activities import FAILED, IDLE, RETRYING, WAITING
+from twin.activities.progress import STALLED, STOPPED
+from twin.drawing.lane_colours import plan_colours
+from twin.drawing.team_colours import team_colours
 from twin.durations.nanoseconds import Nanoseconds
 from twin.follow.drift import Drift
 from twin.follow.follow import News, Silence, UnreadableLine
@@ -35,17 +39,7 @@ from twin.rerun.event_rows import EventBacklog
 from twin.rerun.plan_words import PlanWords
 from twin.rerun.recorder import draw_lane
 from twin.rerun.viewer import TIMELINE
-from twin.runs.activities import (
-    FAILED,
-    IDLE,
-    RETRYING,
-    STALLED,
-    STOPPED,
-    WAITING,
-    plan_colours,
-)
 from twin.runs.events import Event
-from twin.runs.team_colours import team_colours
 from twin.runs.trajectory import Placement, Trajectory
 
 _STATES = {
@@ -216,7 +210,7 @@ class LiveRecording:
         self._drawn: set[str] = set()
         self._placed: set[str] = set()
         self._shown = {chain.robot: 0 for chain in tpg.chains}
-        leaving = {h.object for h in tpg.handlings if h.holder == GONE}
+        leaving = {h.object for h in tpg.handlings if h.holder == Handling.GONE}
         for item in tpg.cell.objects:
             if item.later or item.name in leaving:
                 draw_temporary_object(rec, item, (0,), (not item.later,))
@@ -271,7 +265,7 @@ class LiveRecording:
         if item is None:
             return
         thing = self._objects[event.object]
-        if item.holder == GONE:
+        if item.holder == Handling.GONE:
             draw_temporary_object(self._rec, thing, (event.t_ns,), (False,))
             return
         if thing.later and item.holder is None and event.object not in self._drawn:

@@ -11,13 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planning.tasks.task import LEFT_OUT
+from planning.tasks.task import TaskKind
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.activities.activities import CAUSES
+from twin.activities.progress import STOPPED, RobotProgress
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.passage import DriveTimes, drive_times
-from twin.runs.activities import CAUSES, STOPPED, RobotProgress
 from twin.runs.events import Event
 from twin.runs.execution_record import Policy
 from twin.uncertainty.disturbances import Speed
@@ -205,7 +206,7 @@ class FollowedRun:
 
     def _is_left_out(self, task: int) -> bool:
         tasks = self._graph.tasks
-        return 0 <= task < len(tasks) and tasks[task].kind == LEFT_OUT
+        return 0 <= task < len(tasks) and tasks[task].kind == TaskKind.LEFT_OUT
 
     def _start(self, k: int, event: Event) -> None:
         robot, node = self.robots[k], event.node

@@ -17,9 +17,10 @@ from twin.commands.options import (
     ResultsFolder,
     ScenarioFile,
     Seed,
+    Settings,
     TeamSize,
 )
-from twin.commands.run import announcer, show_run, values_of
+from twin.commands.run import values_of
 from twin.commands.view import View
 from twin.host.guard import guarded
 
@@ -68,15 +69,7 @@ def operate(
         ),
     ] = None,
     robots: TeamSize = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Value of any key, such as execution.recovery.planning_s=2; may be given"
-            " several times. Values are words or JSON.",
-        ),
-    ] = None,
+    settings: Settings = None,
     ask: Annotated[
         bool,
         typer.Option(
@@ -126,11 +119,11 @@ def operate(
             drivers=drivers,
             page=page,
             opened=opened,
-            begun=announcer(view),
+            begun=view.announce_run,
             # A display of progress would write over the question.
             progress=report_nothing if asks_here else progress,
         )
-    return show_run(done, view)
+    return view.show_run(done)
 
 
 def _answer(question: Question) -> bool:

@@ -18,8 +18,9 @@ from rerun.urdf import UrdfTree
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.robots.registry import ROBOTS
-from planning.tasks.task import GONE
+from planning.tasks.task import Handling
 from twin.drawing.looks import coloured_fixtures, painted_description
+from twin.drawing.team_colours import parse_rgb
 from twin.drawing.triangles import triangles_of
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.rerun import entities
@@ -33,7 +34,6 @@ from twin.rerun.entities import (
     time_column,
 )
 from twin.rerun.fingers import split_fingers
-from twin.runs.team_colours import parse_rgb
 from twin.runs.trajectory import Placement, Trajectory
 
 _FRAME_S = 0.05
@@ -215,7 +215,7 @@ def log_objects(
         seen = {0: not item.later, own[0].t_ns: True}
         if item.later:
             own = [hidden_until_later(item), *own]
-        if own[-1].holder == GONE:
+        if own[-1].holder == Handling.GONE:
             *own, last = own
             seen[last.t_ns] = False
         if seen == {0: True}:

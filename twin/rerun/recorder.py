@@ -14,8 +14,10 @@ import rerun as rr
 
 from planning.files import replace_atomically
 from scheduling.graph.barriers import with_barriers
-from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.activities.activities import IDLE, WAITING, Activity, robot_activities
+from twin.drawing.lane_colours import plan_colours
+from twin.drawing.team_colours import parse_rgb, team_colours
 from twin.rerun import entities
 from twin.rerun import layout as layout
 from twin.rerun.bodies import (
@@ -29,11 +31,9 @@ from twin.rerun.entities import entity_path, time_column
 from twin.rerun.event_rows import EventBacklog
 from twin.rerun.fingers import finger_motions, move_fingers
 from twin.rerun.plan_words import PlanWords
-from twin.runs.activities import IDLE, WAITING, Activity, plan_colours, robot_activities
 from twin.runs.events import Event
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.folder import RECORDING
-from twin.runs.team_colours import parse_rgb, team_colours
 from twin.runs.tracking import nearest_on_path
 from twin.runs.trajectory import object_placements, robot_trajectories
 
@@ -125,7 +125,7 @@ def _log_progress(
     colours: Mapping[str, str],
 ) -> None:
     """Plot completed tasks per robot, and the number of waiting robots."""
-    machines = machine_chains(tpg)
+    machines = tpg.machine_chains()
     for k, chain in enumerate(tpg.chains):
         if k in machines:
             continue
@@ -230,7 +230,7 @@ def log_lanes(
     told = robot_activities(tpg, events)
     index = tpg.chain_index
     names = [robot.name for robot in tpg.cell.robots]
-    for name in (*names, *(tpg.chains[k].robot for k in working_machines(tpg))):
+    for name in (*names, *(tpg.chains[k].robot for k in tpg.working_machines())):
         lane = told.get(name, ())
         said = [(item, _text(words, run, index[name], item)) for item in lane]
         changes = []

@@ -15,20 +15,15 @@ from rich.text import Text
 
 from planning.errors import escape_control_characters
 from scheduling.graph.actuations import actuation_nodes
-from scheduling.graph.machine_chains import (
-    idle_robots,
-    machine_chains,
-    working_machines,
-)
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
 from scheduling.slowed_motions import slowed_motions
 from twin.durations.nanoseconds import NANOSECONDS
+from twin.registry import HOOKS
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.header import RunHeader
 from twin.runs.policies import ASYNCHRONOUS, SEQUENTIAL, policy_name
-from twin.runs.throughput import line_summary
 from twin.runs.tracking import tracking_errors
 from twin.runs.windows import window_rows, window_summary
 
@@ -75,14 +70,14 @@ def summarize_run(
         due_s: when each product is due, where there are several [s].
         start_up: products at the beginning that do not count for throughput and takt.
     """
-    robots = [k for k in range(len(tpg.chains)) if k not in machine_chains(tpg)]
+    robots = [k for k in range(len(tpg.chains)) if k not in tpg.machine_chains()]
     completed = run.outcome == "completed"
     sequential_s = header.makespan_sequential_s if completed else None
     if sequential_s is None:
         busy = [run.duration_ns[k].sum() + run.stood_ns[k].sum() for k in robots]
         sequential_s = int(sum(busy)) / NANOSECONDS
 
-    idle = idle_robots(tpg)
+    idle = tpg.idle_robots()
 
     def seconds(of: Callable[[int], int]) -> dict[str, float]:
         return {tpg.chains[k].robot: of(k) / NANOSECONDS for k in robots}
@@ -98,8 +93,9 @@ def summarize_run(
             for name, own in tracking_errors(tpg, run.measured).items()
         },
         "windows": window_summary(tpg, run),
-        "line": line_summary(tpg, run, due_s, start_up),
     }
+    if "line" in HOOKS:
+        further["line"] = HOOKS.load("line")(tpg, run, due_s, start_up)
     return {
         "scenario": scenario,
         "seed": run.seed,
@@ -150,7 +146,7 @@ def _machines(
 ) -> dict[str, dict[str, float]]:
     """Return the busy time and downtime of each processing machine [s]."""
     found = {}
-    for k in working_machines(tpg):
+    for k in tpg.working_machines():
         done = run.end_ns[k] >= 0
         busy = int((run.end_ns[k] - run.start_ns[k])[done].sum())
         down = busy - int(run.duration_ns[k][done].sum())

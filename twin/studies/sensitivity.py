@@ -12,7 +12,6 @@ from scipy.stats import qmc
 
 from planning.parallel import map_in_parallel
 from planning.transforms import Array
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.host.progress import Report, report_nothing
 from twin.studies.gains.replays import replay_cost
@@ -24,7 +23,7 @@ from twin.studies.replications.statistics import (
     paired_interval,
 )
 from twin.studies.replications.workload import Engines, Workload
-from twin.uncertainty.chain_draws import moving_nodes
+from twin.uncertainty.chain_draws import RobotTaskNodes
 
 SHARE = 0.2
 """Inputs are made this much smaller and larger."""
@@ -98,7 +97,7 @@ def study_inputs(load: Workload) -> Mapping[str, Scaled]:
     acts = {key[0] for key in durations.actuations}
     acts &= set(durations.bind(load.tpg).skills)
     found |= {f"time to {act}": partial(_with_act, act=act) for act in sorted(acts)}
-    machines = machine_chains(load.tpg)
+    machines = load.tpg.machine_chains()
     for k, chain in enumerate(load.tpg.chains):
         if k in machines:
             continue
@@ -298,7 +297,7 @@ def _with_longer_motions(
     tpg: TemporalPlanGraph, chain: NodeChain, factor: float
 ) -> NodeChain:
     """Return a chain whose motions take a factor of their times, within limits those at full speed."""
-    factors = np.where(moving_nodes(tpg, chain), factor, 1.0)
+    factors = np.where(RobotTaskNodes(tpg, chain, {}).moves, factor, 1.0)
     drive = chain.drive
     if drive is not None:
         drive = replace(drive, cruise=factors * drive.cruise)

@@ -18,16 +18,17 @@ from twin.audits.audit import audit_off_bases, audit_run
 from twin.audits.motion.deviations import with_flange_deviations
 from twin.audits.motion.executed import read_recording
 from twin.audits.worlds.engines import Engine, engine_named
+from twin.bulk.bulk_engine import BulkEngine
 from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import BulkEngine, with_window_holds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import Messages
+from twin.engine.model_holds import with_model_holds
 from twin.host.atomic_files import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
 from twin.recorders.run_tables import write_motion
-from twin.runs.policies import NAMED_POLICIES, OPEN_LOOP
+from twin.runs.policies import OPEN_LOOP, named_policies
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import apply_variation, is_of_execution, layout_of
@@ -70,6 +71,7 @@ from twin.studies.plans import (
     save_plans,
     workloads,
 )
+from twin.studies.pose_errors import drawn_base, drawn_deviations
 from twin.studies.products import product_columns, product_times
 from twin.studies.replications.block_results import cell_tally
 from twin.studies.replications.experiment import Experiment
@@ -80,7 +82,6 @@ from twin.studies.summary import StudySummary, shown_cell, summarise_study
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import skill_durations
-from twin.uncertainty.base_errors import drawn_base, drawn_deviations
 from twin.uncertainty.disturbances import Speed
 
 CHECKING = "audit of replications"
@@ -304,7 +305,7 @@ def _audits(
     """Return the collisions in audited replications of open-loop cells and cells with pose errors."""
     drawn: dict[int, Workload] = {}
     for cell, (policy, variant) in enumerate(experiment.cells):
-        tpg = plans[plan_key(variant, NAMED_POLICIES[policy].plan)]
+        tpg = plans[plan_key(variant, named_policies()[policy].plan)]
         load = replace(loads[cell], tpg=tpg)  # with the shapes that work goes without
         if policy == OPEN_LOOP or _drawn_off(load):
             drawn[cell] = load
@@ -344,7 +345,7 @@ def _audit_cell(
     replications are skipped. The workload has the geometry of its plan.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    simulator = Simulator(with_window_holds(load.tpg, load.execution), load.execution)
+    simulator = Simulator(with_model_holds(load.tpg, load.execution), load.execution)
     replay = folder / "replay"
     for replication in range(count):
         path = folder / f"{replication}.json"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from planning.cell.workcell import start_state
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import (
     ReachBounds,
@@ -10,14 +9,14 @@ from planning.construction.problem.reach_bounds import (
     require_reach,
 )
 from planning.contacts.interference import Overlaps
-from planning.errors import ConstructionError, format_names
-from planning.geometry.scene_checker import SceneChecker
-from planning.geometry.touching import (
+from planning.contacts.touching import (
     NEAR,
     PlacedObject,
     nearby_entities,
     standing_fixtures,
 )
+from planning.errors import ConstructionError, format_names
+from planning.geometry.scene_checker import SceneChecker
 from planning.transforms import translation
 
 _CLEAR = 1e-4
@@ -137,7 +136,7 @@ def require_free_supply(problem: ConstructionProblem) -> None:
         before[name] = item
     for robot in cell.robots:
         contact = SceneChecker(
-            cell, robot.name, start_state(cell), frozenset()
+            cell, robot.name, cell.start_state(), frozenset()
         ).contact(robot.home)
         if contact is not None:
             raise ConstructionError(

@@ -310,7 +310,8 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
         report = auditor.audit(recording)
     world = AuditWorld(tpg.cell)
     exempt = overlapping_at_home(world)
-    least, deepest, samples, largest = np.inf, {}, 0, 0.0
+    least, samples, largest = np.inf, 0, 0.0
+    deepest: dict[tuple[str, str], float] = {}
     for stretch in stretches(world, ReplayedRun(tpg.cell, recording)):
         largest = max(largest, float(stretch.travel.max(initial=0.0)))
         arms = [shape for shape in world.robot_shapes if shape.joint >= 0]

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planning.expectations import Expectations, Place
-from planning.tasks.task import PRESENT
+from planning.tasks.task import TaskKind
 from planning.transforms import rotation
 from tests.planted import rows
 from tests.shipped_runs import SCENARIOS
@@ -16,12 +15,12 @@ from tests.twin.audits.audit_cell import HandWrittenRun, brick, two_arm_cell
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.written import checked, loaded, refusal, written
 from twin.audits.audit import audit_run
+from twin.audits.expectations import Expectations, Place, scenario_expectations
 from twin.kinds.parts.alike import alike_parts, listed_steps, with_named_parts
 from twin.kinds.parts.built import build_assembly
 from twin.kinds.parts.section import PartSection, PartsSection
 from twin.kinds.parts.sources import GridSection, PlacesSection
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.kind import assembly_kind
 from twin.trial.planning import plan_scenario
 
 SCENARIO = cell(
@@ -90,7 +89,7 @@ def test_parts_have_names_and_goals_have_steps(tmp_path: Path) -> None:
     assert [part.goal and part.goal.xyz_m[0] for part in pegs] == pytest.approx(
         [-0.1, 0.0, 0.1, None, None]
     )
-    starts = [part.start and part.start.xyz_m[:2] for part in pegs]
+    starts = [part.start.xyz_m[:2] for part in pegs if part.start is not None]
     np.testing.assert_allclose(
         starts, [(-0.2, -0.3), (-0.1, -0.3), (-0.2, -0.2), (-0.1, -0.2), (0.2, -0.3)]
     )
@@ -215,7 +214,9 @@ def test_a_source_gives_parts_of_a_kind_one_after_another(tmp_path: Path) -> Non
         t.object for t in tpg.tasks if t.kind == "pick" and "bolt" in str(t.object)
     ]
     assert bolts == [f"bolt.{k}.{product}" for product in (1, 2, 3) for k in (1, 2)]
-    assert sum(t.kind == PRESENT and t.robot == "bolts" for t in tpg.tasks) >= 5
+    assert (
+        sum(t.kind == TaskKind.PRESENT and t.robot == "bolts" for t in tpg.tasks) >= 5
+    )
     said = str(refusal(tmp_path, text, (goal, goals + "\n      count: 3")))
     assert "3 bolt have 2 goals: leave count out" in said
 
@@ -249,7 +250,7 @@ def test_what_is_said_of_a_kind_goes_for_its_parts_in_every_product(
 
 def test_the_audit_is_told_what_would_do(tmp_path: Path) -> None:
     scenario = loaded(tmp_path, SCENARIO)
-    wanted = assembly_kind(scenario.assembly).wanted(scenario.cell)
+    wanted = scenario_expectations(scenario)
     assert [place.words for place in wanted.places[:3]] == [
         f"goal {k} of peg" for k in (1, 2, 3)
     ]

@@ -8,21 +8,24 @@ import pytest
 import yaml
 
 from planning.errors import ScenarioError
-from planning.tasks.task import LEAVE, PRESENT
+from planning.tasks.task import TaskKind
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
+from tests.assembly_section import assembly_section
 from tests.planted import rows
 from tests.twin.written import loaded, refusal
+from twin.audits.expectations import scenario_expectations
 from twin.document.validation import InvalidScenarioError
 from twin.host.progress import StageWatch
 from twin.kinds.parts.line import source_places, write_out_line
+from twin.kinds.parts.section import PartsSection
 from twin.reading.scenario_file import load_scenario
-from twin.runs.throughput import line_summary, product_nodes
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.comparison import shared_motions
+from twin.throughput.throughput import line_summary, product_nodes
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute
 
@@ -59,7 +62,7 @@ def test_the_shipped_line_is_written_out_as_one_product() -> None:
     }
     there = {i.name for i in assembly_kind(found.assembly).objects() if not i.later}
     assert there == {"carrier.1", "bolt.1", "nut.1", "seal.1"}
-    wanted = assembly_kind(found.assembly).wanted(found.cell)
+    wanted = scenario_expectations(found)
     assert wanted.places == ()
 
 
@@ -89,7 +92,7 @@ def test_a_tray_and_a_pallet_repeat_when_both_are_as_they_were(tmp_path: Path) -
     assert line.period == 2
     tpg = planned(own, tmp_path)
     tasks = tpg.tasks
-    exchanges = [t for t in tasks if t.kind == PRESENT and t.robot == "bolts"]
+    exchanges = [t for t in tasks if t.kind == TaskKind.PRESENT and t.robot == "bolts"]
     # Thirteen bolts from trays of two: full ones come six times.
     assert [len(t.handlings) for t in exchanges] == [2] * 6
     picks = [t for t in tasks if t.kind == "pick" and str(t.object).startswith("bolt.")]
@@ -107,10 +110,10 @@ def test_a_stack_is_taken_from_above(tmp_path: Path) -> None:
         "pitch_m": 0.03,
     }
     own = scenario(tmp_path, source={"bolts": stack}, products={"count": 3})
-    assembly = own.assembly
-    heights = [at[2, 3] for at in source_places(assembly.sources["bolts"])]  # type: ignore[union-attr]
+    assembly = assembly_section(own, PartsSection)
+    heights = [at[2, 3] for at in source_places(assembly.sources["bolts"])]
     assert np.allclose(heights, [0.135, 0.105, 0.075])
-    line = write_out_line(assembly)  # type: ignore[arg-type]
+    line = write_out_line(assembly)
     assert line.period == line.products
     assert not line.supply.refills.keys() & {"bolt.1", "bolt.2", "bolt.3"}
     planned(own, tmp_path)
@@ -123,7 +126,7 @@ def test_products_stay_on_a_pallet_that_is_not_full(tmp_path: Path) -> None:
     )
     line = write_out_line(own.assembly)  # type: ignore[arg-type]
     assert (line.period, line.supply.leaves) == (2, {})
-    wanted = assembly_kind(own.assembly).wanted(own.cell)
+    wanted = scenario_expectations(own)
     assert {place.object for place in wanted.places} >= {"seal.1", "seal.2"}
 
 
@@ -133,7 +136,9 @@ def test_a_slow_conveyor_sets_the_pace(tmp_path: Path) -> None:
     own = scenario(tmp_path, source={"belt": belt}, products={"count": 8})
     tpg = planned(own, tmp_path)
     (chain,) = (
-        k for k, c in enumerate(tpg.chains) if tpg.tasks[c.task[0]].kind == LEAVE
+        k
+        for k, c in enumerate(tpg.chains)
+        if tpg.tasks[c.task[0]].kind == TaskKind.LEAVE
     )
     ends = earliest_times(tpg).end[chain]
     assert np.allclose(np.diff(ends)[1:], 60.0)

@@ -25,6 +25,7 @@ from tests.planted import rows
 from tests.twin.written import loaded, written
 from twin.audits import part_holding
 from twin.audits.audit import audit_run
+from twin.audits.expectations import scenario_expectations
 from twin.audits.motion.executed import read_recording
 from twin.cli import app
 from twin.durations.measured import packaged_timings
@@ -149,11 +150,10 @@ def test_a_run_in_which_a_part_is_kept_hold_of_stands_because_of_that(
 ) -> None:
     head, parts, _ = OWN.partition("  parts:\n")
     scenario = loaded(tmp_path, head + parts + KEPT)
-    kind = assembly_kind(scenario.assembly)
     file, folder = written(tmp_path, head + parts + KEPT), tmp_path / "run"
     result = CliRunner().invoke(app, ["run", str(file), "--out", str(folder)])
     assert result.exit_code == 0, result.output
-    wanted = kind.wanted(scenario.cell)
+    wanted = scenario_expectations(scenario)
     assert audit_run(folder, wanted=wanted).violations == ()
     monkeypatch.setattr(part_holding, "_held_in_place", lambda _case: {})
     (fall,) = audit_run(folder, wanted=wanted).violations
@@ -183,7 +183,7 @@ def test_a_part_goes_over_three_where_fewer_cannot_bring_it(tmp_path: Path) -> N
     ]
     assert check_construction(plan).faults == ()
     motions = motion_plan(problem, plan.building)
-    after = nx.DiGraph(motions.dependencies.tolist())
+    after: nx.DiGraph[int] = nx.DiGraph(motions.dependencies.tolist())
     for robot in problem.team:
         after.add_edges_from(
             pairwise(t.index for t in motions.tasks if t.robot == robot)
@@ -215,7 +215,7 @@ def test_what_is_joined_may_stand_over_an_edge(tmp_path: Path) -> None:
     over = "[0.1, 0, 0.3]", "[0.24, 0, 0.3]"
     glued = "  supply:", "  joined: [[high, low], [low, ground]]\n  supply:"
     problem = problem_of(written(tmp_path, OWN, over, glued))
-    assert problem.balance.needs("high", {"low": 1.0}) == {"low"}
+    assert problem.balance.needs("high", {"low": 1.0}) == frozenset({"low"})
     unlooked = "  supply:", "  balance: {check: false}\n  supply:"
     assert problem_of(written(tmp_path, OWN, over, unlooked)).statics is None
 

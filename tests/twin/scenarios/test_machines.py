@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError, PlanInvariantError
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
@@ -25,17 +24,17 @@ from tests.twin.scenarios.executed import executed
 from tests.twin.simulated import run_bulk, simulate
 from tests.twin.written import loaded
 from twin.audits.audit import audit_run
+from twin.audits.expectations import scenario_expectations
 from twin.audits.run_auditor import audit_execution
+from twin.bulk.bulk_engine import BulkEngine
 from twin.checks.finding import CheckContext
 from twin.checks.reach import check_reach
 from twin.document.validation import InvalidScenarioError
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.execution_model import ExecutionModel
 from twin.kinds.parts.checks.places import check_goals
 from twin.runs.summary import summarize_run
-from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.replications.block_results import task_groups
 from twin.studies.replications.experiment import Block
@@ -195,9 +194,12 @@ def ordered_tasks(tpg: TemporalPlanGraph) -> list[tuple[int, int]]:
 
 
 def test_the_line_has_its_machines(line: TemporalPlanGraph) -> None:
-    names = {line.chains[k].robot for k in machine_chains(line)}
+    names = {line.chains[k].robot for k in line.machine_chains()}
     assert names == {"blanks", "mill", "cooling", "outfeed"}
-    assert {line.chains[k].robot for k in working_machines(line)} == {"mill", "cooling"}
+    assert {line.chains[k].robot for k in line.working_machines()} == {
+        "mill",
+        "cooling",
+    }
     doors = [item for item in line.cell.objects if item.kind == "door"]
     assert [door.name for door in doors] == [f"mill.door.{k}" for k in range(1, 6)]
     assert all(door.later for door in doors)
@@ -378,7 +380,7 @@ def test_the_audit_holds_machines_to_the_scenario(tmp_path: Path) -> None:
     found = violations()
     assert sum("lies there from" in words for words in found) == 2
     assert sum("begins before milled" in words for words in found) <= 2
-    wanted = assembly_kind(own.assembly).wanted(own.cell)
+    wanted = scenario_expectations(own)
     assert [(rest.part, rest.process) for rest in wanted.rests][:3] == [
         ("blank.1", None),
         ("blank.1", "milling"),
@@ -400,7 +402,7 @@ def test_what_is_unattended_goes_on_side_by_side(tmp_path: Path) -> None:
     line = {**ALONE, "processes": CURING, "parts": parts, "steps": said(steps)}
     own = scenario(tmp_path, **line)
     tpg = plan_scenario(own, tmp_path).tpg
-    chains = {tpg.chains[k].robot for k in machine_chains(tpg)}
+    chains = {tpg.chains[k].robot for k in tpg.machine_chains()}
     assert chains == {"curing.1", "curing.2"}
     run = execute(own, tpg, tmp_path)
     # One arm places both, one after another; both cure from then on.
@@ -515,7 +517,7 @@ def test_run_and_study_say_how_busy_machines_are(
             assert rows.waited_ns[:, r].sum() == sum(
                 run.wait_ns(k)
                 for k in range(len(line.chains))
-                if k not in machine_chains(line)
+                if k not in line.machine_chains()
             )
 
 
@@ -548,7 +550,7 @@ def test_a_robot_keeps_hold_of_what_has_not_cured(tmp_path: Path) -> None:
     assert trial.summary["wait_s"]["left"] == pytest.approx(30.0)
     # A log in which it cures for a second longer: then the bracket was let go of too early.
     say_late(tmp_path / "run", "curing", 1.0)
-    wanted = assembly_kind(own.assembly).wanted(own.cell)
+    wanted = scenario_expectations(own)
     found = audit_run(tmp_path / "run", wanted=wanted, ordered=False).violations
     (v,) = (v for v in found if v.kind == "support")
     assert (v.first, v.second) == ("bracket", "left")

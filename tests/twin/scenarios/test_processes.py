@@ -8,8 +8,7 @@ import pytest
 import yaml
 
 from planning.errors import ScenarioError
-from planning.expectations import Expectations, ExpectedProcess
-from planning.tasks.task import HOLD
+from planning.tasks.task import TaskKind
 from planning.transforms import from_rpy, translation
 from scheduling.graph.rollout import earliest_times
 from scheduling.verification.verify import verify_plan
@@ -18,10 +17,14 @@ from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
 from tests.twin.written import loaded
 from twin.audits.audit import audit_run
+from twin.audits.expectations import (
+    Expectations,
+    ExpectedProcess,
+    scenario_expectations,
+)
 from twin.checks.finding import CheckContext
 from twin.checks.reach import check_reach
 from twin.kinds.parts.checks.places import check_goals
-from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario, resolve_scenario, restore_scenario
 from twin.scenario.variations import apply_variation
 from twin.trial.plan_result import PlanResult
@@ -81,14 +84,14 @@ def test_the_plan_is_safe_and_a_run_with_stalls_does_what_the_scenario_says(
     kinds = [task.kind for task in planned.tpg.tasks]
     assert kinds.count("screw") == 2
     assert kinds.count("seal") == 1
-    assert kinds.count(HOLD) == 3
+    assert kinds.count(TaskKind.HOLD) == 3
 
 
 def test_pins_and_precedence_are_kept(planned: PlanResult) -> None:
     tasks = {(task.kind, task.step): task for task in planned.tpg.tasks}
     assert tasks["screw", 3].robot == "right"
-    assert tasks[HOLD, 3].robot == "left"
-    assert tasks[HOLD, 2].robot != tasks["screw", 2].robot
+    assert tasks[TaskKind.HOLD, 3].robot == "left"
+    assert tasks[TaskKind.HOLD, 2].robot != tasks["screw", 2].robot
     times = earliest_times(planned.tpg)
     begin, end = {}, {}
     for k, chain in enumerate(planned.tpg.chains):
@@ -100,8 +103,8 @@ def test_pins_and_precedence_are_kept(planned: PlanResult) -> None:
         (("place-down", 1), ("screw", 2)),
         (("screw", 2), ("screw", 3)),
         (("screw", 2), ("place-down", 5)),
-        ((HOLD, 2), ("screw", 2)),
-        ((HOLD, 5), ("place-down", 5)),
+        ((TaskKind.HOLD, 2), ("screw", 2)),
+        ((TaskKind.HOLD, 5), ("place-down", 5)),
     ):
         assert end[tasks[earlier].index] <= begin[tasks[later].index] + 1e-9
 
@@ -150,11 +153,11 @@ def test_the_audit_finds_what_was_not_done_as_wanted(
     says: str,
 ) -> None:
     """The run is as it was; the scenario is said to have wanted something else."""
-    wanted = assembly_kind(scenario.assembly).wanted(scenario.cell)
+    wanted = scenario_expectations(scenario)
     processes = list(wanted.processes)
     processes[step] = change(processes[step])
     other: Expectations = replace(wanted, processes=tuple(processes))
-    report = audit_run(trial.folder, wanted=other)
+    report = audit_run(trial.files, wanted=other)
     assert [v.kind for v in report.violations] == [kind]
     assert says in report.violations[0].detail
 

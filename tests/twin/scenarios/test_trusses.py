@@ -19,10 +19,10 @@ from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import built, executed
 from tests.twin.written import loaded
 from twin.audits.audit import AuditReport, audit_run
+from twin.audits.expectations import scenario_expectations
 from twin.checks.finding import CheckContext
 from twin.kinds.parts.checks.places import check_balance
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
@@ -83,9 +83,9 @@ def test_bars_that_are_joined_may_be_in_each_other_as_far_as_the_scenario_says(
     }
     out = tmp_path / "run"
     executed(given, tpg, out)
-    wanted = assembly_kind(given.assembly).wanted(given.cell)
-    less = dict.fromkeys(wanted.overlaps_m, 0.002)
-    strict = audit_run(out, wanted=replace(wanted, overlaps_m=less))
+    wanted = scenario_expectations(given)
+    smaller = dict.fromkeys(wanted.overlaps_m, 0.002)
+    strict = audit_run(out, wanted=replace(wanted, overlaps_m=smaller))
     assert {v.kind for v in strict.violations} == {"contact"}
     touched = {name for v in strict.violations for name in (v.first, v.second)}
     assert touched == {"first", "second"}
@@ -158,7 +158,7 @@ def test_what_would_fall_is_kept_hold_of_until_it_is_joined(
 
 def kept_report(folder: Path, **keeps: str) -> AuditReport:
     given = load_scenario(folder.parent / "own.yaml")
-    wanted = assembly_kind(given.assembly).wanted(given.cell)
+    wanted = scenario_expectations(given)
     assert wanted.keeps == {}
     return audit_run(folder, wanted=replace(wanted, keeps=keeps))
 
@@ -175,15 +175,15 @@ def test_the_audit_finds_what_is_let_go_of_too_early(
     )
     chain = tpg.chains[tpg.chain_index[back.robot]]
     away = int(np.flatnonzero(chain.task == back.index)[0])
-    table = pq.read_table(trial.folder / "trajectory.parquet")
+    table = pq.read_table(trial.files / "trajectory.parquet")
     t, node = (np.array(table[name].to_pylist()) for name in ("t_s", "node"))
     own = np.array(table["robot"].to_pylist()) == back.robot
     # It stands from when it has placed the part, and now until a second earlier.
     assert t[own & (node >= away)].min() > t[own & (node < away)].max() + 1.0
     t[own & (node >= away)] -= 1.0
     folder = tmp_path / "run"
-    shutil.copytree(trial.folder, folder)
-    shutil.copy(trial.folder.parent / "own.yaml", tmp_path)
+    shutil.copytree(trial.files, folder)
+    shutil.copy(trial.files.parent / "own.yaml", tmp_path)
     column = table.column_names.index("t_s")
     pq.write_table(
         table.set_column(column, "t_s", pa.array(t)), folder / "trajectory.parquet"
@@ -199,14 +199,14 @@ def test_the_audit_finds_what_is_let_go_of_too_early(
 def test_the_audit_takes_from_the_scenario_how_long_a_part_is_kept_hold_of(
     kept_run: tuple[PlanResult, RunResult], tmp_path: Path
 ) -> None:
-    folder = kept_run[1].folder
+    folder = kept_run[1].files
     assert kept_report(folder, beam="neck").violations == ()
     (v,) = kept_report(folder, post="neck").violations
     assert (v.kind, v.first) == ("support", "post")
     assert "before neck is complete" in v.detail
     said = "    - beam\n", "    - {place: beam, until: neck}\n"
     given = loaded(tmp_path, KEPT, said)
-    wanted = assembly_kind(given.assembly).wanted(given.cell)
+    wanted = scenario_expectations(given)
     assert wanted.keeps == {"beam": "neck"}
 
 

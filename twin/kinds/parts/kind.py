@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, PlacedRobot, Workcell
-from planning.expectations import Expectations
-from planning.tasks.task import CLOSE, DOOR, OPEN, ActuationKey
+from planning.tasks.task import DOOR, Actuation, ActuationKey
 from planning.transforms import read_only_copy
 from twin.document.validation import Found
 from twin.document.yaml_text import KeyPath
@@ -32,7 +31,7 @@ from twin.kinds.parts.section import PartSection, PartsSection
 from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import CellSection, RobotSection, actuation_model
 from twin.scenario.sections.kind import AssemblyKind, IdleReason
-from twin.scenario.sections.shapes import build_transform, to_planning_class
+from twin.scenario.sections.shapes import to_planning_class
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
@@ -125,7 +124,7 @@ class PartKind(AssemblyKind):
         self, cell: Workcell, robots: Sequence[RobotSection]
     ) -> Mapping[str, float]:
         """Return the probability of missing a place, by ROBOT/PART, for robots with a repeatability."""
-        from planning.steps.tool_changes import with_all_tools_mounted
+        from planning.handling.tool_changes import with_all_tools_mounted
         from twin.kinds.parts.fits import place_misses
         from twin.kinds.parts.ordered_parts import OrderedParts
 
@@ -150,7 +149,7 @@ class PartKind(AssemblyKind):
             tool = cell.tools.get(robot.tool or "")
             told = tool is not None and (tool.suction or tool.opening_m is not None)
             suction = tool.suction if tool is not None and told else rules.suction
-            for act, key in ((CLOSE, "close_s"), (OPEN, "open_s")):
+            for act, key in ((Actuation.CLOSE, "close_s"), (Actuation.OPEN, "open_s")):
                 said = None if tool is None else getattr(tool, key)
                 given = getattr(rules, key) if said is None else said
                 model = actuation_model(given, suction=suction)
@@ -188,12 +187,6 @@ class PartKind(AssemblyKind):
 
         said = overlaps_of(self.section).said.values()
         return max([CONTACT_DEPTH, *(deep + _ROUNDING for deep in said)])
-
-    def wanted(self, cell: CellSection) -> Expectations:
-        """Return the goals of the parts, the processes, and finger openings."""
-        from twin.kinds.parts.expected import expectations_of
-
-        return expectations_of(self.section, cell)
 
     def why_unable(self, robot: PlacedRobot, motions: PlannedMotions) -> IdleReason:
         """Return why: not allowed, without tool, or out of reach for every step."""
@@ -278,7 +271,7 @@ def _doors(line: Line, folder: Path) -> Iterator[CellObject]:
         if job.door is None or door is None:
             continue
         shape = build_shape(job.door, door.described, folder)
-        pose = read_only_copy(build_transform(door.pose))
+        pose = read_only_copy(door.pose.transform())
         yield CellObject(
             job.door, DOOR, shape, pose, fixed=True, colour=_GREY_BLUE, later=True
         )

@@ -23,7 +23,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
-from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, ActuationKey
+from planning.tasks.task import ActuationKey, TaskKind
 from twin.document.section import Name, Section, docstring_attributes, iterate_nested
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.durations.model import DurationModel, Skill
@@ -32,7 +32,6 @@ from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection
 from twin.scenario.sections.cell import RobotSection as RobotSection
 from twin.scenario.sections.execution import ExecutionSection as ExecutionSection
-from twin.scenario.sections.execution import ReferenceDuration
 from twin.scenario.sections.kind import (
     AssemblyKind,
     AssemblySection,
@@ -220,7 +219,7 @@ class Scenario(Section):
         racks = {name: tool.rack for name, tool in self.cell.tools.items() if tool.rack}
         return tuple(
             SkillOverride(skill=skill, object=name, duration=rack.change_time)
-            for skill in (LEAVE_TOOL, TAKE_TOOL)
+            for skill in (TaskKind.LEAVE_TOOL, TaskKind.TAKE_TOOL)
             if skill not in self.execution.skills
             for name, rack in racks.items()
         )
@@ -255,22 +254,6 @@ class Scenario(Section):
                 " shortcut_candidates and shortcut_s away, or choose policy 'asynchronous'"
             )
         return self
-
-
-def follow_references(scenario: Scenario) -> Scenario:
-    """Return a scenario in which every skill but processes lasts as long as its reference path.
-
-    That is how APEX-MR V-A executes skills in simulation: without force control, the same each time.
-    """
-    reference = ReferenceDuration(kind="reference")
-    own = scenario.execution.skills
-    skills = {
-        name: own[name] if name in scenario.processes else reference for name in own
-    }
-    execution = scenario.execution.model_copy(
-        update={"skills": skills, "skill_overrides": ()}
-    )
-    return scenario.model_copy(update={"execution": execution})
 
 
 def resolve_scenario(scenario: Scenario) -> dict[str, Any]:

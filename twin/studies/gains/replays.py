@@ -10,24 +10,24 @@ from typing import Literal
 
 import numpy as np
 
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import TaskKind
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.motion_times import is_driven, with_full_speed_times
-from twin.durations.nanoseconds import Nanoseconds
-from twin.engine.bulk.bulk_engine import BulkEngine, contract_for_bulk
-from twin.engine.bulk.max_plus import (
+from twin.bulk.bulk_engine import BulkEngine, contract_for_bulk
+from twin.bulk.max_plus import (
     Completions,
     PrecedenceArrays,
     explain_completions,
     makespans,
     policy_graph,
 )
+from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.studies.replications.workload import Workload
 from twin.uncertainty.chain_draws import Cause
-from twin.uncertainty.contraction import trivial_contraction
+from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.node_times import (
     NodeTimes,
@@ -127,7 +127,7 @@ class Replay:
         self._simulator: Simulator | None = None
         if needs_event_engine(load) if by_events is None else by_events:
             self._simulator = Simulator(load.tpg, model)
-            cut = trivial_contraction(load.tpg)
+            cut = Contraction.trivial(load.tpg)
             if self._simulator.contraction is not None:
                 cut = contract_for_bulk(load.tpg, model)
             free = with_full_speed_times(load.tpg)
@@ -245,7 +245,7 @@ def graph_until_work_is_done(
     Work is all but transits on which nothing depends: a robot that goes HOME after its last skill has
     done its part. In a plan without skills, all is work.
     """
-    works = np.array([task.kind != TRANSIT or task.goal for task in tpg.tasks])
+    works = np.array([task.kind != TaskKind.TRANSIT or task.goal for task in tpg.tasks])
     last = np.full(len(tpg.chains), -1, dtype=np.int64)
     for k, chain in enumerate(tpg.chains):
         own = np.flatnonzero(works[chain.task])

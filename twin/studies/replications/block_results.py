@@ -25,18 +25,18 @@ from planning.files import (
     replace_atomically,
 )
 from planning.transforms import Array, Indices
-from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
 from scheduling.graph.windows import window_gaps
+from twin.bulk.max_plus import Completions
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
-from twin.engine.bulk.max_plus import OTHER, Completions
+from twin.engine.execution_model import OTHER
 from twin.operations.replicated.operating import OperatedRows, OperatingWorkload
-from twin.runs.throughput import product_nodes
 from twin.studies.replications.experiment import Block
+from twin.throughput.throughput import product_nodes
 
 COMPLETED, ERROR = "completed", "error"
 
@@ -248,9 +248,9 @@ Part = TypeVar("Part", OperatedRows, ProductTimes, WindowTimes)
 
 def worker_chains(tpg: TemporalPlanGraph) -> tuple[list[int], tuple[int, ...]]:
     """Return the chains of the robots, and those of the machines that work at parts."""
-    machines = machine_chains(tpg)
+    machines = tpg.machine_chains()
     robots = [k for k in range(len(tpg.chains)) if k not in machines]
-    return robots, working_machines(tpg)
+    return robots, tpg.working_machines()
 
 
 def empty_rows(

@@ -13,11 +13,11 @@ from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import TaskKind
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.nanoseconds import NANOSECONDS
-from twin.host.pictures import (
+from twin.activities.activities import part_names
+from twin.drawing.pictures import (
     INK,
     WIDTH_IN,
     bar_chart,
@@ -26,7 +26,7 @@ from twin.host.pictures import (
     style_axes,
     wrap_name,
 )
-from twin.runs.activities import part_names
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.studies.replications.block_results import TaskTally, task_groups
 from twin.studies.replications.statistics import Interval
 from twin.studies.sensitivity import SHARE, Influence, SobolIndex
@@ -77,7 +77,10 @@ def draw_bands(tpg: TemporalPlanGraph, tally: TaskTally) -> Figure:
             start[:, seen],
             end[:, seen],
             share[seen],
-            ["" if task.kind == TRANSIT else names[task.index] for task in tasks],
+            [
+                "" if task.kind == TaskKind.TRANSIT else names[task.index]
+                for task in tasks
+            ],
         )
     panels[-1].set_xlabel(
         f"time [s]; bars from median start to median end, with the part that it is about,\n"

@@ -5,13 +5,14 @@ Denavit-Hartenberg tables, must meet our subgoals: written without our robot mod
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from planning.handling.skill_targets import Subgoal
 from planning.lego.bricks.assembly import (
     BrickType,
     Cell,
@@ -33,7 +34,6 @@ from planning.lego.skills.targets import (
     received_top,
     support_targets,
 )
-from planning.steps.skill import Subgoal
 from planning.transforms import Array, Transform, from_rpy, translation
 from tests.planning.lego.importers.published_form import (
     DATA,
@@ -149,7 +149,7 @@ def cell_at(step: dict[str, Any], prefix: str) -> Cell:
 
 
 def assert_reached(
-    published: Published, robot: int, subgoals: tuple[Subgoal, ...], modes: list[int]
+    published: Published, robot: int, subgoals: Sequence[Subgoal], modes: list[int]
 ) -> None:
     """Check that the robot's rows of the modes meet the subgoals."""
     shoulder = published.bases[robot] @ translation(0.0, 0.0, 0.33)

@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError, ScenarioError
-from planning.lego.bricks.assembly import BRICKS, Cell, GridSpan, LegoStep, PlacedBrick
+from planning.handling.skill_targets import skill_postures
+from planning.lego.bricks.assembly import (
+    BRICKS,
+    Cell,
+    GridSpan,
+    LegoStep,
+    PlacedBrick,
+    Press,
+)
 from planning.lego.bricks.brick_grips import legal_presses
 from planning.lego.bricks.grid import top_pose
 from planning.lego.importers.brick_models.brick_list import read_brick_list
@@ -22,7 +30,7 @@ from planning.lego.insertion.rules import ArmLimits, SequencingRules
 from planning.lego.sequencing.arms import GripReach
 from planning.lego.sequencing.sequencing import sequence_structure
 from planning.lego.skills.targets import BrickGrip, place_targets
-from planning.steps.skill import SkillPath, skill_postures
+from planning.steps.skill import SkillPath
 from tests.planning.lego.structures import brick
 from twin.document.yaml_text import scenario_text
 from twin.host.progress import StageWatch
@@ -44,7 +52,7 @@ def hollow_house(
     """
     if wide % 4 or deep % 4 or min(wide, deep) < 8:
         raise ValueError(f"no house of {wide} x {deep} studs")
-    bricks = []
+    bricks: list[PlacedBrick] = []
 
     def lay(x: int, y: int, z: int, turned: bool) -> None:
         # A brick 2x4 has four studs along y, and along x where it is turned.
@@ -137,7 +145,9 @@ def _side_by_side() -> list[PlacedBrick]:
     return [brick("a", "2x4", 20, 20, 1), brick("b", "2x4", 30, 20, 1)]
 
 
-def _barred(first: str, other: str) -> dict:
+def _barred(
+    first: str, other: str
+) -> dict[tuple[str, Press, bool], tuple[frozenset[str]]]:
     grips = legal_presses(BRICKS["2x4"])
     return {(first, press, False): (frozenset([other]),) for press in grips}
 

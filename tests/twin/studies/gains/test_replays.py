@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import TaskKind
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.studies.study_toys import toy_workload
+from twin.bulk.max_plus import PrecedenceArrays
 from twin.durations.bounded import Uniform
 from twin.durations.nanoseconds import Nanoseconds
-from twin.engine.bulk.max_plus import PrecedenceArrays
 from twin.engine.engine import Simulator
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import Messages
@@ -153,7 +153,7 @@ def test_what_robots_do_after_their_last_work_gains_nothing() -> None:
         tried = {lever.task for lever in levers(load, replay) if lever.kind == "task"}
         for chain in load.tpg.chains:
             task = int(chain.task[-1])
-            if load.tpg.tasks[task].kind != TRANSIT:
+            if load.tpg.tasks[task].kind != TaskKind.TRANSIT:
                 continue
             rows = np.flatnonzero(every == task)
             home = Intervention("task", "HOME", chain.robot, task, rows)
@@ -173,7 +173,7 @@ def _work_done(tpg: TemporalPlanGraph, execution: Execution) -> int:
         end[node]
         for chain, end in zip(tpg.chains, execution.end, strict=True)
         for node, task in enumerate(chain.task.tolist())
-        if tpg.tasks[task].kind != TRANSIT
+        if tpg.tasks[task].kind != TaskKind.TRANSIT
     )
 
 

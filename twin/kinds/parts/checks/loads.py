@@ -9,7 +9,7 @@ from planning.cell.workcell import (
     CellObject,
     PlacedRobot,
 )
-from planning.steps.tool_changes import with_each_tool
+from planning.handling.tool_changes import with_each_tool
 from twin.checks.finding import (
     CheckContext,
     Finding,
@@ -112,6 +112,8 @@ def _too_heavy(
                 f"{part.name} weighs {part.mass:g} kg, which {who} carries beside its tool ({listing};"
                 " limits.payload_kg)",
                 error=True,
+                code="heavy",
+                parts=(part.name,),
             )
             return
 

@@ -12,11 +12,11 @@ from planning.errors import (
 )
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import robot_grips
+from planning.handling.skill_targets import SkillTargets, is_possible_in_some_posture
+from planning.handling.tool_changes import find_tool_changes
 from planning.parts.assembly import PartHandling, PlacePart
 from planning.parts.part_skills import pick_targets, place_targets, process_targets
 from planning.parts.part_steps import steps_in_order
-from planning.steps.skill import SkillTargets, is_possible_in_some_posture
-from planning.steps.tool_changes import find_tool_changes
 from planning.transforms import Transform
 from twin.checks.finding import (
     CheckContext,
@@ -169,6 +169,8 @@ def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findi
             f"{nobody} picks and places {name} with one grip: {_list(picks)} where it lies,"
             f" {_list(places)} {leg.words}; the planner looks for a place to lay it down in"
             " between",
+            code="one grip",
+            parts=(name,),
         )
         return
     key, at, words = leg.start_at, part.start, "where it lies"
@@ -180,6 +182,9 @@ def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findi
         f" {min(tried, _MOST_GRIPS)} grips, with approach_m {distances.approach:g} and leave_m"
         f" {distances.leave:g}{_beyond(robots, frame, at)}",
         error=tried <= _MOST_GRIPS,
+        code="reach",
+        parts=(name,),
+        figures=tuple(at[:3, 3].tolist()),
     )
 
 
@@ -242,6 +247,9 @@ def _check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
             f" {process.frame!r} and approach_m {process.approach:g}: tried {who or 'nobody'} in"
             f" {len(process.turns)} turns",
             error=True,
+            code="reach",
+            parts=(step.spot.owner or "",),
+            figures=tuple(found.place[:3, 3].tolist()),
         )
 
 
