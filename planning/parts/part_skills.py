@@ -85,7 +85,7 @@ def place_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTarge
     return _in_and_out("place-down", frame, grip, ("above", above), ("leave", back))
 
 
-def hold_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
+def _hold_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
     """Return the subgoals of gripping a part at rest: straight to it, hold."""
     back = grip @ translation(0.0, 0.0, -ways.approach)
     path = straight_subgoals(frame, "approach", back, grip)
@@ -309,7 +309,7 @@ class PartSkills:
         assert step.held is not None
         name = step.held.part.name
         at_part, handling = grip_contact(robot.name, name), self.assembly.handling(name)
-        targets = hold_targets(self.assembly.frame, step.held.pose @ grip, handling)
+        targets = _hold_targets(self.assembly.frame, step.held.pose @ grip, handling)
         contacts = SkillContacts(NOTHING, at_part, at_part)
         scene = SkillScene(self.cell, step.around, self._at_home, contacts)
         held = step.held.part, grip
