@@ -122,7 +122,8 @@ def touching_itself(robot: VerifiedRobot, reference: WitnessRobot) -> Iterator[P
         robot: its pieces, parts and loads.
         reference: its geometry.
     """
-    own = OwnMotions(reference, robot.pieces.knots)
+    knots = robot.pieces.knots
+    own = OwnMotions(reference, knots, reference.joint_frames_along(knots))
     parts = [body for body in robot.bodies if not body.load]
     loads = [body for body in robot.bodies if body.load]
     home = reference.joint_frames_along(robot.home[None])[0]
