@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,8 @@ _FEWEST_SIDES, _MOST_SIDES, _STEP = 16, 48, 4
 _LATITUDES = np.linspace(0.0, 0.5 * math.pi, 5)
 _UPRIGHT: Transform = read_only_copy(np.eye(4))
 
+Form: TypeAlias = "Box | Cylinder | Capsule | Mesh"
+"""The form of a rigid element."""
 
 Placed = tuple[str, ConvexBody, Transform]
 """A convex piece of a resting object: the object's name, the piece, and its pose."""
@@ -112,10 +115,6 @@ class Mesh:
     centre: Array
     missed: float = 0.0
     source: str = "mesh"
-
-
-Form = Box | Cylinder | Capsule | Mesh
-"""Any of them."""
 
 
 def polyhedron_sides(radius: float) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 from planning.cell.standing_rules import Joint, StandingRules
 from planning.contacts.interference import Overlaps
@@ -12,6 +13,9 @@ from planning.grips.grip import DOWN, UP, GripRules
 from planning.tasks.task import TimeLag
 from planning.tasks.work import Supply
 from planning.transforms import Transform
+
+AnyStep: TypeAlias = "PlacePart | Work | MachineWork"
+"""A step of an assembly of parts."""
 
 
 @dataclass(frozen=True)
@@ -143,9 +147,6 @@ class MachineWork(Step):
     def words(self) -> str:
         """Description for people."""
         return f"{self.process} {self.part}"
-
-
-AnyStep = PlacePart | Work | MachineWork
 
 
 @dataclass(frozen=True)

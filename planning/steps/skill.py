@@ -103,6 +103,11 @@ class Phase(Enum):
     SINCE_CHANGE = "since the object changed hands"
     AFTER = "after"
 
+    @property
+    def in_skill(self) -> bool:
+        """Whether it belongs to the skill itself, not to the transits around it."""
+        return self in (Phase.UNTIL_CHANGE, Phase.SINCE_CHANGE)
+
 
 @dataclass(frozen=True)
 class SkillContacts:
@@ -258,10 +263,6 @@ def _follow(
     return np.array(chain)
 
 
-IN_IT = (Phase.UNTIL_CHANGE, Phase.SINCE_CHANGE)
-"""Phases of the skill itself."""
-
-
 @dataclass(frozen=True)
 class SkillScene:
     """The scene of a skill: the surroundings of the robot, and the object that changes hands.
@@ -354,7 +355,7 @@ class SkillScene:
             allowed,
             margin=MARGIN,
             amid=(self._held_by(robot, after=after), around),
-            deviating=(path.waypoints, error) if error and phase in IN_IT else None,
+            deviating=(path.waypoints, error) if error and phase.in_skill else None,
         )
 
     @cached_property

@@ -14,7 +14,6 @@ from planning.geometry.robot_bodies import entity_name
 from planning.geometry.scene_checker import BodyPair, SceneChecker
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.steps.skill import (
-    IN_IT,
     Obstruction,
     Phase,
     SkillPath,
@@ -251,7 +250,7 @@ class SkillTrial:
             return scene.checker(self.path, self._near, phase, allowed)
         changed = scene.handed is not None
         after = phase in (Phase.SINCE_CHANGE, Phase.AFTER) and changed
-        deviates = phase in IN_IT and self.path.skill in scene.cell.deviations
+        deviates = phase.in_skill and self.path.skill in scene.cell.deviations
         if (after, deviates) not in self._built:
             built = scene.checker(self.path, self._near, phase, allowed)
             self._built[after, deviates] = built

@@ -28,7 +28,6 @@ from planning.tasks.task import (
     TimeWindow,
 )
 from scheduling.graph.columns import (
-    POSES,
     Arrays,
     Column,
     read_columns,
@@ -36,6 +35,7 @@ from scheduling.graph.columns import (
     write_columns,
 )
 from scheduling.graph.stored_cell import (
+    POSES,
     CellEntry,
     Entry,
     Index,

@@ -20,7 +20,6 @@ from itertools import chain, islice, product
 import numpy as np
 
 from planning.lego.bricks.assembly import (
-    BRICKS,
     STUD_PITCH,
     LegoStep,
     PlacedBrick,
@@ -28,6 +27,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.brick_grips import legal_presses, press_cell
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import level_height
 from planning.lego.insertion.design_room import (
     DesignRoom,

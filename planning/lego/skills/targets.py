@@ -20,7 +20,6 @@ from planning.cell.workcell import Fixture
 from planning.errors import RobotModelError
 from planning.geometry.robot_bodies import entity_name
 from planning.lego.bricks.assembly import (
-    BRICKS,
     LAYER_HEIGHT,
     STUD_PITCH,
     BrickType,
@@ -32,6 +31,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.brick_grips import grip_pose, lever_cell, side_contact_pose
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import box_from_top, brick_height, plate_corner, top_pose
 from planning.steps.skill import (
     Pairs,

@@ -15,7 +15,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from planning.lego.bricks.assembly import BRICKS, BrickType
+from planning.lego.bricks.assembly import BrickType
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.importers.brick_models.model import FileFaults
 from planning.transforms import Array
 

@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError, ScenarioError
-from planning.lego.bricks.assembly import BRICKS, Cell, GridSpan, LegoStep, PlacedBrick
+from planning.lego.bricks.assembly import Cell, GridSpan, LegoStep, PlacedBrick
 from planning.lego.bricks.brick_grips import legal_presses
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import top_pose
 from planning.lego.importers.brick_models.brick_list import read_brick_list
 from planning.lego.importers.brick_models.cell import (

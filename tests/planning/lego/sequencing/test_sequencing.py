@@ -14,7 +14,6 @@ from PIL import Image
 
 from planning.errors import InfeasibleStepError, ScenarioError, UndecidedError
 from planning.lego.bricks.assembly import (
-    BRICKS,
     LAYER_HEIGHT,
     STUD_PITCH,
     BrickType,
@@ -27,6 +26,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.brick_grips import legal_presses, press_cell
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.importers.apex_mr.importer import import_apex_mr
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules

@@ -15,7 +15,6 @@ from planning.errors import InfeasibleStepError
 from planning.geometry.exact import hull_shape
 from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.lego.bricks.assembly import (
-    BRICKS,
     Cell,
     LegoAssembly,
     LegoStep,
@@ -25,6 +24,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.brick_grips import grip_pose, legal_presses
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.brick_world import BrickWorld, grasp_number, press_from_number
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
