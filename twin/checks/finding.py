@@ -21,6 +21,8 @@ from twin.registry import CHECKS
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
+Findings = Iterator["Finding"]
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -37,9 +39,6 @@ class Finding:
     message: str
     error: bool = False
     at_start: bool = False
-
-
-Findings = Iterator[Finding]
 
 
 @dataclass(frozen=True)

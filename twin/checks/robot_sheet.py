@@ -27,7 +27,6 @@ from planning.transforms import Array, Transform, identity, inverse
 from twin.checks.overview import LinkRow, Overview, robot_overview
 from twin.checks.tools import finger_gap, frame_warnings
 from twin.checks.views import (
-    FROM_THE_SIDE,
     DrawnShape,
     Viewpoint,
     draw_axes,
@@ -38,7 +37,7 @@ from twin.checks.views import (
 from twin.host.pictures import INK, new_picture, save_png
 
 _ARM_COLOUR, _TOOL_COLOUR = "#7f93ab", "#d9822b"
-_VIEWS = (Viewpoint("from the front (+x)", 1, 2, 0, 1.0), FROM_THE_SIDE)
+_VIEWS = (Viewpoint("from the front (+x)", 1, 2, 0, 1.0), Viewpoint.from_side())
 
 _CARRIER = "iiwa14"
 """Robot on which a tool is mounted to look at it."""

@@ -48,13 +48,15 @@ class Viewpoint:
     eye: int
     towards: float
 
+    @classmethod
+    def from_side(cls) -> Viewpoint:
+        """Return the projection along y."""
+        return cls("from the side (-y)", 0, 2, 1, -1.0)
+
     @property
     def flat(self) -> list[int]:
         """The world axes of the view plane."""
         return [self.right, self.up]
-
-
-FROM_THE_SIDE = Viewpoint("from the side (-y)", 0, 2, 1, -1.0)
 
 
 @dataclass(frozen=True)

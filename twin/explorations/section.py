@@ -46,11 +46,9 @@ Number = int | float
 SamplerName = Literal["tpe", "cma-es", "nsga-ii", "random"]
 
 
-def _checked(text: str) -> str:
-    return Inequality(text, RESULTS).check().text
-
-
-Condition = Annotated[str, AfterValidator(_checked)]
+Condition = Annotated[
+    str, AfterValidator(lambda text: Inequality(text, RESULTS).check().text)
+]
 
 
 class VarySection(Section):

@@ -12,7 +12,7 @@ from contextlib import ExitStack, suppress
 from http import HTTPStatus
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from planning.errors import OutputError
 from planning.files import open_regular
@@ -30,6 +30,11 @@ _CONNECT_S = 10.0
 
 _PIECE = 1 << 20
 """Bytes read at once."""
+
+News: TypeAlias = (
+    "Event | ForbiddenEvent | UnreadableLine | Forecast | Drift | Silence | FollowedRun"
+)
+"""An update of a followed run, whose state holds it already; the run itself is the last one."""
 
 
 def lines_of_growing_file(
@@ -151,12 +156,6 @@ class Silence(NamedTuple):
     """Time since the last event [s]."""
 
     seconds: float
-
-
-News = (
-    Event | ForbiddenEvent | UnreadableLine | Forecast | Drift | Silence | FollowedRun
-)
-"""What is new about a followed run, whose state holds it already; the run itself is its end."""
 
 
 def follow(

@@ -57,9 +57,6 @@ def _letters(text: str) -> str:
     return text.lower().replace(" ", "").replace("_", "-").removesuffix("s")
 
 
-_BY_LETTERS = {_letters(name): name for name in NAMED_POLICIES}
-
-
 def parse_policy_name(text: str) -> str:
     """Return the policy name that a text spells, whatever case or separators.
 
@@ -69,12 +66,10 @@ def parse_policy_name(text: str) -> str:
     Raises:
         RequestError: there is no such policy.
     """
-    try:
-        return _BY_LETTERS[_letters(text)]
-    except KeyError:
-        raise RequestError(
-            f"no policy {text!r}", choices=tuple(NAMED_POLICIES)
-        ) from None
+    for name in NAMED_POLICIES:
+        if _letters(name) == _letters(text):
+            return name
+    raise RequestError(f"no policy {text!r}", choices=tuple(NAMED_POLICIES))
 
 
 def policy_name(plan: str, release: str) -> str:

@@ -20,6 +20,16 @@ if TYPE_CHECKING:
     from scheduling.verification.verify import VerificationReport
     from twin.verification.standing_states import AdversaryReport
 
+_UNITS = {
+    "mm": ("m", 1e-3),
+    "cm": ("m", 1e-2),
+    "m": ("m", 1.0),
+    "deg": ("rad", math.pi / 180),
+    "mrad": ("rad", 1e-3),
+    "rad": ("rad", 1.0),
+}
+"""Units of pose errors, each with the attribute and its factor."""
+
 
 @guarded
 def verify(
@@ -188,10 +198,6 @@ def _survived(survived: SurvivedErrors) -> dict[str, object]:
             else {**asdict(limiting), "margin_m": limiting.margin_m},
         }
     return out
-
-
-_UNITS = {"mm": ("m", 1e-3), "cm": ("m", 1e-2), "m": ("m", 1.0)}
-_UNITS |= {"deg": ("rad", math.pi / 180), "mrad": ("rad", 1e-3), "rad": ("rad", 1.0)}
 
 
 def read_pose_error(text: str, option: str) -> PoseError:

@@ -35,10 +35,6 @@ class ReferenceDuration(Section):
     kind: Literal["reference"]
 
 
-SkillSection = Annotated[Distribution | ReferenceDuration, Field(discriminator="kind")]
-"""Duration of a skill: drawn from a distribution, or that of its reference path."""
-
-
 class WindowsSection(Section):
     """How windows of time between steps are kept while the plan is executed.
 
@@ -141,7 +137,9 @@ class ExecutionSection(Disturbances):
     latency_s: Latency = 0.0
     report_latency_s: Latency | None = None
     release_latency_s: Latency | None = None
-    skills: dict[Skill, SkillSection] = Field(default_factory=dict)
+    skills: dict[
+        Skill, Annotated[Distribution | ReferenceDuration, Field(discriminator="kind")]
+    ] = Field(default_factory=dict)
     skill_overrides: tuple[SkillOverride, ...] = ()
     windows: WindowsSection = WindowsSection()
     outages: tuple[Outage, ...] = ()

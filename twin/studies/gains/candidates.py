@@ -51,16 +51,11 @@ class CandidateLimits(NamedTuple):
         return self.tasks + self.waits + groups + 5
 
 
-MANY = CandidateLimits(tasks=20, skills=7, waits=12, robots=8)
-FEW = CandidateLimits(tasks=6, skills=7, waits=0, robots=2)
-"""By longest paths, and by events, which take a thousand times as long."""
-
-
 def candidates(
     replay: Replay,
     found: Completions,
     model: ExecutionModel,
-    most: CandidateLimits = MANY,
+    most: CandidateLimits,
 ) -> list[Intervention]:
     """Return the candidate interventions, by kind.
 

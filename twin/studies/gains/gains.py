@@ -11,7 +11,7 @@ import numpy as np
 from planning.transforms import Array, Indices
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import Report, report_nothing
-from twin.studies.gains.candidates import FEW, MANY, candidates
+from twin.studies.gains.candidates import CandidateLimits, candidates
 from twin.studies.gains.paired_quantiles import PairedQuantiles
 from twin.studies.gains.replays import (
     Intervention,
@@ -34,6 +34,10 @@ LEADING = 7
 
 TRYING = "what is worth fixing"
 """Name of the stage for progress displays."""
+
+_MANY = CandidateLimits(tasks=20, skills=7, waits=12, robots=8)
+_FEW = CandidateLimits(tasks=6, skills=7, waits=0, robots=2)
+"""By longest paths, and by events, which take a thousand times as long."""
 
 _BUDGET = 500_000_000
 """Nodes and edges looked at for a study: some seconds, whatever its size."""
@@ -138,7 +142,7 @@ def cell_gains(
     replay = Replay(load, numbers)
     if len(replay.numbers) == 0:
         return CellGains(0, engine, ())
-    most = FEW if engine == "events" else MANY
+    most = _FEW if engine == "events" else _MANY
     found = replay.base()
     levers = candidates(replay, found, load.execution, most)
     base = _seconds(found.makespan_ns)
@@ -178,9 +182,9 @@ def _gains(
 
 def _affordable(load: Workload, count: int, share: float) -> int:
     """Return the number of replications of a cell to execute again."""
-    levers, least, most, budget = MANY.levers, _LEAST_RUNS, _MOST_RUNS, _BUDGET
+    levers, least, most, budget = _MANY.levers, _LEAST_RUNS, _MOST_RUNS, _BUDGET
     if needs_event_engine(load):
-        levers, budget = FEW.levers, _BUDGET_BY_EVENTS
+        levers, budget = _FEW.levers, _BUDGET_BY_EVENTS
         least, most = _LEAST_BY_EVENTS, _MOST_BY_EVENTS
     affordable = share * budget / (2 * levers * replay_cost(load))
     # A replication of a study takes a few times as long as to execute it again by paths.

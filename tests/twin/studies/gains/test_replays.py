@@ -18,7 +18,7 @@ from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import Messages
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.runs.execution_record import Policy
-from twin.studies.gains.candidates import candidates
+from twin.studies.gains.candidates import CandidateLimits, candidates
 from twin.studies.gains.replays import (
     Intervention,
     Replay,
@@ -44,10 +44,11 @@ BUSY = Disturbances(
     failures={"pick": SkillFailure(probability=0.3, retries=1)},
 )
 NUMBERS = np.arange(12)
+MANY = CandidateLimits(tasks=20, skills=7, waits=12, robots=8)
 
 
 def levers(load: Workload, replay: Replay) -> list[Intervention]:
-    return candidates(replay, replay.base(), load.execution)
+    return candidates(replay, replay.base(), load.execution, MANY)
 
 
 def require_equal(quick: Replay, events: Replay, lever: Intervention) -> None:
