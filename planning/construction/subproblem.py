@@ -245,7 +245,11 @@ class SubproblemSolver:
             options = solver.in_hand(team, attempt.hold)
         else:
             one = len(team) == 1
-            options = solver.alone(*team) if one else solver.handed_over(*team)
+            options = (
+                solver.single_robot_keyframes(*team)
+                if one
+                else solver.handed_over(*team)
+            )
         legs = LegPlanner(settings.rrt, rng, self.watch)
         for _ in range(settings.holds):
             with self.watch.time("keyframes"):

@@ -139,7 +139,7 @@ def format_depth(depth: float) -> str:
 def shapes_overlap_depth(
     item: PlacedObject,
     other: PlacedObject,
-    ways: Iterable[tuple[Transform, Array, float]],
+    approaches: Iterable[tuple[Transform, Array, float]],
 ) -> float:
     """Return the penetration depth of the convex pieces of two shapes along straight paths [m].
 
@@ -148,10 +148,10 @@ def shapes_overlap_depth(
     Args:
         item: what is moved.
         other: what rests.
-        ways: end poses of the first, directions of its approach, and distances.
+        approaches: end poses of the first, directions of its approach, and distances.
     """
     deepest = 0.0
-    for pose, direction, length in ways:
+    for pose, direction, length in approaches:
         where = tuple(array.tobytes() for array in (other[1], pose, direction))
         work = partial(_depth_on_way, item, other, pose, direction, length)
         key = item[0].shape, other[0].shape, *where, length

@@ -286,12 +286,17 @@ class StepPrecedence:
             ]
             if not ready:
                 return tuple(out)
-            urgent = (k for way in self._to_let_go(done) for k in ready if k in way)
+            urgent = (
+                k
+                for way in self._release_prerequisites(done)
+                for k in ready
+                if k in way
+            )
             step = next(urgent, ready[0])
             out.append(step)
             done.add(step)
 
-    def _to_let_go(self, done: set[int]) -> list[set[int]]:
+    def _release_prerequisites(self, done: set[int]) -> list[set[int]]:
         """Return the steps that lead to the release of each held part, fewest first."""
         chains = [
             _reached([end], lambda k: self.before[k].keys() - done)

@@ -213,10 +213,10 @@ class PartAllocation:
             able = [r for r in self._robots if step.step.done_by(r.name)]
             for robot in able:
                 places = self._ends(robot, number, None)
-                ways += self._ways(number, robot, parts, places)
+                ways += self._transports(number, robot, parts, places)
             if relayed or not ways:
                 for robot in able:
-                    ways += self._ways(number, robot, parts, None)
+                    ways += self._transports(number, robot, parts, None)
             found.primaries += ways
         return found.problem(
             [f"fill the goal of {step.part.name}" for step in self._steps],
@@ -225,7 +225,7 @@ class PartAllocation:
             changes=self._changes.costs,
         )
 
-    def _ways(
+    def _transports(
         self,
         number: int,
         robot: PlacedRobot,
@@ -417,19 +417,19 @@ def with_renamed_parts(
     )
 
 
-def goal_turns(ways: Array) -> list[tuple[int, int]]:
+def goal_turns(costs: Array) -> list[tuple[int, int]]:
     """Return for each goal its position among those of its robot, and the number of that robot.
 
     The sum of ways and loads is least: the next goal of a robot costs as much more as a goal costs in the
     mean.
 
     Args:
-        ways: distance of each robot to each goal, infinite where it cannot fill it; shape (goals, robots).
+        costs: distance of each robot to each goal, infinite where it cannot fill it; shape (goals, robots).
     """
-    goals, robots = ways.shape
-    known = np.isfinite(ways)
-    load = float(ways[known].mean()) if known.any() else 1.0
-    cost = np.where(known, ways, _NEVER)[:, :, None] + load * np.arange(goals)
+    goals, robots = costs.shape
+    known = np.isfinite(costs)
+    load = float(costs[known].mean()) if known.any() else 1.0
+    cost = np.where(known, costs, _NEVER)[:, :, None] + load * np.arange(goals)
     _, taken = linear_sum_assignment(cost.reshape(goals, robots * goals))
     counted, found = [0] * robots, []
     for robot in (taken // goals).tolist():

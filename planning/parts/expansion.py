@@ -118,16 +118,16 @@ class _Expansion:
                     step.door, self._cell.object(step.door).start
                 )
             about = step.machine, step.process, step.words, step.part, shut
-            done = build.unmoved(*about)
+            done = build.machine_task(*about)
         for earlier, last in self._candidates.paths.keeps.items():
             if last == number:
                 self._let_go(earlier, done)
         for lag in self._candidates.assembly.lags_after(step.name):
             words = f"{lag.least:g} s after {lag.step}"
-            build.unmoved(str(lag.machine), LAG, words, None)
+            build.machine_task(str(lag.machine), LAG, words, None)
         if (leaving := supply.leaves.get(number)) is not None:
             gone = tuple(Handling(part, 1, GONE, pose) for part, pose in leaving.parts)
-            build.unmoved(leaving.machine, LEAVE, "leaves", None, gone)
+            build.machine_task(leaving.machine, LEAVE, "leaves", None, gone)
         changes.allow_mounted(build, before)
         return self._with_depths(build.build())
 

@@ -384,7 +384,7 @@ class PartFit:
     @property
     def words(self) -> str:
         """Description for people: ``peg in block: 0.21 mm on all sides``."""
-        return f"{self.part} in {' and '.join(self.play.beside)}: {self.play.words}"
+        return f"{self.part} in {' and '.join(self.play.guides)}: {self.play.words}"
 
 
 def part_fits(cell: Workcell, assembly: PartAssembly) -> Iterator[PartFit]:

@@ -161,7 +161,7 @@ def find_relays(
         _Passing(skills_with(NO_TOOLS.union(*map(mounted_tool, robots))), step)
         for robots in chosen
     ]
-    for find in (_Passing.laid_down, _Passing.handed_over):
+    for find in (_Passing.intermediate_placements, _Passing.handed_over):
         found: list[tuple[Relay, Tools]] = []
         known: set[tuple[str, str, Tools]] = set()
         for robots, passing in zip(chosen, every, strict=True):
@@ -189,11 +189,11 @@ class _Passing:
     def __init__(self, skills: PartSkills, step: PartStep) -> None:
         self._skills, self._step = skills, step
         self._cell, self._assembly = skills.cell, skills.assembly
-        self._ways = self._assembly.handling(step.part.name)
+        self._handling = self._assembly.handling(step.part.name)
         self._picks = self._ends(skills.pick, step.part.start)
         self._places = self._ends(skills.place, step.place)
 
-    def laid_down(self) -> Iterator[Relay]:
+    def intermediate_placements(self) -> Iterator[Relay]:
         """Yield relays with the part laid down in between, one per place."""
         if not self._picks or not self._places:
             return
@@ -241,7 +241,7 @@ class _Passing:
             if heavy or not step.step.done_by(robot.name):
                 continue
             count = 0
-            found = robot_grips(robot, step.part.shape, at, at, self._ways.grips)
+            found = robot_grips(robot, step.part.shape, at, at, self._handling.grips)
             frame, friction = self._assembly.frame, self._assembly.friction
             own = dict(enumerate(found))
             firm = firm_grips(robot, step.part, own, frame, (at,), friction)
@@ -267,7 +267,7 @@ class _Passing:
     ) -> list[tuple[RelayEnd, RelayEnd]]:
         """Return the ends whose robots also reach the intermediate place, one grip each."""
         robots = {end.robot.name: end.robot for end in ends}
-        about = step.part.shape, rest.pose, rest.pose, self._ways.grips
+        about = step.part.shape, rest.pose, rest.pose, self._handling.grips
         good = {
             (name, grip.pose.tobytes())
             for name, robot in robots.items()
@@ -359,8 +359,8 @@ class _Passing:
         """Return the handover of the part at a pose, None if it is blocked."""
         giver, receiver, frame = give.robot, take.robot, self._assembly.frame
         tool = at @ take.grip.pose
-        back = tool @ translation(0.0, 0.0, -self._ways.approach)
-        coming = -self._ways.approach * tool[:3, 2]
+        back = tool @ translation(0.0, 0.0, -self._handling.approach)
+        coming = -self._handling.approach * tool[:3, 2]
         meeting = MeetingPlace(
             giver,
             receiver,
@@ -370,7 +370,7 @@ class _Passing:
             at,
             Subgoal("pre-receive", frame, back),
             Subgoal("receive", frame, tool),
-            handover_targets(frame, at @ give.grip.pose, coming, self._ways.leave),
+            handover_targets(frame, at @ give.grip.pose, coming, self._handling.leave),
             giver.home,
         )
         found = find_handover(self._cell, self._step.around, meeting)

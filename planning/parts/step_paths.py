@@ -95,7 +95,7 @@ class StepPaths:
     def _beside(self, tried: SkillTry, item: Candidate, holders: Holders) -> SkillTry:
         tools = item.tools.union(*(own for _, own in holders.values()))
         at = {name: q for name, (q, _) in holders.items()}
-        return self.skills(tools).beside(tried, at)
+        return self.skills(tools).with_standing_robots(tried, at)
 
     def grip_of(self, item: PrimaryCandidate) -> Grip:
         """Return the grip with which a part is placed."""
@@ -220,7 +220,7 @@ class Pairing:
                 incompatible |= {(p, s) for s in bad}
                 wrong, able = [wrong, *why][-1], len(bad) < len(holds)
             if not able:
-                nobody = self._nobody(item, later, wrong)
+                nobody = self._holding_rejection(item, later, wrong)
                 found.reject(item.step, words, nobody, item.robot)
                 return False
         found.clashing |= clashing
@@ -259,7 +259,7 @@ class Pairing:
                 good[item.robot] += 1
         return bad, why
 
-    def _nobody(
+    def _holding_rejection(
         self, kept: PrimaryCandidate, later: int, wrong: Obstruction | None
     ) -> Obstruction:
         """Return the rejection of a step that cannot be done while a robot keeps holding.

@@ -37,9 +37,9 @@ def first_work(known: LazyCandidates, count: int) -> AssemblyWork:
 
 
 def _spare_work(
-    candidates: PartCandidates, step: int, there: Collection[str]
+    candidates: PartCandidates, step: int, present: Collection[str]
 ) -> AssemblyWork | None:
-    found = with_spares(candidates, step, there)
+    found = with_spares(candidates, step, present)
     return None if found is None else part_work(found)
 
 

@@ -197,10 +197,10 @@ def _write_put(build: StepWriter, item: str, taken: int, put: PlannedSkill) -> i
 
 
 def _write_handover(
-    build: StepWriter, item: str, picked: int, way: PlannedHandover
+    build: StepWriter, item: str, picked: int, handover: PlannedHandover
 ) -> int:
     """Write the handover of a picked object; return how the receiver takes it away."""
-    found, meeting = way.handover, way.handover.meeting
+    found, meeting = handover.handover, handover.handover.meeting
     giver, receiver = meeting.giver.name, meeting.receiver.name
     aside = not np.array_equal(meeting.rest, meeting.giver.home)
     build.transit(receiver, found.pre, "to the handover")
@@ -208,7 +208,7 @@ def _write_handover(
     if aside:
         build.transit(giver, meeting.rest, f"{item} to the handover", item)
     build.lead_in(found.give, f"{item} to {receiver}", item)
-    given = build.skill(found.give, f"hand over {item}", item, receiver, way.pose)
+    given = build.skill(found.give, f"hand over {item}", item, receiver, handover.pose)
     build.depend(ready, given)
     # The receiver stands at the end of its task "ready" while the object is brought.
     build.allow_carried(giver, item, picked, given, ready)
@@ -218,6 +218,6 @@ def _write_handover(
     taken = build.transit(receiver, found.pre, f"take {item}", item)
     build.depend(given, taken)
     build.allow_carried(receiver, item, taken, taken, ready, given)
-    if way.by_home:
+    if handover.by_home:
         build.home(receiver, item)
     return taken

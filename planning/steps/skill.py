@@ -354,7 +354,7 @@ class SkillScene:
             WorldState(self.configurations, {}),
             allowed,
             margin=MARGIN,
-            amid=(self._held_by(robot, after=after), around),
+            surroundings=(self._held_by(robot, after=after), around),
             deviating=(path.waypoints, error) if error and phase.in_skill else None,
         )
 

@@ -284,7 +284,7 @@ class ResolvedSkill:
 
 def resolve_skill(
     robot: PlacedRobot,
-    ways: Iterable[SkillTargets],
+    alternatives: Iterable[SkillTargets],
     scene: SkillScene,
     loose: Collection[str] = (),
 ) -> ResolvedSkill | Obstruction:
@@ -292,7 +292,7 @@ def resolve_skill(
 
     Args:
         robot: the robot.
-        ways: poses to reach in order, for each alternative.
+        alternatives: poses to reach in order, for each alternative.
         scene: of the skill.
         loose: names of objects that may be gone by then, removed where no posture is free.
 
@@ -302,7 +302,7 @@ def resolve_skill(
     """
     hindrances: list[PathObstacle] = []
     reason: Obstruction | None = None
-    for targets in ways:
+    for targets in alternatives:
         found = _in_a_posture(
             robot, targets, scene, loose, hindrances, whether=reason is not None
         )

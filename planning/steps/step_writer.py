@@ -138,7 +138,7 @@ class StepWriter:
         opens = path.skill == "place-down" and at < last
         return at, ((OPEN, own),) if opens else ()
 
-    def unmoved(
+    def machine_task(
         self,
         machine: str,
         kind: str,
@@ -153,10 +153,10 @@ class StepWriter:
         """Append the tasks of machines that refill a source after a task has emptied it."""
         name = refill.parts[0][0]
         if refill.arrivals is not None:
-            come = self.unmoved(refill.arrivals, ARRIVE, f"{name} arrives", name)
+            come = self.machine_task(refill.arrivals, ARRIVE, f"{name} arrives", name)
             self.depend(come, come + 1)
         up = tuple(Handling(part, 1, None, pose) for part, pose in refill.parts)
-        there = self.unmoved(refill.machine, PRESENT, f"{name} comes up", name, up)
+        there = self.machine_task(refill.machine, PRESENT, f"{name} comes up", name, up)
         self.depend(emptied, there)
 
     def lead_in(self, path: SkillPath, label: str, carries: str | None = None) -> None:

@@ -102,12 +102,12 @@ def _with_tool(robot: PlacedRobot, tool: str | None) -> PlacedRobot:
         return robot
     if tool is None:
         models = tuple(own.model for own in robot.tools)
-        return replace(robot, model=_all_at_once(robot.model, models))
+        return replace(robot, model=_with_all_tools(robot.model, models))
     return next(own for own in with_each_tool([robot]) if own.tool == tool)
 
 
 @lru_cache(maxsize=64)
-def _all_at_once(arm: RobotModel, models: tuple[RobotModel, ...]) -> RobotModel:
+def _with_all_tools(arm: RobotModel, models: tuple[RobotModel, ...]) -> RobotModel:
     """Return a robot with the bodies of several tools, as an obstacle for others."""
     tools = [p for model in models for p in model.parts if p.group == "tool"]
     return replace(arm, parts=(*arm.parts, *tools))

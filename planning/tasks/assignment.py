@@ -346,12 +346,12 @@ class TaskPlan:
     Attributes:
         choices: one a step.
         taken: objects taken by steps so far, by number.
-        there: names of the objects that have come up by now.
+        present: names of the objects that have come up by now.
     """
 
     choices: tuple[StepChoice, ...]
     taken: Mapping[int, str] = field(default_factory=dict, hash=False)
-    there: frozenset[str] = frozenset()
+    present: frozenset[str] = frozenset()
 
     def __getitem__(self, step: int) -> StepChoice:
         """Return the choice of a step, counted from 1."""

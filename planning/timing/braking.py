@@ -101,7 +101,7 @@ def stop_along_path(
     now = _free(stop_after, begin)
     for planned in motion.pieces:
         piece: PathPiece | None = PathPiece(
-            planned.path, planned.ways, planned.step * slower
+            planned.path, planned.lengths, planned.step * slower
         )
         while piece is not None:
             stop, _ = stop_after(now)
@@ -137,13 +137,13 @@ def _stopped(
     path = piece.path
     # Until then the motion has come to depend on these control points.
     given = int(after / piece.step) + 4
-    controls = np.empty(len(piece.ways))
+    controls = np.empty(len(piece.lengths))
     near = (path.curvature(), FOLLOWED)
     count = _brake(
         limit_rows(limits),
         pack_curve(path),
         near,
-        (piece.ways, piece.step),
+        (piece.lengths, piece.step),
         given,
         controls,
     )
@@ -155,7 +155,7 @@ def _stopped(
     rest = quickest_piece(limits, path, FOLLOWED, way)
     if rest is None:
         return piece, None
-    slow = PathPiece(path, rest.ways, rest.step * slower)
+    slow = PathPiece(path, rest.lengths, rest.step * slower)
     return PathPiece(path, controls[:count].copy(), piece.step), slow
 
 

@@ -70,14 +70,14 @@ class ReplanningState:
         task_plan: the choices up to now.
         reopened: begun steps that are to be repeated, with the robots that do no more work for them.
         given_up: steps that will not be done.
-        aside: robots that make way: they go HOME with what they hold, and return later.
+        evading: robots that make way: they go HOME with what they hold, and return later.
     """
 
     world: World
     task_plan: TaskPlan
     reopened: Mapping[int, frozenset[str]] = field(default_factory=dict)
     given_up: frozenset[int] = frozenset()
-    aside: frozenset[str] = frozenset()
+    evading: frozenset[str] = frozenset()
 
     @property
     def kept(self) -> dict[int, StepChoice]:
@@ -95,7 +95,7 @@ class ReplanningState:
         return {**nothing, **{k: t for k, t in own.items() if k not in self.reopened}}
 
     @property
-    def there(self) -> frozenset[str]:
+    def present(self) -> frozenset[str]:
         """Objects that are present."""
         return frozenset(self.world.state.attachments)
 
@@ -125,11 +125,11 @@ def plan_onward(
     there = supplied_tasks_by_step(world)
     busy = _busy_until(cell, left, now.reopened)
     problem = fix_choices(work.problem, kept, world.out, busy)
-    plan = replace(assign_steps(problem), taken=now.taken, there=now.there)
+    plan = replace(assign_steps(problem), taken=now.taken, present=now.present)
     again = StepExpansions(replace(work, problem=problem), plan)
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
     gone = {task.robot for item in left if item.ends for task in item.tasks}
-    away = (*_away(cell, world, left, gone), *sorted(now.aside))
+    away = (*_away(cell, world, left, gone), *sorted(now.evading))
     for name in away:
         home = cell.robot(name).home
         items.append(_Item(_to(cell, world, name, home, stands=name not in gone)))
@@ -138,21 +138,21 @@ def plan_onward(
         items.append(_Item(_once(partial(find_removal, cell, world, robot, name))))
     undone = frozenset(plan[step].object for step in now.given_up if step in kept)
     scrap = RemovalPlan(world, work.passing, undone)
-    goes_on = {item.step.step: item for item in left if not item.ends}
-    aside, stands = set(now.aside), world.state.configurations
+    continued = {item.step.step: item for item in left if not item.ends}
+    evading, stands = set(now.evading), world.state.configurations
     for step in range(1, len(plan.choices) + 1):
-        if step in goes_on:
-            item = goes_on[step]
-            back = sorted(aside & {task.robot for task in item.tasks})
+        if step in continued:
+            item = continued[step]
+            back = sorted(evading & {task.robot for task in item.tasks})
             items += [
                 _Item(_to(cell, world, name, stands[name]), back=True) for name in back
             ]
-            aside -= set(back)
+            evading -= set(back)
             if step in now.reopened:
                 items.append(_of_leftover(item, now))
             else:
                 items.append(
-                    _Item(partial(_going_on, again, item), step, item.with_done)
+                    _Item(partial(_remaining_tasks, again, item), step, item.with_done)
                 )
         brought = there.get(step, ())
         if step in now.given_up:
@@ -192,7 +192,9 @@ def plan_onward(
         more = np.array([*inside, *scrap.waits(every)], dtype=np.int64).reshape(-1, 2)
         return np.unique(np.concatenate([waits, more]), axis=0)
 
-    every_way = [partial(_there, scrap, item.ways) for item in items]
+    every_way = [
+        partial(_without_absent_objects, scrap, item.alternatives) for item in items
+    ]
     motions = plan_motions_sequentially(
         cell,
         every_way,
@@ -212,14 +214,14 @@ class _Item:
     """One item of the remaining work.
 
     Attributes:
-        ways: yields its tasks, alternatives in order of preference, given the index of the first.
+        alternatives: yields its tasks, alternatives in order of preference, given the index of the first.
         step: number of the step that it is, None for what only clears the way.
         whole: returns the tasks of the step, those done before included.
         machines: number of a given-up step for which machines continue.
         back: whether a robot comes back with it to where the next one goes on.
     """
 
-    ways: Callable[[int], Iterator[StepTasks]]
+    alternatives: Callable[[int], Iterator[StepTasks]]
     step: int | None = None
     whole: Callable[[StepTasks], StepTasks] = lambda planned: planned
     machines: int | None = None
@@ -241,11 +243,11 @@ def _back_before(
         back = []
 
 
-def _there(
+def _without_absent_objects(
     scrap: RemovalPlan, ways: Callable[[int], Iterator[StepTasks]], first: int
 ) -> Iterator[StepTasks]:
     """Yield the expansions of a step in which only present objects leave the cell."""
-    yield from map(scrap.there, ways(first))
+    yield from map(scrap.without_absent_objects, ways(first))
 
 
 def _fresh(again: StepExpansions, step: int, brought: tuple[Task, ...]) -> _Item:
@@ -261,7 +263,7 @@ def _fresh(again: StepExpansions, step: int, brought: tuple[Task, ...]) -> _Item
     return _Item(alternatives, step, whole)
 
 
-def _going_on(
+def _remaining_tasks(
     again: StepExpansions, left: UnfinishedStep, first: int
 ) -> Iterator[StepTasks]:
     """Yield the rest of a step, among its current surroundings."""

@@ -132,7 +132,7 @@ class RemovalPlan:
         at = self.world.state.attachments.get(name)
         return None if at is None or at.holder is not None else at.pose
 
-    def there(self, step: StepTasks) -> StepTasks:
+    def without_absent_objects(self, step: StepTasks) -> StepTasks:
         """Return a step in which only present objects leave the cell, and record their final poses."""
 
         def stays(h: Handling) -> bool:

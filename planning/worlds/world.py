@@ -250,7 +250,7 @@ def unfinished_steps(
             brings = {task.robot for task in left if task.handlings}
             stays = done - reopened[number] - brings - holders
             others = dict.fromkeys(t.robot for t in step.tasks if t.robot not in stays)
-            outs = [out for k in others for out in _way_out(step, k, world)]
+            outs = [out for k in others for out in _retreat_path(step, k, world)]
             left = [*(task for task in left if task.robot in stays), *outs]
         left = [task for task in left if task.robot not in world.out]
         if left:
@@ -261,7 +261,7 @@ def unfinished_steps(
     return sorted(found, key=lambda item: (not item.ends, item.step.step))
 
 
-def _way_out(step: StepTasks, robot: str, world: World) -> Iterator[Task]:
+def _retreat_path(step: StepTasks, robot: str, world: World) -> Iterator[Task]:
     """Yield the straight path of a robot out of the middle of a step, forwards or backwards."""
     own = [task for task in step.tasks if task.robot == robot]
     done = [task for task in own if task.index in world.complete]

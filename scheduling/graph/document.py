@@ -99,7 +99,7 @@ class _Allowed(Entry):
     )
 
     @model_serializer(mode="wrap")
-    def _what_is_said(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {k: v for k, v in write(self).items() if v is not None}
 
 
@@ -113,7 +113,7 @@ class _Window(Entry):
     ago: Seconds = Field(0.0, alias="ago_s")
 
     @model_serializer(mode="wrap")
-    def _what_there_is(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {k: v for k, v in write(self).items() if k != "ago_s" or v}
 
 
@@ -128,7 +128,7 @@ class PlanDocument(Entry):
     windows: tuple[_Window, ...] = ()
 
     @model_serializer(mode="wrap")
-    def _what_there_is(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {k: v for k, v in write(self).items() if k != "windows" or v}
 
     def check_names(self) -> None:

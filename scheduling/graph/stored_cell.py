@@ -195,7 +195,7 @@ class CellEntry(Entry):
     begun: _Begun | None = None
 
     @model_serializer(mode="wrap")
-    def _what_there_is(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {k: v for k, v in write(self).items() if k != "begun" or v}
 
 

@@ -68,7 +68,7 @@ class PlanRater:
         self._shortcuts = shortcuts
         self._conflicts = StretchConflicts(kept=True)
         self._motions = MotionCache()
-        self._ways = SmoothedPathCache(settings.seed)
+        self._smoothed = SmoothedPathCache(settings.seed)
 
     def rate(self, work: AssemblyWork, plan: TaskPlan) -> RatedPlan | None:
         """Plan the motions of a task plan and rate it; None where no motions are found.
@@ -113,7 +113,7 @@ class PlanRater:
                 self._settings.speeds,
                 step=self._settings.step,
                 seed=self._settings.seed,
-                known=self._ways,
+                known=self._smoothed,
                 conflicts=self._conflicts,
             )
         makespan = float(graph.rollout.makespan)

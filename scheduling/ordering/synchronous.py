@@ -28,7 +28,7 @@ from planning.tasks.work import task_graph
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.ordering.beside_skills import BesideSkills
+from scheduling.ordering.concurrent_skills import ConcurrentSkillChecker
 from scheduling.ordering.relations import TaskRelations
 
 _SHORTEST = 1e-3
@@ -84,9 +84,9 @@ class TaskConflicts:
         done = 0 if after is None else bisect_right(self._of_chain[chain], after)
         return not self._relations.stands_clear(chain, done, self._unit[task])
 
-    def beside(
+    def concurrent_skill_checker(
         self, checker: CompositeChecker, transits: Sequence[int], skills: Sequence[int]
-    ) -> BesideSkills:
+    ) -> ConcurrentSkillChecker:
         """Return checks of robots in transit while others do skills.
 
         Args:
@@ -96,7 +96,7 @@ class TaskConflicts:
         """
         relations = self._relations
         nodes = [relations.units[self._unit[task]] for task in transits]
-        return BesideSkills(
+        return ConcurrentSkillChecker(
             checker,
             relations.graph,
             dict(zip(checker.robots, nodes, strict=True)),
@@ -393,9 +393,9 @@ class _Planner:
             step=settings.step,
             margin=MARGIN,
         )
-        checker: CompositeChecker | BesideSkills = together
+        checker: CompositeChecker | ConcurrentSkillChecker = together
         if skills:
-            checker = self.conflicts.beside(together, indices, skills)
+            checker = self.conflicts.concurrent_skill_checker(together, indices, skills)
         start = np.concatenate([self.state.configurations[name] for name in robots])
         goal = np.concatenate([self.tasks[i].path[-1] for i in indices])
         if not (checker.configuration_free(start) and checker.configuration_free(goal)):

@@ -82,7 +82,7 @@ def apply_sidesteps(
             span.last if rng.random() < 0.5 else int(rng.integers(node, span.last + 1))
         )
         path = _around_corner(
-            board, span.chain, board.way(span.chain, first, last), rng
+            board, span.chain, board.waypoints(span.chain, first, last), rng
         )
         if board.try_candidate(which, first, last, path, sooner=_LEAST):
             beside = runs_beside_waits(board)

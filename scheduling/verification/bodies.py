@@ -247,7 +247,7 @@ def over_before(
     return np.where(begin >= 0, known[np.maximum(begin, 0)], 0)
 
 
-def at_once(
+def simultaneous_pieces(
     a: VerifiedRobot, b: VerifiedRobot, precedence: Precedence
 ) -> tuple[Indices, Indices]:
     """Return, per piece of a robot, the pieces of another that may be simultaneous.
@@ -260,7 +260,7 @@ def at_once(
     return low, np.maximum(low, high)
 
 
-def while_there(
+def pieces_during(
     robot: VerifiedRobot, resting: list[Resting], precedence: Precedence
 ) -> tuple[Indices, Indices]:
     """Return, per thing at rest, the pieces of a robot that may happen during its presence."""

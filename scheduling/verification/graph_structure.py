@@ -31,11 +31,11 @@ from scheduling.graph.temporal_plan_graph import (
 )
 from scheduling.verification.object_places import (
     JUMP,
-    Whereabouts,
+    ObjectLocation,
     distance_of,
+    object_locations,
     planned_key,
     stand_during,
-    whereabouts,
 )
 from scheduling.verification.problems import Problem, node_problem, pair_problem
 
@@ -68,7 +68,7 @@ def check_structure(tpg: TemporalPlanGraph) -> tuple[Precedence | None, list[Pro
     if precedence is None:
         return None, [Problem("cycle", "the edges form a cycle")]
     problems = list(_against_the_order(tpg))
-    for name, places in whereabouts(tpg).items():
+    for name, places in object_locations(tpg).items():
         problems += _unordered_handlings(tpg, precedence, name, places)
     problems += _dependencies_not_kept(tpg, precedence)
     return precedence, problems
@@ -91,7 +91,7 @@ def _unordered_handlings(
     tpg: TemporalPlanGraph,
     precedence: Precedence,
     name: str,
-    places: Sequence[Whereabouts],
+    places: Sequence[ObjectLocation],
 ) -> Iterator[Problem]:
     """Yield unordered handlings of an object.
 

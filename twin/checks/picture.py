@@ -151,7 +151,7 @@ def cell_figure(
         style_view(area, view)
         draw_shapes(area, view, shapes)
         draw_shapes(area, view, goals)
-        names = Names(area, scale, low, high, beside=view.eye == 2)
+        names = Names(area, scale, low, high, adjacent=view.eye == 2)
         _draw_robots(area, view, subject, reaches, names)
         for item in larger if view.eye == 2 else ():
             _draw_frame(area, item, names)

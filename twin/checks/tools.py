@@ -168,10 +168,12 @@ def finger_gap(model: RobotModel, frame: Array) -> float | None:
     return float(gap) if np.isfinite(gap) else None
 
 
-def _span_along(body: ConvexBody, at: Array, way: Array) -> tuple[float, float] | None:
+def _span_along(
+    body: ConvexBody, at: Array, direction: Array
+) -> tuple[float, float] | None:
     """Return the interval of a line inside a body, measured from ``at``; None if it misses."""
     planes = ConvexHull(body.vertices).equations
-    slope, height = planes[:, :3] @ way, planes[:, :3] @ at + planes[:, 3]
+    slope, height = planes[:, :3] @ direction, planes[:, :3] @ at + planes[:, 3]
     with np.errstate(divide="ignore", invalid="ignore"):
         where = -height / slope
     if np.any(height[np.abs(slope) < 1e-12] > 0.0):

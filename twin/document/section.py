@@ -103,7 +103,7 @@ class Section(BaseModel):
     not_both: ClassVar[tuple[tuple[str, ...], ...]] = ()
 
     @model_validator(mode="after")
-    def _one_of_each(self) -> Self:
+    def _check_exclusive_keys(self) -> Self:
         fields, bases = type(self).model_fields, reversed(type(self).__mro__)
         for group in (g for base in bases for g in vars(base).get("not_both", ())):
             given = [k for k in group if getattr(self, k) != fields[k].default]

@@ -345,14 +345,14 @@ class FrankaDriver:
                 self._move_to_end()
             elif not self._robot.join_motion(0.0):
                 self._since = time.monotonic()
-            elif self._is_there() and np.abs(state.dq_d).max() <= _STILL:
+            elif self._is_near_leg_end() and np.abs(state.dq_d).max() <= _STILL:
                 self._passed(end)
                 self._at, self._end = end, -1
             elif time.monotonic() - self._since > _PATIENCE_S:
                 off = np.abs(self._q - stops[end].q).max()
                 raise FrankaError(f"it stands {off:.4f} rad from where it was sent")
 
-    def _is_there(self) -> bool:
+    def _is_near_leg_end(self) -> bool:
         """Return whether the robot is near enough to the end of the leg to continue."""
         off = float(np.abs(self._q - self._path.stops[self._end].q).max())
         turn = self._path.turn(self._at, self._end)

@@ -144,7 +144,7 @@ class DrivenRobots(RobotPort):
         cell, passage = self._cell, self._passages[chain]
         lag = int(self._drives[chain].lag[node])
         stops = None if cell.stops is None else cell.stops[chain]
-        yield cell.at_the_end_of_now(_AFTER_MESSAGES)
+        yield cell.end_of_instant(_AFTER_MESSAGES)
         now = cell.now_ns
         if passage.speed <= 0.0:
             passage.rest(now if stops is None else stops.after(now))
@@ -204,6 +204,8 @@ class DrivenRobots(RobotPort):
         def stands() -> None:
             narrator.stands(chain, node, what)
             over = cell.env.timeout(what.duration_ns)
-            over.callbacks.append(lambda _: narrator.goes_on(chain, node, what, 0))
+            over.callbacks.append(
+                lambda _: narrator.end_standstill(chain, node, what, 0)
+            )
 
         cell.after(delay_ns, stands)

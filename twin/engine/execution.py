@@ -178,7 +178,7 @@ class Execution:
 
     def is_done(self) -> bool:
         """Return whether all nodes are complete, apart from those of machines without deliveries."""
-        coming = () if self.supply is None else self.supply.coming
+        coming = () if self.supply is None else self.supply.arriving
         rows = (end for k, end in enumerate(self.end) if k not in coming)
         return all(not end or end[-1] >= 0 for end in rows)
 
@@ -243,7 +243,7 @@ class Execution:
             message = self.env.timeout(delay_ns)
             message.callbacks.append(lambda _: act(*about))
 
-    def at_the_end_of_now(self, priority: EventPriority) -> simpy.Event:
+    def end_of_instant(self, priority: EventPriority) -> simpy.Event:
         """Return an event after all others of lower priority number at this time."""
         event = self.env.event()
         event._ok, event._value = True, None
@@ -258,7 +258,7 @@ class Execution:
 
     def report_wait(self, chain: int, node: int) -> None:
         """Record that a robot waits, unless it has received a node by now."""
-        machine = self.supply is not None and chain in self.supply.coming
+        machine = self.supply is not None and chain in self.supply.arriving
         waits = self.idle[chain] is not None and self.start[chain][node] < 0
         if self.narrator is not None and waits and not machine:
             detail = self.wait_cause(chain, node)

@@ -79,10 +79,10 @@ class SupplyPort(Protocol):
     """Objects delivered by machines at times unknown in advance.
 
     Attributes:
-        coming: objects that have not been brought yet, by chain of the machine.
+        arriving: objects that have not been brought yet, by chain of the machine.
     """
 
-    coming: dict[int, str]
+    arriving: dict[int, str]
 
     def lift_unknown(self) -> None:
         """Remove edges from machines whose object no robot has missed yet."""

@@ -122,4 +122,4 @@ def explore(
             out=out,
             progress=progress,
         )
-    view.tell(found.summary, lambda: print_explored(found.found, found.folder))
+    view.output(found.summary, lambda: print_explored(found.found, found.folder))

@@ -158,7 +158,7 @@ class Crew:
                 if isinstance(said, Evaluation):
                     worker.task = None
                     return said
-                worker.hears(said)
+                worker.report_rung(said)
         except (EOFError, OSError):
             return self._dead(worker)
         if worker.left_s(self._limit_s) <= 0.0:
@@ -207,7 +207,7 @@ class _DesignWorker:
         with suppress(OSError):  # it is dead: that is seen when it is looked at
             self.pipe.send(task)
 
-    def hears(self, rung: str) -> None:
+    def report_rung(self, rung: str) -> None:
         if not self._ready:  # importing is no part of a design
             self._ready, self._since = True, time.monotonic()
         self.rung = rung

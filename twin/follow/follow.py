@@ -185,7 +185,7 @@ def follow(
     heard = clock()
     told: dict[tuple[str, str], Drift] = {}
 
-    def tell(news: News) -> None:
+    def notify(news: News) -> None:
         for listener in listeners:
             listener(news)
 
@@ -193,12 +193,12 @@ def follow(
         nonlocal due, forecaster
         due = (now_ns // every + 1) * every
         forecaster = forecaster.of(run.tpg)
-        tell(forecaster.forecast(run, now_ns))
+        notify(forecaster.forecast(run, now_ns))
         for drift in forecaster.drifts(run):
             before = told.get((drift.what, drift.robot))
             if before is None or not before.low <= drift.ratio <= before.high:
                 told[drift.what, drift.robot] = drift
-                tell(drift)
+                notify(drift)
 
     try:
         number = 0
@@ -208,7 +208,7 @@ def follow(
                 now = run.now_ns + int(silent_s * NANOSECONDS)
                 if run.events and now >= due:
                     make_forecast(now)
-                tell(Silence(silent_s))
+                notify(Silence(silent_s))
                 continue
             number += 1
             heard = clock()
@@ -217,15 +217,15 @@ def follow(
             try:
                 event = parse_event(line)
             except EventLogError as error:
-                tell(UnreadableLine(number, error))
+                notify(UnreadableLine(number, error))
                 continue
             if event.t_ns >= due and not run.outcome:
                 make_forecast(max(event.t_ns // every * every, run.now_ns))
             found = run.apply(event)
-            tell(event)
+            notify(event)
             for violation in found:
-                tell(violation)
+                notify(violation)
             if run.outcome:
                 break
     finally:
-        tell(run)
+        notify(run)

@@ -34,7 +34,7 @@ class UnacknowledgedSamples:
         self.kept = 0
         """Number of the oldest one that is left."""
         self._samples: deque[Sample] = deque()
-        self._told = 0
+        self._sent = 0
         self._again_s = -math.inf
 
     def add(self, samples: Iterable[Sample]) -> None:
@@ -50,18 +50,18 @@ class UnacknowledgedSamples:
             count: the number of the next one that it wants.
         """
         if not count:
-            self._told = self.kept
+            self._sent = self.kept
         while self._samples and self.kept < count:
             self._drop()
 
-    def to_tell(self, now_s: float) -> tuple[int, tuple[Sample, ...]]:
+    def to_send(self, now_s: float) -> tuple[int, tuple[Sample, ...]]:
         """Return the samples to send now, with the number of the first."""
         if now_s - self._again_s >= _AGAIN_S:
-            self._told, self._again_s = self.kept, now_s
-        first = max(self._told, self.kept)
+            self._sent, self._again_s = self.kept, now_s
+        first = max(self._sent, self.kept)
         skip = first - self.kept
         message = tuple(islice(self._samples, skip, skip + MOST_SAMPLES))
-        self._told = first + len(message)
+        self._sent = first + len(message)
         return first, message
 
     def _drop(self) -> None:
@@ -158,7 +158,7 @@ class DriverEnd:
     def _report(self) -> Report:
         now_s, state = self._clock(), self._look()
         self._number += 1
-        first, samples = self._samples.to_tell(now_s)
+        first, samples = self._samples.to_send(now_s)
         state = replace(state, samples=samples)
         have = self._have if state.failed < 0 else state.failed + 1
         return Report(

@@ -97,7 +97,7 @@ class RemoteRobots(RobotPort):
         self._wires, self._inbox = wires, inbox or Inbox()
         self.written, self._out_s = written, out_s
         self._tolerance = tolerance
-        self._told: dict[str, _Trouble | None] = {}
+        self._reported: dict[str, _Trouble | None] = {}
         self.silent = set(links)
         self._settled = True
         self._believed_s: dict[str, float] = {}
@@ -223,7 +223,7 @@ class RemoteRobots(RobotPort):
                 self._take(self._inbox.get(timeout=0.0))
                 continue
             self._look_at_links(self._wall_s())
-            self._end_if_nothing_comes(due, self._wall_s())
+            self._end_without_progress(due, self._wall_s())
             wait = min((due - now) / NANOSECONDS / self._pace, _TICK_S)
             with suppress(queue.Empty):
                 self._take(self._inbox.get(timeout=max(wait, 0.0)))
@@ -236,7 +236,7 @@ class RemoteRobots(RobotPort):
             words = words if robot else f"{words}: {waits}"
             self._cell.ended = Ending(code, robot, words, pending)
 
-    def _end_if_nothing_comes(self, due_ns: float, now_s: float) -> None:
+    def _end_without_progress(self, due_ns: float, now_s: float) -> None:
         """End a session without pending events or actors, or without progress for very long."""
         links = self._links
         attended = self._cell.audience is not None
@@ -313,11 +313,14 @@ class RemoteRobots(RobotPort):
 
     def _observe(self, name: str, state: DriverState) -> None:
         self._states[name], self._believed_s[name] = state, self._wall_s()
-        if name in self.silent and self._told.pop(name, None):
+        if name in self.silent and self._reported.pop(name, None):
             self.record_driver(name, "")  # before all that it has done meanwhile
         self._stop_off_path(name, state)
         self.nodes.sync_tool_commands()
-        news, self.nodes.news[name] = self.nodes.news[name], self._cell.env.event()
+        news, self.nodes.updates[name] = (
+            self.nodes.updates[name],
+            self._cell.env.event(),
+        )
         news.succeed()
         if name in self.silent:
             self.silent.discard(name)
@@ -347,8 +350,8 @@ class RemoteRobots(RobotPort):
             if not link.alive(now_s):
                 self.silent.add(name)
                 trouble = trouble or _Trouble("silent", "no sign of life")
-            if trouble != self._told.get(name):
-                self._told[name] = trouble
+            if trouble != self._reported.get(name):
+                self._reported[name] = trouble
                 self.now(self.record_driver, name, trouble.words if trouble else "")
                 if out:
                     self.now(self._give_up_driver, name, out.words)

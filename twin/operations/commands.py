@@ -122,7 +122,7 @@ def operate(
             recording=recording,
             audit=audit,
             audit_engine=audit_engine,
-            says=_answer if asks_here else None,
+            answer=_answer if asks_here else None,
             drivers=drivers,
             page=page,
             opened=opened,

@@ -50,7 +50,7 @@ class Question:
         return self.words
 
 
-Says = Callable[[Question], bool]
+AnswerCallback = Callable[[Question], bool]
 """Returns whether a person helps, given a question; raises ``UnansweredError`` until it is answered."""
 
 
@@ -104,13 +104,13 @@ class Person:
     Attributes:
         section: duration and chance of success of help; None without a person.
         seed, replication: name the random draws.
-        says: answers in place of drawn ones; called once per question, however often plans are made.
+        answer: answers in place of drawn ones; called once per question, however often plans are made.
     """
 
     section: AskSection | None
     seed: int
     replication: int = 0
-    says: Says | None = None
+    answer: AnswerCallback | None = None
     _said: dict[Question, bool] = field(default_factory=dict)
 
     def asked(
@@ -141,9 +141,9 @@ class Person:
             numbers = iter(range(1, len(names) + 2))
             fresh = next(f for k in numbers if (f := f"{name}.{k}") not in names)
             label = f"bring {fresh}"
-        if self.says is not None:
+        if self.answer is not None:
             if question not in self._said:
-                self._said[question] = self.says(question)
+                self._said[question] = self.answer(question)
             helps = self._said[question]
         return Ask(step, question.words, label, float(taken_s[0]), helps, name, fresh)
 
@@ -183,7 +183,7 @@ class OperationLedger:
         given_up: abandoned steps, by number, with the reason.
         dropped: steps that are not wanted any more, or rest on one, by number, with the reason.
         gone: objects that are lost.
-        shunned: objects that could not be picked, and are only tried again where there are no others.
+        unpickable: objects that could not be picked, and are only tried again where there are no others.
         closed: why no further steps are planned, as the next one is infeasible; empty if some may be.
         more: products that have been ordered since the beginning.
         tries: how often all attempts at a skill of a step have failed.
@@ -195,7 +195,7 @@ class OperationLedger:
     given_up: dict[int, str] = field(default_factory=dict)
     dropped: dict[int, str] = field(default_factory=dict)
     gone: set[str] = field(default_factory=set)
-    shunned: set[str] = field(default_factory=set)
+    unpickable: set[str] = field(default_factory=set)
     closed: str = ""
     more: int = 0
     tries: Counter[tuple[int, str]] = field(default_factory=Counter)
@@ -209,7 +209,7 @@ class OperationLedger:
             given_up=dict(self.given_up),
             dropped=dict(self.dropped),
             gone=set(self.gone),
-            shunned=set(self.shunned),
+            unpickable=set(self.unpickable),
             tries=Counter(self.tries),
             measured=dict(self.measured),
         )
@@ -310,8 +310,8 @@ class OperationLedger:
             todo += sorted(more)
             seen |= more
 
-    def takes_what_is_there(self) -> bool:
+    def retry_unpicked_objects(self) -> bool:
         """Retry objects that could not be picked before; return whether there are any."""
-        there = bool(self.shunned)
-        self.shunned.clear()
+        there = bool(self.unpickable)
+        self.unpickable.clear()
         return there

@@ -49,7 +49,7 @@ from twin.operations.recovery_draft import AssemblyState, Draft, PlanningContext
 from twin.operations.step_window import StepWindow
 from twin.scenario.sections.scenario import Scenario
 
-_AS_PLANNED = ((CutPolicy(steps=True),), (CutPolicy(aside=True),))
+_AS_PLANNED = ((CutPolicy(steps=True),), (CutPolicy(evade=True),))
 """Where a plan is cut in which nothing has happened but that more steps come next."""
 
 
@@ -101,7 +101,7 @@ class Recovery(Planner[AssemblyState]):
     measured: InitVar[Poses] = MappingProxyType({})
     undone: InitVar[Mapping[int, str]] = MappingProxyType({})
     cuts: tuple[tuple[CutPolicy, ...], ...] = (
-        (CutPolicy(), CutPolicy(going=True), CutPolicy(aside=True)),
+        (CutPolicy(), CutPolicy(continuing=True), CutPolicy(evade=True)),
         (CutPolicy(steps=True),),
     )
 
@@ -235,13 +235,13 @@ class Recovery(Planner[AssemblyState]):
             stuck = False
             for cut in cuts:
                 counts = cut.counts(tpg, trigger, planning_s)
-                if (counts, cut.aside) in tried:
+                if (counts, cut.evade) in tried:
                     continue
-                tried.add((counts, cut.aside))
+                tried.add((counts, cut.evade))
                 at = committed_at(tpg, counts, trigger, triage)
                 attempt = self._draft(before, motions, draft.reach)
                 try:
-                    union, new = attempt.onward(at, aside=cut.aside)
+                    union, new = attempt.onward(at, evade=cut.evade)
                 except (PlanInvariantError, TransitError, InfeasibleStepError) as error:
                     why = str(error)
                 else:

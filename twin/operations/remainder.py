@@ -99,25 +99,25 @@ def remaining_graph(
     if (kind := scenario.assembly.kind) in RECOVERIES:
         nobody = Person(None, scenario.seed)
         planner = RECOVERIES.load(kind)(
-            scenario, motions, tpg, _nobody_draws, nobody, gone, steps=False
+            scenario, motions, tpg, _no_draws, nobody, gone, steps=False
         )
     else:
         assert motions.work is not None
         _require_tried_once(tpg, world)
         work = MeasuredWork().find(motions.work, measured) or motions.work
-        work = _with_what_was_used(work, world.begun())
+        work = _with_used_objects(work, world.begun())
         known = {k: own for k, own in world.begun().items() if k not in undone}
         chosen = _choices_of(work, motions.task_plan, known)
         planner = Recovery(
             _with_shortcuts(scenario),
             replace(motions, task_plan=chosen, work=work),
             tpg,
-            _nobody_draws,
+            _no_draws,
             Person(None, scenario.seed),
             gone,
             measured,
             undone,
-            cuts=((CutPolicy(),), (CutPolicy(aside=True),)),
+            cuts=((CutPolicy(),), (CutPolicy(evade=True),)),
         )
     trigger = ReplanTrigger(tuple(failures), frozenset(out), frozenset(), counts, ago)
     state, extension = planner.extend_initial(trigger)
@@ -197,13 +197,11 @@ def _with_shortcuts(scenario: Scenario) -> Scenario:
     return scenario.changed(execution=own.changed(recovery=recovery))
 
 
-def _nobody_draws(
-    _graph: TemporalPlanGraph, _names: Mapping[int, TaskName]
-) -> NodeTimes:
+def _no_draws(_graph: TemporalPlanGraph, _names: Mapping[int, TaskName]) -> NodeTimes:
     raise AssertionError("a plan is made and not executed")
 
 
-def _with_what_was_used(
+def _with_used_objects(
     work: AssemblyWork, begun: Mapping[int, StepTasks]
 ) -> AssemblyWork:
     """Return the work with the spare objects used so far."""

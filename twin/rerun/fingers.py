@@ -136,7 +136,7 @@ def closing_distance(
     pads = pads_at(robot.model, tip, item.shape, grip)
     if pads is None or pads.off is None:
         return 0.0
-    return 0.5 * sum(max(pad.way or 0.0, 0.0) for pad in pads.sides)
+    return 0.5 * sum(max(pad.travel or 0.0, 0.0) for pad in pads.sides)
 
 
 def finger_motions(

@@ -155,7 +155,7 @@ def _stretch_rows(
     speed, rate = commands[:, 3], commands[:, 4]
     last = _end_of(at[-1], gone[-1], speed[-1], rate[-1], border[-1])
     edges = np.append(at, last)
-    commanded = _Way(edges, gone, speed, rate)
+    commanded = _PathLength(edges, gone, speed, rate)
     path = blended_path(chain, nodes.start, nodes.stop, drive.cruise[nodes])
     t = np.unique(np.rint(np.concatenate([edges, edges + lag, [0.0]])))
     bends = np.zeros(len(t) - 1, dtype=np.bool_)
@@ -180,7 +180,7 @@ def _stretch_rows(
 
 
 def _with_corners(
-    t: Array, commanded: _Way, lag: float, path: BlendedPath
+    t: Array, commanded: _PathLength, lag: float, path: BlendedPath
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Return row times that resolve the corners, and whether the path bends after each.
 
@@ -228,7 +228,7 @@ def _end_of(at: float, gone: float, speed: float, rate: float, length: float) ->
     return float(at + (np.sqrt(speed * speed + 2.0 * rate * left) - speed) / rate)
 
 
-class _Way:
+class _PathLength:
     """Commanded path length over time: quadratic between its edges, at rest before and after.
 
     Args:

@@ -190,7 +190,7 @@ def study(
                 out=out,
                 progress=progress,
             )
-    view.tell(found.summary, lambda: print_study(found.result))
+    view.output(found.summary, lambda: print_study(found.result))
 
 
 def _subject(
@@ -267,7 +267,7 @@ def _show_comparison(found: Comparison, view: View) -> None:
     from twin.studies.report.comparison_chart import print_comparison
 
     figures, folder, heading = found.figures, found.folder, found.heading
-    view.tell(
+    view.output(
         figures,
         lambda: print_comparison(
             figures, folder, heading=heading, compiled=view.compiled

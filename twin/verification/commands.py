@@ -177,12 +177,12 @@ def _echo_survived(what: str, survived: SurvivedErrors) -> None:
     for where, side in sides.items():
         much = "at least " if side.limiting is None else ""
         typer.echo(
-            f"{where}: {what} up to {much}{_told(survived.largest(side))} survived"
+            f"{where}: {what} up to {much}{_format_pose_error(survived.largest(side))} survived"
             + (f"; limited by {side.limiting}" if side.limiting else "")
         )
 
 
-def _told(error: PoseError) -> str:
+def _format_pose_error(error: PoseError) -> str:
     return f"{1000 * error.m:.3g} mm and {math.degrees(error.rad):.3g} deg"
 
 

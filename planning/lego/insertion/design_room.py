@@ -23,7 +23,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.grid import level_height
-from planning.lego.insertion.rules import InsertionWay
+from planning.lego.insertion.rules import InsertionMethod
 from planning.lego.insertion.tool_room import (
     PLATE,
     Approach,
@@ -54,9 +54,9 @@ _TIP_SHIFTS = ((0, 0), (-1, 0), (0, -1))
 Point = tuple[float, float]
 
 _LEVELS = {
-    InsertionWay.DOWN_HELD_BELOW: (-9, -6, -12, -8, -7, -10, -11, -5, -4),
-    InsertionWay.UP: (9, 12, 8, 7, 6, 5, 10, 11),
-    InsertionWay.DOWN_HELD_ABOVE: (),
+    InsertionMethod.DOWN_HELD_BELOW: (-9, -6, -12, -8, -7, -10, -11, -5, -4),
+    InsertionMethod.UP: (9, 12, 8, 7, 6, 5, 10, 11),
+    InsertionMethod.DOWN_HELD_ABOVE: (),
 }
 """Levels of a support's cell from the contact of the press that are looked at first, those of
 whole layers before the others."""
@@ -166,7 +166,7 @@ class DesignRoom:
         brick: str,
         touchable: Iterable[str],
         obstacles: Names,
-        approach: InsertionWay,
+        approach: InsertionMethod,
     ) -> tuple[ToolHold, ...]:
         """Return pushes that bound those of any supporting tool with room, and of all of them together.
 
@@ -287,7 +287,7 @@ class SupportSpots:
     inserted: str
 
     def found(
-        self, approach: InsertionWay, contact: Cell, at: Point
+        self, approach: InsertionMethod, contact: Cell, at: Point
     ) -> Iterator[SupportSpot]:
         """Yield the spots: those next to the press first, then the others by distance.
 

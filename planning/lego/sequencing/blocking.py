@@ -22,7 +22,7 @@ from planning.errors import InfeasibleStepError, format_faults
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.insertion.insertion import Insertions
-from planning.lego.insertion.rules import NO_ARM, InsertionWay
+from planning.lego.insertion.rules import NO_ARM, InsertionMethod
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH, support_targets
 from planning.lego.stability.partial_structures import Names
@@ -140,7 +140,7 @@ class Refusal:
         site = self._insertions.at(names, name, up=up)
         if not site.roomy:
             return f"{way} {_no_room(site.blocker())}"
-        alternatives = [each for each in self._rules.ways_of(name) if each.up == up]
+        alternatives = [each for each in self._rules.methods_of(name) if each.up == up]
         bearings = [b for b in map(site.prospect, alternatives) if b is not None]
         if not bearings:
             return f"{way} no spot for the other arm has room"
@@ -181,7 +181,7 @@ class Refusal:
             f"the structure gives way under the press of {best.needed:.1f} N (it bears "
             f"{max(best.bears, 0.0):.1f} N)"
         )
-        if InsertionWay.DOWN_HELD_BELOW not in self._rules.ways_of(name):
+        if InsertionMethod.DOWN_HELD_BELOW not in self._rules.methods_of(name):
             return 0, f"{gives}, and support is not allowed"
         return 0, f"{gives}, and no supporting tool below has room and helps"
 

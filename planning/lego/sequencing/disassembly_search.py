@@ -15,7 +15,7 @@ from itertools import groupby, product
 from typing import Generic, TypeVar
 
 from planning.lego.insertion.insertion import Insertion, Insertions
-from planning.lego.insertion.rules import InsertionWay
+from planning.lego.insertion.rules import InsertionMethod
 from planning.lego.stability.partial_structures import Names
 
 Part = TypeVar("Part", bound=Hashable)
@@ -139,8 +139,8 @@ class Removals:
 
         ordered = sorted(parts, key=order)
         for _, group in groupby(ordered, key=lambda name: order(name)[:2]):
-            for way, brick in product(InsertionWay, tuple(group)):
-                if way not in self._insertions.rules.ways_of(brick):
+            for way, brick in product(InsertionMethod, tuple(group)):
+                if way not in self._insertions.rules.methods_of(brick):
                     continue
                 insertion = self._insertions.last(names, brick, way)
                 if insertion is not None:

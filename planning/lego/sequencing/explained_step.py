@@ -27,7 +27,7 @@ class ExplainedStep:
         holds: of the support that it prefers.
         needed: force that it takes [N].
         bears: largest force that the structure bears, up to ``MOST`` [N].
-        alone: the same without the support [N].
+        bears_unsupported: the same without the support [N].
         report: the joints that are pulled by the force that it takes.
         temporary: names of the bricks that only help, and do not stay.
     """
@@ -38,7 +38,7 @@ class ExplainedStep:
     holds: tuple[ToolHold, ...]
     needed: float
     bears: float
-    alone: float
+    bears_unsupported: float
     report: StabilityReport
     temporary: frozenset[str]
 

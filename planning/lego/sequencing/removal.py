@@ -55,11 +55,11 @@ def find_unremovable_bricks(
     known = {item.name: item for item in bricks}
     filled = {place: item.name for item in known.values() for place in item.places}
     left = sorted(helpers, key=lambda name: (known[name].cell.level, name))
-    ways: dict[str, _WayOut] = {}
+    ways: dict[str, _ExitSearch] = {}
     while left:
         kept = []
         for name in left:
-            ways[name] = way = _WayOut.of(known[name], filled)
+            ways[name] = way = _ExitSearch.of(known[name], filled)
             if way.outside:
                 for place in known[name].places:
                     del filled[place]
@@ -75,7 +75,7 @@ def find_unremovable_bricks(
 
 
 @dataclass(frozen=True)
-class _WayOut:
+class _ExitSearch:
     """Search for an exit path of a brick among others.
 
     Attributes:
@@ -87,7 +87,7 @@ class _WayOut:
     hits: tuple[str, ...]
 
     @staticmethod
-    def of(item: PlacedBrick, filled: Mapping[GridPlace, str]) -> _WayOut:
+    def of(item: PlacedBrick, filled: Mapping[GridPlace, str]) -> _ExitSearch:
         """Search all paths of a brick along the grid, straight ones first."""
         own, span = item.places, item.span
         around = _bounds(place for place in filled if place not in own)
@@ -110,7 +110,7 @@ class _WayOut:
         while todo:
             at = todo.pop()
             if around is None or _is_outside(span, at, around):
-                return _WayOut(True, ())
+                return _ExitSearch(True, ())
             # Off its knobs it may move aside: neither its own nor those of others are in the way.
             ways = _ASIDE if at != (0, 0, 0) and clear(at, 1) else ()
             for way, margin in (*((w, 1) for w in ways), *((w, 0) for w in _VERTICAL)):
@@ -118,7 +118,7 @@ class _WayOut:
                 if after not in seen and clear(after, margin):
                     seen.add(after)
                     todo.append(after)
-        return _WayOut(False, tuple(hits))
+        return _ExitSearch(False, tuple(hits))
 
 
 def _bounds(places: Iterable[GridPlace]) -> GridSpan | None:

@@ -220,11 +220,11 @@ class BrickSkills:
 
     @_once
     def place(
-        self, robot: str, step: int, grasp: int, beside: SupportCandidate | None
+        self, robot: str, step: int, grasp: int, supporter: SupportCandidate | None
     ) -> Found:
         """Return the place of a step (from 1) by a robot, with a grip (number).
 
-        ``beside`` is the robot that supports meanwhile; None when all others are at HOME.
+        ``supporter`` is the robot that supports meanwhile; None when all others are at HOME.
         """
         world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)
@@ -234,11 +234,11 @@ class BrickSkills:
             robot, item, at_goal.pose, press, others, world.cell.fixtures
         )
         standing = dict(self.home)
-        if beside is not None:
-            support = self.support(beside.robot, step, beside.pose)
+        if supporter is not None:
+            support = self.support(supporter.robot, step, supporter.pose)
             assert isinstance(support, ResolvedSkill), support
-            standing[beside.robot] = support.path.path[-1]
-            touching |= self.supported(beside.robot, step, beside.pose)
+            standing[supporter.robot] = support.path.path[-1]
+            touching |= self.supported(supporter.robot, step, supporter.pose)
         held = self._placed(robot, step, grasp).held(up=work.up)
         scene = SkillScene(
             world.cell,
@@ -251,7 +251,7 @@ class BrickSkills:
         )
         alternatives = (
             self.place_targets(robot, step, grasp, attack, height)
-            for height, attack in product(*self._ways_to_place(step, grasp))
+            for height, attack in product(*self._approach_options(step, grasp))
         )
         return resolve_skill(
             world.cell.robot(robot), alternatives, scene, world.loose_stock
@@ -275,7 +275,7 @@ class BrickSkills:
     @_once
     def least_place(self, robot: str, step: int, grasp: int) -> float:
         """Return the least joint distance from HOME to the release of a place, ignoring obstacles."""
-        alternatives = product(*self._ways_to_place(step, grasp))
+        alternatives = product(*self._approach_options(step, grasp))
         return self._least(
             robot,
             [
@@ -284,13 +284,13 @@ class BrickSkills:
             ],
         )
 
-    def _least(self, robot: str, ways: Iterable[SkillTargets]) -> float:
+    def _least(self, robot: str, alternatives: Iterable[SkillTargets]) -> float:
         """Return the least cost of skills in any posture, infinite where there is none.
 
         What comes after the contact may rule postures out, but adds none.
         """
         least = math.inf
-        for targets in ways:
+        for targets in alternatives:
             assert targets.change_at is not None
             begun = replace(targets, subgoals=targets.subgoals[: targets.change_at + 1])
             for path in skill_postures(self.world.cell.robot(robot), begun):
@@ -298,7 +298,7 @@ class BrickSkills:
                     least = min(least, joint_distance(self.home[robot], path.contact))
         return least
 
-    def _ways_to_place(
+    def _approach_options(
         self, step: int, grasp: int
     ) -> tuple[tuple[float, ...], tuple[int, ...]]:
         """Return the heights and sides of the approach, in the order to try."""

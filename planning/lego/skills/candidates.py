@@ -251,15 +251,15 @@ class BrickCollector(CandidateCollector):
         self, robot: str, step: int, grasp: int, supports: dict[int, SupportCandidate]
     ) -> ResolvedSkill | None:
         """Return the cheapest place, alone or next to any of the supports."""
-        beside: list[SupportCandidate | None] = [None]
+        choices: list[SupportCandidate | None] = [None]
         if self.world.step(step).up or self.world.step(step).supports:
-            beside = [
+            choices = [
                 item
                 for item in supports.values()
                 if item.robot != robot
                 and self.world.go_together(step, grasp, item.pose)
             ]
-        found = [self.skills.place(robot, step, grasp, support) for support in beside]
+        found = [self.skills.place(robot, step, grasp, support) for support in choices]
         places = [option for option in found if isinstance(option, ResolvedSkill)]
         if places:
             return min(places, key=lambda option: self.cost(option.path))

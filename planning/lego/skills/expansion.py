@@ -116,7 +116,7 @@ def _bricks_taken(
         An object for each step, and the number of a brick by station.
     """
     number = dict.fromkeys(stations, 1)
-    for name in plan.there:
+    for name in plan.present:
         if (source := station_of(name, stations)) != name:
             number[source] = max(number[source], int(name.rpartition(".")[2]))
     names: list[str] = []

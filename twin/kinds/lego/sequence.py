@@ -128,7 +128,7 @@ def _explain(assembly: LegoAssembly, number: int, rules: SequencingRules) -> Non
     typer.echo(f"step {number}, {step.words}: it takes {found.needed:.1f} N")
     held = ""
     if step.support is not None:
-        held = f" with its support, {up_to(found.alone)} without"
+        held = f" with its support, {up_to(found.bears_unsupported)} without"
     typer.echo(f"the structure bears {up_to(found.bears)}{held}")
     for first, second, share in found.report.pulled[:5]:
         names = " and ".join(name or "the plate" for name in (first, second))

@@ -226,7 +226,7 @@ class ExecutionSection(Disturbances):
             reasons.append("breakdowns happen at times of the run's clock")
         return reasons
 
-    def known_when_it_happens(self) -> list[str]:
+    def describe_unforeseen_events(self) -> list[str]:
         """Return what is only planned for once it has happened, at times of the run's clock, in words."""
         told = {"outages": self.outages, "late": self.late, "changes": self.changes}
         return [
@@ -235,9 +235,9 @@ class ExecutionSection(Disturbances):
             if own
         ]
 
-    def may_be_planned_anew(self) -> bool:
+    def may_be_replanned(self) -> bool:
         """Tell whether anything may happen for which it would be planned anew."""
-        return bool(self.failures) or bool(self.known_when_it_happens())
+        return bool(self.failures) or bool(self.describe_unforeseen_events())
 
     @property
     def report_s(self) -> float:

@@ -55,7 +55,7 @@ _LEAST_BY_EVENTS, _MOST_BY_EVENTS = 8, 200
 _MOST_VALUES = 8_000_000
 """Nodes and edges times replications that are in memory at once."""
 
-LEVER_FIELDS = ("kind", "many", "name", "robot", "task")
+INTERVENTION_FIELDS = ("kind", "many", "name", "robot", "task")
 """What both files say of a lever."""
 
 
@@ -76,12 +76,12 @@ class Gain:
     """Reduction of the makespan by one intervention.
 
     Attributes:
-        lever: the intervention.
+        intervention: the intervention.
         shorter: when it takes a fifth less.
         gone: when it takes none.
     """
 
-    lever: Intervention
+    intervention: Intervention
     shorter: Saving
     gone: Saving
 
@@ -103,7 +103,7 @@ class CellGains:
 
     def best(self, most: int, *, many: bool) -> tuple[Gain, ...]:
         """Return the greatest gains of joint or of single interventions."""
-        return tuple(g for g in self.gains if g.lever.many == many)[:most]
+        return tuple(g for g in self.gains if g.intervention.many == many)[:most]
 
     @property
     def leading(self) -> tuple[dict[str, Any], ...]:
@@ -144,10 +144,10 @@ def cell_gains(
         return CellGains(0, engine, ())
     most = _FEW if engine == "events" else _MANY
     found = replay.base()
-    levers = candidates(replay, found, load.execution, most)
+    interventions = candidates(replay, found, load.execution, most)
     base = _seconds(found.makespan_ns)
     del found  # as large as all draws, several times
-    gains = list(_gains(experiment, load, replay, base, levers))
+    gains = list(_gains(experiment, load, replay, base, interventions))
     gains.sort(key=lambda gain: -gain.shorter.mean_s.estimate)
     helpful = tuple(gain for gain in gains if gain.gone.mean_s.estimate > 0)
     return CellGains(len(replay.numbers), engine, helpful)
@@ -158,7 +158,7 @@ def _gains(
     load: Workload,
     replay: Replay,
     base: Array,
-    levers: Sequence[Intervention],
+    interventions: Sequence[Intervention],
 ) -> Iterator[Gain]:
     confidence = experiment.precision.confidence
     # Mirror images stay together only where none of them is left out.
@@ -169,27 +169,33 @@ def _gains(
     p90 = PairedQuantiles(
         base, QUANTILE, confidence=confidence, seed=load.seed, antithetic=mirrored
     )
-    for lever in levers:
+    for intervention in interventions:
         savings = []
         for less in (SHORTER, GONE):
-            changed = _seconds(replay.makespans_ns(lever, less))
+            changed = _seconds(replay.makespans_ns(intervention, less))
             mean = mean_interval(
                 base - changed, confidence=confidence, antithetic=mirrored
             )
             savings.append(Saving(mean_s=mean, p90_s=p90.fall(changed)))
-        yield Gain(lever, *savings)
+        yield Gain(intervention, *savings)
 
 
 def _affordable(load: Workload, count: int, share: float) -> int:
     """Return the number of replications of a cell to execute again."""
-    levers, least, most, budget = _MANY.levers, _LEAST_RUNS, _MOST_RUNS, _BUDGET
+    interventions, least, most, budget = (
+        _MANY.most_interventions,
+        _LEAST_RUNS,
+        _MOST_RUNS,
+        _BUDGET,
+    )
     if needs_event_engine(load):
-        levers, budget = _FEW.levers, _BUDGET_BY_EVENTS
+        interventions, budget = _FEW.most_interventions, _BUDGET_BY_EVENTS
         least, most = _LEAST_BY_EVENTS, _MOST_BY_EVENTS
-    affordable = share * budget / (2 * levers * replay_cost(load))
+    affordable = share * budget / (2 * interventions * replay_cost(load))
     # A replication of a study takes a few times as long as to execute it again by paths.
     affordable = max(
-        affordable, count / (4 * levers if needs_event_engine(load) else levers)
+        affordable,
+        count / (4 * interventions if needs_event_engine(load) else interventions),
     )
     if needs_event_engine(load) and affordable < least:
         return 0
@@ -205,5 +211,9 @@ def _seconds(nanoseconds: Indices) -> Array:
 
 def gain_content(gain: Gain) -> dict[str, Any]:
     """Return a gain for JSON."""
-    lever = {key: getattr(gain.lever, key) for key in LEVER_FIELDS}
-    return {**lever, "shorter": gain.shorter.content(), "gone": gain.gone.content()}
+    intervention = {key: getattr(gain.intervention, key) for key in INTERVENTION_FIELDS}
+    return {
+        **intervention,
+        "shorter": gain.shorter.content(),
+        "gone": gain.gone.content(),
+    }

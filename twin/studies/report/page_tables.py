@@ -90,10 +90,8 @@ def _table(caption: str, gains: Sequence[Gain]) -> str:
     for rank, gain in enumerate(gains, start=1):
         width = 100.0 * max(gain.shorter.mean_s.estimate, 0.0) / max(longest, 1e-12)
         bar = f'<div class="bar" style="width:{width:.0f}%"></div>'
-        kind = (
-            f'<span class="kind">{KINDS.get(gain.lever.kind, gain.lever.kind)}</span>'
-        )
-        row = [str(rank), kind, escape_text(gain.lever.name) + bar]
+        kind = f'<span class="kind">{KINDS.get(gain.intervention.kind, gain.intervention.kind)}</span>'
+        row = [str(rank), kind, escape_text(gain.intervention.name) + bar]
         for saving in (gain.shorter, gain.gone):
             row += [format_estimate(one) for one in (saving.mean_s, saving.p90_s)]
         rows.append(row)
@@ -279,7 +277,7 @@ def ranking_table(summary: StudySummary, policy: str) -> str:
             *(breakable(row.variant[key]) for key in keys),
             f"{row.mean_s:.1f}",
             escape_text(row.behind),
-            "" if row.rank == 1 or row.told_apart else "not told apart",
+            "" if row.rank == 1 or row.significantly_slower else "not told apart",
         ]
         for row in rows
     ]

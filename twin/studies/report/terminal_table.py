@@ -142,7 +142,7 @@ def _print_ranking(
     for row in rows:
         cell = summary.cells[row.cell]
         values = (str(row.variant[key]) for key in keys)
-        doubt = "" if row.rank == 1 or row.told_apart else ", not told apart"
+        doubt = "" if row.rank == 1 or row.significantly_slower else ", not told apart"
         mean, p90 = (
             _estimate(cell.makespan_s),
             _quantile(cell.makespan_p90_s),
@@ -170,7 +170,7 @@ def _print_gains(console: Console, result: StudyResult) -> None:
     for many, most in _TOP:
         for gain in gains.best(most, many=many):
             shown = (gain.shorter.mean_s, gain.shorter.p90_s, gain.gone.mean_s)
-            table.add_row(gain.lever.name, *(_estimate(one, 2) for one in shown))
+            table.add_row(gain.intervention.name, *(_estimate(one, 2) for one in shown))
         table.add_section()
     console.print(table)
 

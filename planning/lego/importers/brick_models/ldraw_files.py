@@ -150,15 +150,15 @@ class Reference:
     @property
     def source(self) -> str:
         """Its location, such as ``"line 12 by way of line 3"``."""
-        return f"line {self.line}{self._way}"
+        return f"line {self.line}{self._reference_chain}"
 
     @property
     def words(self) -> str:
         """Its file and reference chain, such as ``"3001.dat by way of line 3"``."""
-        return f"{self.name}{self._way}"
+        return f"{self.name}{self._reference_chain}"
 
     @property
-    def _way(self) -> str:
+    def _reference_chain(self) -> str:
         return "".join(f" by way of line {k}" for k in reversed(self.via))
 
 

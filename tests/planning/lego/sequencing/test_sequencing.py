@@ -374,7 +374,7 @@ def test_the_force_that_is_borne_is_where_the_plain_program_gives_way():
     found = explain_step(_overhang(), 11, SequencingRules())
     assert found.needed == pytest.approx(1.5 * 2 * 3 * 0.85)
     assert found.bears < found.needed
-    assert found.bears == found.alone
+    assert found.bears == found.bears_unsupported
     sign = np.sign(found.load.force[2])
     for factor, stable in ((0.999, True), (1.001, False)):
         load = Load(
@@ -389,7 +389,7 @@ def test_the_force_that_is_borne_is_where_the_plain_program_gives_way():
 def test_a_support_is_what_makes_the_difference(tmp_path: Path):
     found = explain_step(_overhang(Support(Cell(20, 18, 9), 0)), 11, SequencingRules())
     assert found.holds
-    assert found.alone < found.needed < found.bears
+    assert found.bears_unsupported < found.needed < found.bears
     (tmp_path / "step.png").write_bytes(draw_step(found))
     with Image.open(tmp_path / "step.png") as picture:
         assert picture.size == (1000, 550)

@@ -28,12 +28,12 @@ def test_gains_are_differences_of_the_same_replications() -> None:
     base = replay.base().makespan_ns / 1e9
     gains = [gain.shorter.mean_s.estimate for gain in cell.gains]
     assert gains == sorted(gains, reverse=True)
-    assert {gain.lever.kind for gain in cell.gains} == {
+    assert {gain.intervention.kind for gain in cell.gains} == {
         *("task", "skill", "robot", "wait")
     }
     for gain in cell.gains:
         for saving, share in ((gain.shorter, 0.2), (gain.gone, 1.0)):
-            changed = replay.makespans_ns(gain.lever, share) / 1e9
+            changed = replay.makespans_ns(gain.intervention, share) / 1e9
             assert saving.mean_s == mean_interval(base - changed)
             p90 = np.sort(base)[359] - np.sort(changed)[359]
             assert saving.p90_s.estimate == pytest.approx(p90, abs=1e-12)
@@ -53,7 +53,7 @@ def test_replications_that_are_tried_follow_from_sizes_alone() -> None:
     assert cell_gains(ONE, load, 500, share=0.0).replications == 0
     cell = cell_gains(ONE, load, 1000, share=0.0)
     assert (cell.replications, cell.engine) == (8, "events")
-    assert "emergency stops" in [gain.lever.name for gain in cell.gains]
+    assert "emergency stops" in [gain.intervention.name for gain in cell.gains]
 
 
 def test_a_plan_in_which_nothing_varies_has_exact_gains() -> None:

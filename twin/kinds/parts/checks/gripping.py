@@ -168,9 +168,9 @@ def _lack(
             near = nearby_entities((Fixture("tool", body, pose), pose), placed, clear)
             if not near:
                 return None
-            beside = min(near, key=lambda name: near[name])
+            neighbour = min(near, key=lambda name: near[name])
             words = f"{grip.words} by {robot.name}"
-            found.append((clear - near[beside], beside, words))
+            found.append((clear - near[neighbour], neighbour, words))
     return min(found, default=None)
 
 
@@ -180,13 +180,13 @@ def _no_room(
     name: str,
     key: str,
     lack: float,
-    beside: str,
+    neighbour: str,
     grip: str,
 ) -> Finding:
     """Return the finding: an error at the pitch of a source with parts too close together."""
     at, remedy = subject.thing_at(name, key), "move one of the two"
     sources = {part.name: part.source for part in parts.section.parts}
-    own, other = (sources.get(name_in_file(n, sources)) for n in (name, beside))
+    own, other = (sources.get(name_in_file(n, sources)) for n in (name, neighbour))
     source = parts.section.sources.get(own or "")
     in_source = key == "start" and own == other and source is not None
     if in_source:
@@ -196,7 +196,7 @@ def _no_room(
     return Finding(
         at,
         f"no grip on {name} has room beside its neighbours {where}: {grip} lacks least, {format_millimetres(lack)}"
-        f" beside {beside}; {remedy}, or take a slimmer tool",
+        f" beside {neighbour}; {remedy}, or take a slimmer tool",
         error=in_source,
     )
 

@@ -114,7 +114,7 @@ def check_friction(subject: CheckContext, parts: OrderedParts) -> Findings:
             grip = robot.model.grip
             yield Finding(
                 subject.robot_at(robot.name, "tool", "model"),
-                f"the pads of {grip.tool} hold {name} ({part.mass:g} kg) at best {format_millimetres(worst.lever)} beside"
+                f"the pads of {grip.tool} hold {name} ({part.mass:g} kg) at best {format_millimetres(worst.moment_arm)} beside"
                 f" its centre of mass: {worst.force:.3g} N pull along them and {round(worst.torque, 6):.3g} N m turn it about"
                 f" their axis; friction bears {worst.most_force:.3g} N or {round(worst.most_torque, 6):.3g} N m (force_n"
                 f" {grip.force:g}, balance.friction {assembly.friction:g}): hold it nearer to its centre of mass,"

@@ -48,7 +48,7 @@ _BESIDE = 0.5
 @for_part_assemblies
 def check_goals(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield parts that overlap or are unsupported at their goals."""
-    cell, section, assembly = parts.there, parts.section, parts.found
+    cell, section, assembly = parts.cell_without_alike_parts, parts.section, parts.found
     if isinstance(assembly, str):
         yield Finding(("assembly", "steps"), assembly, error=True)
         return
