@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import TypeAlias
+from typing import TypeAlias, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +33,7 @@ _FEWEST_SIDES, _MOST_SIDES, _STEP = 16, 48, 4
 _LATITUDES = np.linspace(0.0, 0.5 * math.pi, 5)
 _UPRIGHT: Transform = read_only_copy(np.eye(4))
 
-Form: TypeAlias = "Box | Cylinder | Capsule | Mesh"
+Form: TypeAlias = Union["Box", "Cylinder", "Capsule", "Mesh"]
 """The form of a rigid element."""
 
 Placed = tuple[str, ConvexBody, Transform]

@@ -106,8 +106,8 @@ class Overlaps:
     def words(self, first: str, second: str, deep: float) -> str:
         """Return in words the depth of two things, the allowed one, and the remedy."""
         most = self.most(first, second)
-        told = f"{format_depth(deep)}, and may by {format_depth(most)}"
-        return told + self.remedy(first, second, deep)
+        text = f"{format_depth(deep)}, and may by {format_depth(most)}"
+        return text + self.remedy(first, second, deep)
 
     def remedy(self, first: str, second: str, deep: float) -> str:
         """Return in words the scenario entry that would allow two things to penetrate so deep."""
@@ -117,18 +117,18 @@ class Overlaps:
             return ""
         if frozenset((first, second)) in self.joined:
             return f"; if they meet in a node, say joined_overlap_m: {press:g}"
-        told = (
+        text = (
             "; if one is pressed into the other, say"
             f" fits: [{{parts: [{first}, {second}], press_m: {press:g}}}]"
         )
         if deep > _NODE:
-            told += (
+            text += (
                 "; if they are bars that meet in a node, join them"
                 f" (joined: [[{second}, {first}]])"
             )
             if press > self.in_nodes:
-                told += f" and say joined_overlap_m: {press:g}"
-        return told
+                text += f" and say joined_overlap_m: {press:g}"
+        return text
 
 
 def format_depth(depth: float) -> str:

@@ -127,7 +127,7 @@ def pose_stretch(table: HullTable, first: int, last: int, out: PosedStretch) -> 
     length = 0.0
     for j in range(n):
         length += (q_b[j] - q_a[j]) ** 2
-    # Between its ends each segment is no further aside than at one of them.
+    # Between its ends each segment deviates no more than at one of them.
     for s in range(first, last):
         for k in range(2):
             q = table.q_a[s] if k == 0 else table.q_b[s]

@@ -73,7 +73,7 @@ class SceneIndex:
         special |= {handling.object for handling in handlings}
         special |= state.attachments.keys() - at_rest.keys()
         special &= objects.keys()
-        # Objects are told apart by where they are.
+        # Objects are distinguished by their poses.
         things = sorted(
             (_place(state.attachments.get(name)), self._shape(objects[name]), name)
             for name in special

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import TypeAlias, Union
 
 from planning.cell.standing_rules import Joint, StandingRules
 from planning.contacts.interference import Overlaps
@@ -14,7 +14,7 @@ from planning.tasks.task import TimeLag
 from planning.tasks.work import Supply
 from planning.transforms import Transform
 
-AnyStep: TypeAlias = "PlacePart | Work | MachineWork"
+AnyStep: TypeAlias = Union["PlacePart", "Work", "MachineWork"]
 """A step of an assembly of parts."""
 
 

@@ -264,12 +264,12 @@ class Pairing:
     ) -> Obstruction:
         """Return the rejection of a step that cannot be done while a robot keeps holding.
 
-        Where nothing of a robot that keeps holding is in the way, nobody else can do the step at all: then
+        Where nothing of a robot that keeps holding is in the way, no other robot can do the step at all: then
         that is why.
         """
         step = f"step {later} ({self.paths.steps[later - 1].step.words})"
         if wrong is not None:
-            nobody = f"nobody else could do {step} meanwhile: {wrong.words}"
+            nobody = f"no other robot could do {step} meanwhile: {wrong.words}"
             return Obstruction(nobody, wrong.by)
         reasons = Counter[str]()
         whats: dict[str, str] = {}
@@ -277,7 +277,7 @@ class Pairing:
             if item.step == later and item.robot != kept.robot:
                 reasons[item.reason] += 1
                 whats.setdefault(item.reason, item.what)
-        why = f"nobody else can do {step}"
+        why = f"no other robot can do {step}"
         if reasons:
             reason, _ = reasons.most_common(1)[0]
             why += f" at all: {whats[reason]}: {reason}"

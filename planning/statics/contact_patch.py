@@ -156,7 +156,7 @@ def _common_points(a: Array, b: Array, normal: Array) -> Array:
     theirs = _outline(b[second <= second.min() + SLACK] @ across.T)
     common = _clipped(ours, theirs)
     if not len(common):
-        # Neighbours whose nearest features are corners aside of each other.
+        # Neighbours whose nearest features are corners next to each other.
         common = 0.5 * (ours.mean(axis=0) + theirs.mean(axis=0))[None, :]
     return np.asarray(common @ across + height * normal)
 

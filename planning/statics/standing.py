@@ -216,8 +216,8 @@ class StabilityChecker:
         """Yield the forces of a contact: at each of its corners, the edges of a friction cone."""
         across = np.linalg.svd(patch.normal[None, :])[2][1:]
         angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
-        aside = np.column_stack([np.cos(angles), np.sin(angles)]) @ across
-        cone = patch.normal + self.rules.friction * aside
+        tangents = np.column_stack([np.cos(angles), np.sin(angles)]) @ across
+        cone = patch.normal + self.rules.friction * tangents
         cone /= np.linalg.norm(cone, axis=1)[:, None]
         ends = self._ends(pair)
         for point, edge in product(patch.points.tolist(), cone.tolist()):

@@ -87,7 +87,7 @@ class PlannedPlacement:
     Attributes:
         item: name of the object.
         pick: its pick.
-        between: how it changes hands on its way: how it is laid down and taken up again, or
+        between: how it changes hands on its way: how it is laid down and picked again, or
             handed over; None if it does not.
         place: how it is put in its place.
         support: what another robot does meanwhile, None for nothing.
@@ -202,17 +202,17 @@ def _write_handover(
     """Write the handover of a picked object; return how the receiver takes it away."""
     found, meeting = handover.handover, handover.handover.meeting
     giver, receiver = meeting.giver.name, meeting.receiver.name
-    aside = not np.array_equal(meeting.rest, meeting.giver.home)
+    retreats = not np.array_equal(meeting.rest, meeting.giver.home)
     build.transit(receiver, found.pre, "to the handover")
     ready = build.transit(receiver, found.receive, "ready to receive")
-    if aside:
+    if retreats:
         build.transit(giver, meeting.rest, f"{item} to the handover", item)
     build.lead_in(found.give, f"{item} to {receiver}", item)
     given = build.skill(found.give, f"hand over {item}", item, receiver, handover.pose)
     build.depend(ready, given)
     # The receiver stands at the end of its task "ready" while the object is brought.
     build.allow_carried(giver, item, picked, given, ready)
-    if aside:
+    if retreats:
         build.transit(giver, meeting.rest, "back from the handover")
     build.home(giver)
     taken = build.transit(receiver, found.pre, f"take {item}", item)

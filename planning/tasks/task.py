@@ -320,7 +320,7 @@ class TimeWindow:
     """Bounds on the time from the end of a task to the start of another.
 
     As for glue that must be pressed while it is wet, or a part that must cool. The least time is kept by a task
-    that lasts as long, so by the graph. The greatest one is not: it is planned for, held back for, and told of.
+    that lasts as long, so by the graph. The greatest one is not: it is planned for, held back for, and reported.
 
     Attributes:
         begun: index of the task with which the work of the earlier step begins; EARLIER where that was before

@@ -218,7 +218,7 @@ class _Item:
         step: number of the step that it is, None for what only clears the way.
         whole: returns the tasks of the step, those done before included.
         machines: number of a given-up step for which machines continue.
-        back: whether a robot comes back with it to where the next one goes on.
+        back: whether a robot comes back with it to where the next one continues.
     """
 
     alternatives: Callable[[int], Iterator[StepTasks]]

@@ -232,7 +232,7 @@ def unfinished_steps(
     Args:
         world: what is complete.
         reopened: steps that are to be repeated, by number, with the robots that have nothing to bring
-            to an end in them. Of the others only those go on that have done a skill in it, as far as
+            to an end in them. Of the others only those continue that have done a skill in it, as far as
             their retreat: they stand where they are in the way. Whoever has something in the hand that
             goes nowhere any more does not go back as if it had been put down. Who is where a straight path
             leads out of, as of a rack of tools, goes that way.

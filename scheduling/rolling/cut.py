@@ -50,7 +50,7 @@ def cut_after(
         released: how many nodes of each chain have been released: they are committed.
         never: nodes (chain, node) that are not executed any more, nor what waits for them; they may
             have been released.
-        steps: whether a robot goes on to the end of what it does for the step that it has begun a
+        steps: whether a robot continues to the end of what it does for the step that it has begun a
             skill of; else to the end of its task.
         continue_s: for how long each robot continues, task by task, beyond its released nodes [s].
 

@@ -149,7 +149,7 @@ def extend_graph(
         replace(h, robot=place[committed.chains[h.robot].robot])
         for h in committed.handlings
     ]
-    # What a robot has had in its hand all along is not taken up again.
+    # What a robot has had in its hand all along is not picked again.
     hands = {h.object: h.holder for h in committed.handlings}
 
     def in_hand(h: NodeHandling) -> bool:

@@ -42,7 +42,7 @@ _LEAST = 5e-5
 """Least time that a shortcut has to save its robot, as a share of the makespan."""
 
 _WORTH = 3e-4
-"""Shortcuts go on while those of a window shorten the makespan by this share of it."""
+"""Shortcutting continues while those of a window shorten the makespan by this share of it."""
 
 _FEWEST = 500
 """Least number of candidates in a window."""
@@ -105,7 +105,7 @@ class ShortcutSearch:
         return float(self.graph.rollout.makespan)
 
     def saved_time_bound(self, before: float) -> bool:
-        """Tell whether the plan has become shorter by enough to go on [s]."""
+        """Tell whether the plan has become shorter by enough to continue [s]."""
         return before - self.makespan >= _WORTH * self.makespan
 
     @property

@@ -247,7 +247,7 @@ def _of_robot(model: RobotModel, title: str, no_speeds: str = "") -> RobotSheet:
     if no_speeds:
         words.append(f"no scenario can use it as it is: {no_speeds}")
         at = joints.index("velocity")
-        moved = [(*row[:at], "not told", *row[at + 1 :]) for row in rows[: model.dof]]
+        moved = [(*row[:at], "unknown", *row[at + 1 :]) for row in rows[: model.dof]]
         rows = [*moved, *rows[model.dof :]]
     if model.drives is not None and math.isfinite(model.drives.payload):
         words.append(f"payload {model.drives.payload:g} kg, the tool included")
@@ -257,11 +257,11 @@ def _of_robot(model: RobotModel, title: str, no_speeds: str = "") -> RobotSheet:
         PlacedRobot(title, model, identity(), model.home)
     )
     if reason is None:
-        words.append("efforts: kept to in plans within limits, by the masses told here")
+        words.append("efforts: kept to in plans within limits, by these masses")
     else:
         words.append(f"efforts: not kept to, as {reason}")
     if any("(usual)" in cell for row in rows for cell in row):
-        words.append("(usual): nobody says it, so plans within limits take this")
+        words.append("(usual): not specified, and assumed by plans within limits")
     words += _grip_words(model)
     for name, pose in model.frames.items():
         words += [
@@ -379,22 +379,22 @@ def _joints(found: Overview) -> tuple[tuple[str, ...], Rows]:
         "effort",
     )
     model, usual = found.model, limits_of(found.model)
-    told = model.drives or DriveLimits(*np.full((3, model.dof), np.inf))
+    drives = model.drives or DriveLimits(*np.full((3, model.dof), np.inf))
     rows = []
     for k, name in enumerate(model.joint_names):
         kind = "slides [m]" if model.chain.prismatic[k] else "turns [rad]"
         limits = [model.lower[k], model.upper[k], model.velocity[k]]
         row = [name, kind, *(f"{value:.6g}" for value in limits)]
         for own, other in (
-            (told.acceleration, usual.acceleration),
-            (told.jerk, usual.jerk),
+            (drives.acceleration, usual.acceleration),
+            (drives.jerk, usual.jerk),
         ):
             row.append(
                 f"{own[k]:.6g}" if np.isfinite(own[k]) else f"{other[k]:.6g} (usual)"
             )
-        effort, unit = told.effort[k], "N" if model.chain.prismatic[k] else "N m"
+        effort, unit = drives.effort[k], "N" if model.chain.prismatic[k] else "N m"
         known = np.isfinite(effort)
-        rows.append((*row, f"{effort:.6g} {unit}" if known else "not told"))
+        rows.append((*row, f"{effort:.6g} {unit}" if known else "unknown"))
     held = ((n, f"held at {at:.6g}", *[""] * 6) for n, at in found.held.items())
     return columns, [*rows, *held]
 

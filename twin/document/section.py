@@ -66,8 +66,8 @@ def docstring_attributes(model: type[BaseModel]) -> dict[str, str]:
             entry = _ENTRY.match(line)
             if entry is not None:
                 names = entry[1].split(", ")
-                told = ", ".join(f"``{name}``" for name in names)
-                start = "" if len(names) == 1 else f"{told}: "
+                keys = ", ".join(f"``{name}``" for name in names)
+                start = "" if len(names) == 1 else f"{keys}: "
                 found |= dict.fromkeys(names, start + line[entry.end() :])
             else:
                 found |= {name: f"{found[name]} {line.strip()}" for name in names}

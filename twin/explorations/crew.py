@@ -176,7 +176,7 @@ class Crew:
             if self._stillborn >= _CRASHES:
                 raise TwinError(
                     f"{_CRASHES} processes ended before they began (exit code {code}); what was done is"
-                    " kept, go on with --resume"
+                    " kept, continue with --resume"
                 )
         how = f"exit code {code}"
         if code is not None and code < 0:

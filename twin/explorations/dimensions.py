@@ -254,8 +254,8 @@ def dimensions_of(
     if not problems:
         return tuple(found)
     if explore_section(scenario) == section and document.nearest(problems[0][0]):
-        told: list[FileProblem] = [document.problem(*item) for item in problems]
-        raise InvalidScenarioError(document.path, told, document.lines)
+        faults: list[FileProblem] = [document.problem(*item) for item in problems]
+        raise InvalidScenarioError(document.path, faults, document.lines)
     raise ScenarioError("; ".join(text for _, text in problems))
 
 

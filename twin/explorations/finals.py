@@ -40,7 +40,7 @@ from twin.studies.replications.statistics import (
 )
 from twin.studies.replications.workload import compute_block
 
-RACING, UNDOING = "best designs told apart", "what changes are worth"
+RACING, UNDOING = "comparison of the best designs", "what changes are worth"
 REPLANNING = "plans with other seeds"
 """Names of the stages for progress displays."""
 
@@ -264,8 +264,8 @@ class Finals:
                 found.append(ChangeValue(key, words, None, reason))
                 continue
             gain = self.difference(other, best.row, count, self._section.confidence)
-            anew = None if key else self.gain_by_plans(other, best.row, count, crew)
-            found.append(ChangeValue(key, words, gain, by_plans=anew))
+            by_plans = None if key else self.gain_by_plans(other, best.row, count, crew)
+            found.append(ChangeValue(key, words, gain, by_plans=by_plans))
         return tuple(sorted(found, key=_greatest_first))
 
     def gain_by_plans(

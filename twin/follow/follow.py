@@ -170,7 +170,7 @@ def follow(
     """Follow a run until it ends or there are no more lines.
 
     There is a forecast before the first event at or after every multiple of ``every_s`` of the
-    run's time; what drifts is told with it, once, and again where it has left its interval. While there is nothing to read, the run's time goes on with the clock.
+    run's time; drifts are reported with it, once, and again where it has left its interval. While there is nothing to read, the run's time advances with the clock.
 
     Args:
         lines: lines of the event log; None if there is no new one.
@@ -183,7 +183,7 @@ def follow(
     every = max(int(every_s * NANOSECONDS), 1)
     due = 0
     heard = clock()
-    told: dict[tuple[str, str], Drift] = {}
+    reported: dict[tuple[str, str], Drift] = {}
 
     def notify(news: News) -> None:
         for listener in listeners:
@@ -195,9 +195,9 @@ def follow(
         forecaster = forecaster.of(run.tpg)
         notify(forecaster.forecast(run, now_ns))
         for drift in forecaster.drifts(run):
-            before = told.get((drift.what, drift.robot))
+            before = reported.get((drift.what, drift.robot))
             if before is None or not before.low <= drift.ratio <= before.high:
-                told[drift.what, drift.robot] = drift
+                reported[drift.what, drift.robot] = drift
                 notify(drift)
 
     try:

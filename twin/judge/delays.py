@@ -127,7 +127,7 @@ def _by_waits(
             for motion in stuck
         )
         raise CircularWaitsError(
-            f"nobody can go on: {waits}", motions=[motion.id for motion in stuck]
+            f"no motion can begin: {waits}", motions=[motion.id for motion in stuck]
         )
     return out
 

@@ -172,7 +172,7 @@ def _rows(
 class _Table:
     """Collects rows of a robot, from rest at time 0.
 
-    A row at the time of the one before and in the same place takes its stead: of a motion that goes on
+    A row at the time of the one before and in the same place takes its stead: of a motion that continues
     where another one ended, at speed or not, the speeds of the later one count.
     """
 

@@ -404,7 +404,7 @@ class Link:
         late = self._sent_s is None or now_s - self._sent_s >= self.repeat_s
         if not self._news and not late:
             return None
-        # A driver without any report yet is told its possible start.
+        # A driver without any report yet is sent its possible start.
         have = self.done if self._have is None else self._have
         self._news, self._sent_s = False, now_s
         self.number += 1

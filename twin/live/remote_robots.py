@@ -258,7 +258,7 @@ class RemoteRobots(RobotPort):
         )
         most_s = self._out_s + float(planned_ns) / NANOSECONDS / self._pace
         if now_s - self._idle_s > self._out_s:
-            self._end("nothing-to-come", "", "nothing can go on")
+            self._end("nothing-to-come", "", "nothing can continue")
         elif (stuck_s := now_s - self._progress_s) > _MOST_SLOWER * most_s:
             self._end("no-progress", "", f"no progress for {stuck_s:.4g} s")
 

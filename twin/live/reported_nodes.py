@@ -123,11 +123,11 @@ class ReportedNodes:
         """
         for k, chain in enumerate(self._cell.tpg.chains):
             if (rows := self._rows.get(chain.robot)) is not None:
-                for told, own in (
+                for known_times, own in (
                     (self._cell.start[k], rows.begin_ns),
                     (self._cell.end[k], rows.end_ns),
                 ):
-                    told[: len(own)] = map(min, told, own)
+                    known_times[: len(own)] = map(min, known_times, own)
 
     def node_times(self) -> NodeTimes:
         """Return node durations."""

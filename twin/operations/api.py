@@ -135,7 +135,7 @@ def require_operable(
         if NAMED_POLICIES[name].release != "asynchronous":
             could = [p for p, own in NAMED_POLICIES.items() if own[1] == "asynchronous"]
             raise RequestError(
-                f"policy {name!r} cannot be planned anew while it is executed",
+                f"policy {name!r} cannot be replanned during its execution",
                 choices=tuple(could),
             )
     for variant in variants:

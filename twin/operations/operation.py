@@ -317,6 +317,6 @@ def require_rolling(scenario: Scenario) -> None:
     """
     if (policy := scenario.execution.policy) != "asynchronous":
         raise RequestError(
-            f"policy {policy!r}: only asynchronous execution can be planned anew",
+            f"policy {policy!r}: only asynchronous execution can be replanned",
             choices=("asynchronous",),
         )

@@ -286,9 +286,9 @@ class OperationLedger:
             whole: all steps about the same object.
         """
         undone = next((k for k in whole if k in self.undone), None)
-        told = self.dropped if undone in self.dropped else self.given_up
+        reasons = self.dropped if undone in self.dropped else self.given_up
         for step in sorted(set(steps) - self.undone) if undone else ():
-            told[step] = f"step {undone} is not done"
+            reasons[step] = f"step {undone} is not done"
 
     def falls(self) -> bool:
         """Record dependents of steps that will not be done; return whether there are any."""

@@ -182,7 +182,7 @@ def _require_whole(
     if steps := [
         f"step {k}: {why}" for k, why in sorted(given_up.items()) if k not in known
     ]:
-        raise RequestError("not all can go on from there: " + "; ".join(steps))
+        raise RequestError("not all steps can be done from there: " + "; ".join(steps))
     for task in new.tasks[len(at.committed.tasks) :]:
         if task.kind == TAKEN_OUT and task.robot != REMOVAL:
             raise RequestError(

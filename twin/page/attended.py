@@ -245,7 +245,7 @@ class Attendance(Audience):
             return self._cell.wait_cause(chain, node)
         if self._question:
             return "waits for an answer"
-        return "waits for what is planned anew" if self._replanner.planning else ""
+        return "waits for the new plan" if self._replanner.planning else ""
 
 
 def _done(end_ns: Sequence[int]) -> int:

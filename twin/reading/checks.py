@@ -377,7 +377,7 @@ def _check_skills(scenario: Scenario) -> Found:
     for skill, failure in execution.failures.items():
         at_a_part = skill in HANDLING
         if failure.then != "again" and at_a_part:
-            words = f"{skill} is no process: what has failed is done again, or anew with another object"
+            words = f"{skill} is no process: a failed skill is retried, or restarted with another object"
             yield ("execution", "failures", skill, "then"), f"{words} (valid: again)"
         if failure.wrong > 0.0 and skill != "pick":
             words = f"no wrong part is found in {skill}: leave it out (valid: pick)"

@@ -91,11 +91,11 @@ def stopped_motion(
     """
     if k >= len(run.commands) or not tpg.chains[k].skill[node]:
         return None
-    told = run.commands[k]
-    row = int(np.searchsorted(told[:, 1], node))
-    if row == len(told) or told[row, 1] != node:
+    command = run.commands[k]
+    row = int(np.searchsorted(command[:, 1], node))
+    if row == len(command) or command[row, 1] != node:
         return None
-    begin, duration = int(told[row, 0]), int(told[row, 2])
+    begin, duration = int(command[row, 0]), int(command[row, 2])
     return stopped_skill(tpg, (k, node), duration, begin, stops_of(run.stops_ns[k]))
 
 

@@ -238,7 +238,7 @@ def _operation_rows(
     versions = operation["versions"]
     causes = "; ".join(version["cause"] for version in versions[:3])
     more = f"; {len(versions) - 3} more" if len(versions) > 3 else ""
-    rows = [("planned anew", f"{len(versions)} times", causes + more)]
+    rows = [("replanned", f"{len(versions)} times", causes + more)]
     if scrapped := operation.get("scrapped"):
         which = ", ".join(map(str, scrapped[:10])) + (", ..." if scrapped[10:] else "")
         rows.append(("products scrapped", str(len(scrapped)), which))

@@ -147,7 +147,7 @@ def start_study(
         request, plans = plans_of_layouts(request, progress)
     elif any(map(layout_of, experiment.variants)):
         keys = ", ".join(layout_of(experiment.variants[0]))
-        raise RequestError(f"{keys}: a plan that is there cannot be varied; plan anew")
+        raise RequestError(f"{keys}: a plan that is there cannot be varied; plan again")
     save_plans(plans, folder / PLANS)
     # The manifest comes last: a folder that has one can be gone on with.
     cell = build_workcell(scenario, request.base)
@@ -198,7 +198,7 @@ def _run(
             run_replications(again, others, place, open_executor, progress)
     except (ClusterError, ClusterLostError) as error:
         raise ClusterLostError(
-            f"{error}; what was done is kept, go on with --resume {folder}"
+            f"{error}; what was done is kept, continue with --resume {folder}"
         ) from error
     audits = _audits(experiment, folder, plans, loads, progress)
     write_replications(folder / REPLICATIONS, experiment, blocks)

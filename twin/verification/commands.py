@@ -43,26 +43,26 @@ def verify(
         str | None,
         typer.Option(
             metavar="M,RAD",
-            help="Also prove that nothing touches that may not while the base of every robot"
-            " is off by up to this, as 1mm,0.1deg: a way in any direction, a turn about any"
-            " axis. What limits the plan is named, and the largest such error that it"
-            " survives.",
+            help="Also prove that there is no forbidden contact while the base of "
+            "every robot is off by up to this, as 1mm,0.1deg: a displacement "
+            "in any direction, a rotation about any axis. The report has the "
+            "largest tolerated error, and what limits it.",
         ),
     ] = None,
     deviation: Annotated[
         str | None,
         typer.Option(
             metavar="M,RAD",
-            help="The same while in every skill the flange of the robot, and with it the"
-            " tool and what it holds, is off its reference path by up to this, as under"
-            " force control.",
+            help="The same while in every skill the flange of the robot, with the "
+            "tool and the held object, is off its reference path by up to "
+            "this, as under force control.",
         ),
     ] = None,
     adversary: Annotated[
         bool,
         typer.Option(
-            help="Also stop each robot wherever another waits for it, and audit what"
-            " stands."
+            help="Also stop each robot wherever another waits for it, and audit "
+            "the standstills."
         ),
     ] = True,
     audit_engine: AuditEngine = None,
@@ -71,8 +71,8 @@ def verify(
 ) -> int:
     """Prove that a saved plan is safe for any delays.
 
-    The proof shares no code with the planner: it is slow and looks at everything anew. The
-    worst delays are then tried out and audited: robots that stop for ever.
+    The proof is slow and shares no code with the planner. The worst delays, robots that stop for ever, are
+    then simulated and audited.
     """
     from planning.cell.workcell import NO_ERROR
     from scheduling.verification.verify import verify_plan

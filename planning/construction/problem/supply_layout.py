@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, Union
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from planning.construction.problem.models import ModelPart
 from planning.transforms import Transform, read_only_copy, rotation, translation
 
-SupplyLayout: TypeAlias = "Spiral | Rows"
+SupplyLayout: TypeAlias = Union["Spiral", "Rows"]
 """Layout of the parts before they are picked."""
 
 

@@ -116,7 +116,7 @@ class RobotTimeline:
         if time[0] < self.end - SAME or np.max(np.abs(path[0] - self.path[-1])) > 1e-6:
             raise PlanInvariantError(
                 f"robot {self.robot!r} stands at {np.round(self.path[-1], 4).tolist()}"
-                f" from {self.end:.3f} s on, and is to go on from"
+                f" from {self.end:.3f} s on, and is to continue from"
                 f" {np.round(path[0], 4).tolist()} at {time[0]:.3f} s"
             )
         more = np.maximum(np.asarray(time, dtype=np.float64), self.end)

@@ -111,7 +111,7 @@ class _ExitSearch:
             at = todo.pop()
             if around is None or _is_outside(span, at, around):
                 return _ExitSearch(True, ())
-            # Off its knobs it may move aside: neither its own nor those of others are in the way.
+            # Off its knobs it may move sideways: neither its own nor those of others are in the way.
             ways = _ASIDE if at != (0, 0, 0) and clear(at, 1) else ()
             for way, margin in (*((w, 1) for w in ways), *((w, 0) for w in _VERTICAL)):
                 after = (at[0] + way[0], at[1] + way[1], at[2] + way[2])

@@ -211,12 +211,12 @@ def place_targets(
     """
     goal = grip.place(up=up)
     if up:
-        alt, aside = goal.pose, -0.005 * attack
+        alt, sideways = goal.pose, -0.005 * attack
         axis = grip.via(alt, "alt", "alt_assemble")
         turned = axis @ rotation("y", twist["place-up"])
         subgoals = (
-            Subgoal("pre", "alt", alt @ translation(0.0056, aside, -0.025)),
-            Subgoal("approach", "alt", alt @ translation(0.0056, aside, -0.005)),
+            Subgoal("pre", "alt", alt @ translation(0.0056, sideways, -0.025)),
+            Subgoal("approach", "alt", alt @ translation(0.0056, sideways, -0.005)),
             Subgoal("below", "alt", alt @ translation(0.0028, 0.0, 0.0)),
             goal,
             Subgoal("twist", "alt_assemble", turned),
@@ -226,9 +226,9 @@ def place_targets(
     tool, angle = goal.pose, -twist["place-down"]
     axis = grip.via(tool, "tool", "assemble")
     turned = axis @ rotation("y", angle)
-    aside = 0.005 * attack
+    sideways = 0.005 * attack
     subgoals = (
-        Subgoal("approach", "tool", tool @ translation(-0.005, aside, -height)),
+        Subgoal("approach", "tool", tool @ translation(-0.005, sideways, -height)),
         Subgoal("above", "tool", tool @ translation(0.0, 0.0, -0.005)),
         goal,
         Subgoal("half twist", "assemble", axis @ rotation("y", angle / 2)),

@@ -191,7 +191,7 @@ def fitted_description(
         flange = flange_link(arm, fitting.flange or known.flange_link)
     if fitting.flange in (None, known.flange_link):
         flange = _with_offset(root, flange, known.flange_offset)
-    else:  # what is known of the tool is told in the frame of another flange
+    else:  # what is known of the tool is given in the frame of another flange
         known = replace(known, frames=None)
     _meshes_in_full(root, dirs)
     if fitting.tool is not None:

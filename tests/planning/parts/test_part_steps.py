@@ -439,7 +439,7 @@ def test_nobody_else_is_told_with_why() -> None:
     )
     why = pairing._nobody(item, 2, None)
     assert why.words == (
-        "nobody else can do step 2 (screw) at all: right grips, 8 mm wide: the tool would be 4.0 mm"
+        "no other robot can do step 2 (screw) at all: right grips, 8 mm wide: the tool would be 4.0 mm"
         " in screw"
     )
     hit = Obstruction("right/arm and left/arm overlap by 3.0 mm", "left/arm")

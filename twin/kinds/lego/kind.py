@@ -197,7 +197,7 @@ class LegoKind(AssemblyKind):
         """Return the work of any number of first steps, in a stable order.
 
         The structure and the room for the tool are settled for all of it. What the arms can do at a step
-        is found when it is planned: a sequence that they cannot do is not sought anew.
+        is found when it is planned: a sequence that they cannot do is not searched again.
         """
         from planning.lego.sequencing.blocking import check_reach
         from planning.lego.skills.candidates import candidates_up_to, empty_candidates

@@ -148,8 +148,10 @@ class PartKind(AssemblyKind):
         rules = self.section.grips
         for robot in (outfit for one in cell.robots for outfit in one.outfits):
             tool = cell.tools.get(robot.tool or "")
-            told = tool is not None and (tool.suction or tool.opening_m is not None)
-            suction = tool.suction if tool is not None and told else rules.suction
+            specified = tool is not None and (
+                tool.suction or tool.opening_m is not None
+            )
+            suction = tool.suction if tool is not None and specified else rules.suction
             for act, key in ((CLOSE, "close_s"), (OPEN, "open_s")):
                 said = None if tool is None else getattr(tool, key)
                 given = getattr(rules, key) if said is None else said

@@ -228,15 +228,15 @@ class ExecutionSection(Disturbances):
 
     def describe_unforeseen_events(self) -> list[str]:
         """Return what is only planned for once it has happened, at times of the run's clock, in words."""
-        told = {"outages": self.outages, "late": self.late, "changes": self.changes}
+        sections = {"outages": self.outages, "late": self.late, "changes": self.changes}
         return [
             f"{key}: happens at times of the run's clock"
-            for key, own in told.items()
+            for key, own in sections.items()
             if own
         ]
 
     def may_be_replanned(self) -> bool:
-        """Tell whether anything may happen for which it would be planned anew."""
+        """Tell whether anything may happen that requires replanning."""
         return bool(self.failures) or bool(self.describe_unforeseen_events())
 
     @property

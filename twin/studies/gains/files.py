@@ -58,11 +58,11 @@ def write_gains(
     for (policy, variant), cell in zip(experiment.cells, cells, strict=True):
         own = [policy, *map(str, variant.values()), cell.replications]
         for rank, gain in enumerate(cell.gains, start=1):
-            told = gain_content(gain)
-            row = [*own, rank, *(told[key] for key in INTERVENTION_FIELDS)]
+            figures = gain_content(gain)
+            row = [*own, rank, *(figures[key] for key in INTERVENTION_FIELDS)]
             row[len(own) + 2] = str(gain.intervention.many).lower()
             for less, statistic in product(("shorter", "gone"), ("mean_s", "p90_s")):
-                interval = told[less][statistic]
+                interval = figures[less][statistic]
                 row += [interval[key] for key in ("estimate", "low", "high")]
             writer.writerow(row)
     write_text(folder / CSV, text.getvalue())

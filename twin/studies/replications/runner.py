@@ -137,7 +137,7 @@ class _Run:
             self._count(read_block(self._folder, block, self._made_from[block.cell]))
         except OutputError as error:
             place = quarantine_block(self._folder, block)
-            _log.warning("%s; computed anew, the file is now %s", error, place)
+            _log.warning("%s; recomputed, the file is now %s", error, place)
             return False
         return True
 
@@ -157,7 +157,7 @@ class _Run:
                 restarts += 1
                 if restarts > _RESTARTS:
                     raise TwinError(
-                        f"workers died {restarts} times; what was done is kept, go on with"
+                        f"workers died {restarts} times; what was done is kept, continue with"
                         " --resume and fewer --workers"
                     ) from error
 

@@ -226,9 +226,11 @@ def check_lifts(subject: CheckContext, parts: OrderedParts) -> Findings:
             other = min(first, key=lambda k: first[k])
             remedy = f": {lengths[near.index({})]:.3f} is enough" if {} in near else ""
             own = {p.name: p.leave_m for p in parts.section.parts}
-            told = own[name_in_file(name, own)] is not None
+            has_own = own[name_in_file(name, own)] is not None
             yield Finding(
-                subject.thing_at(name, "leave_m") if told else ("assembly", "leave_m"),
+                subject.thing_at(name, "leave_m")
+                if has_own
+                else ("assembly", "leave_m"),
                 f"{name} is lifted by leave_m {orientations.leave:g}, and then {other} comes up where it lay, at a"
                 f" distance of {format_millimetres(abs(first[other]))}; lift it farther{remedy}",
                 error=True,

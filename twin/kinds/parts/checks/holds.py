@@ -46,15 +46,15 @@ def check_holds(subject: CheckContext, parts: OrderedParts) -> Findings:
     for name in dict.fromkeys(assembly.placed):
         part, rules = subject.cell.object(name), assembly.handling(name).grips
         may = {robot.model: robot for robot in _placing(subject, assembly, name)}
-        told = set[RobotModel]()
+        reported = set[RobotModel]()
         for at, where in (
             (part.start, "where it lies at the start"),
             (assembly.goals[name], "in its place"),
         ):
             missed = {model: _missed(may[model], part, at, rules) for model in may}
             for model, words in missed.items():
-                if words and model not in told:
-                    told.add(model)
+                if words and model not in reported:
+                    reported.add(model)
                     yield Finding(
                         subject.robot_at(may[model].name, "tool", "model"),
                         f"{may[model].name} would hold {name} by none of its grips {where}: {words}",

@@ -239,7 +239,7 @@ def _check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
         yield Finding(
             parts.step_at(number),
             f"no robot reaches {step.spot.words}, at {format_position(found.place[:3, 3].tolist())}, with frame"
-            f" {process.frame!r} and approach_m {process.approach:g}: tried {who or 'nobody'} in"
+            f" {process.frame!r} and approach_m {process.approach:g}: tried {who or 'no robot'} in"
             f" {len(process.turns)} turns",
             error=True,
         )
