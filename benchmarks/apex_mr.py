@@ -39,7 +39,8 @@ from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.kinds.lego.imports import import_task
 from twin.planning.pipeline import plan_synchronously
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.scenario import Scenario, follow_references
+from twin.scenario.sections.scenario import Scenario
+from twin.studies.compare import follow_references
 from twin.studies.comparison import (
     Measurement,
     comparison_figures,

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-import highspy
 import pulp
 
 
@@ -31,15 +30,6 @@ def silence_output() -> Iterator[None]:
             stack.callback(os.dup2, kept, number)
             os.dup2(nowhere, number)
         yield
-
-
-def make_quiet_solver() -> Any:
-    """Return a solver that prints nothing."""
-    new_solver: Callable[[], Any] = highspy.Highs
-    with silence_output():
-        solver = new_solver()
-    solver.setOptionValue("output_flag", False)
-    return solver
 
 
 class QuietHighs(pulp.HiGHS):  # type: ignore[misc]  # PuLP does not say its type

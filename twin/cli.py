@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from twin.host.guard import FAILED, INTERRUPTED, print_error
+from twin.host.guard import ExitCode, print_error
 from twin.registry import COMMANDS
 
 app = typer.Typer(
@@ -55,11 +55,11 @@ def main() -> None:
         app()
     except KeyboardInterrupt:
         print_error("interrupted")
-        sys.exit(INTERRUPTED)
+        sys.exit(ExitCode.INTERRUPTED)
     except BrokenPipeError:
         # The reader went away, as `head` does. Python would complain once more at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(FAILED)
+        sys.exit(ExitCode.FAILED)
 
 
 if __name__ == "__main__":

@@ -141,13 +141,23 @@ CHECKS = Group(
 )
 """Checks of a scenario that depend on its kind of assembly, by the name of the kind."""
 
+EXPECTATIONS = Group(
+    "expectations",
+    {
+        "lego": "twin.kinds.lego.expected:expectations_of",
+        "assembly": "twin.kinds.parts.expected:expectations_of",
+        "construction": "twin.kinds.construction.expected:expectations_of",
+    },
+)
+"""Expectations on a run that its audit checks, by kind of assembly: called with the kind and the cell section."""
+
 SECTIONS = Group("sections", {"explore": "twin.explorations.section:ExploreSection"})
 """Optional sections of wings at the top of a scenario, by their key; nothing of a run depends on them."""
 
 COMMANDS = Group(
     "commands",
     {
-        "init": "twin.commands.scenarios:init",
+        "init": "twin.beginnings.commands:init",
         "scenarios": "twin.commands.scenarios:scenarios",
         "plan": "twin.commands.plan:plan",
         "run": "twin.commands.run:run",
@@ -168,7 +178,7 @@ COMMANDS = Group(
         "judge": "twin.judge.commands:judge",
         "robots": "twin.checks.commands:robots",
         "schema": "twin.commands.scenarios:schema",
-        "doctor": "twin.commands.doctor:doctor",
+        "doctor": "twin.doctor.commands:doctor",
         "cluster": "twin.cluster.commands:cluster",
         "import": "twin.kinds.lego.imports:app",
     },
@@ -196,7 +206,10 @@ HOOKS = Group(
     "hooks",
     {
         "check": "twin.checks.api:check",
+        "activities": "twin.activities.activities:activities_table",
         "audit engine": "twin.audits.engine_report:report_engine",
+        "line": "twin.throughput.throughput:line_summary",
+        "plan warnings": "twin.warnings.plan_warnings:plan_warnings",
         "plan from run": "twin.operations.plan_from_run:plan_from_run",
         "driven cell": "twin.page.driven:DrivenCell",
         "design": "twin.explorations.designs:begin_named_design",
@@ -210,8 +223,15 @@ RECOVERIES = Group(
 )
 """Recovery planners by kind of assembly; other kinds share one for steps."""
 
-FIGURES = Group("figures", {"cell": "twin.checks.picture:scenario_figure"})
-"""Pictures for notebooks; ``cell`` is called with a scenario and the folder of its relative paths."""
+FIGURES = Group(
+    "figures",
+    {
+        "cell": "twin.checks.picture:scenario_figure",
+        "run": "twin.drawing.gantt:gantt_figure",
+    },
+)
+"""Pictures for notebooks and runs; ``cell`` is called with a scenario and the folder of its relative paths, ``run``
+with the graph, the record and the events of a run, its ``title`` and the name of its ``plan``."""
 
 EXECUTORS = Group(
     "executors",

@@ -36,8 +36,8 @@ from planning.construction.subproblem import (
 )
 from planning.construction.world.fixed_world import BuildState
 from planning.construction.world.timeline import SkillMotion
+from planning.handling.skill_contacts import grip_contact
 from planning.progress import Progress, no_progress
-from planning.steps.skill import grip_contact
 from planning.transforms import Array
 
 _TRIALS = 11

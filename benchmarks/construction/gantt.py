@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from benchmarks.construction.schedule import CARRY, DRIVE, HOME
 from benchmarks.store import Row
 from planning.files import replace_atomically
-from twin.runs.activities import LANE_COLOURS
+from twin.drawing.lane_colours import LANE_COLOURS
 
 _INK = "#2b2f36"
 _LANE_IN = 0.26

@@ -37,7 +37,7 @@ from planning.construction.world.fixed_world import (
     with_part_at_rest,
 )
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
-from planning.steps.skill import NOTHING, grip_contact
+from planning.handling.skill_contacts import NOTHING, grip_contact
 from planning.transforms import Array
 
 _ALWAYS = float("-inf")

@@ -19,8 +19,8 @@ from planning.construction.subproblem import (
 )
 from planning.construction.world.fixed_world import BuildState, HeldPlacement
 from planning.construction.world.timeline import follow_straight_line
+from planning.handling.skill_contacts import grip_contact
 from planning.kinematics.kinematics import frame_pose
-from planning.steps.skill import grip_contact
 from planning.transforms import Array
 
 Teams = Callable[[BuildState, Part], Iterable[Skeleton]]

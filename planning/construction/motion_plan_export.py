@@ -33,8 +33,8 @@ from planning.construction.world.timeline import (
 )
 from planning.construction.world.tracks import build_tracks, sweep_track
 from planning.errors import PlanInvariantError
+from planning.handling.skill_contacts import NOTHING, grip_contact
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.steps.skill import NOTHING, grip_contact
 from planning.tasks.task import TRANSIT, AllowedContact, Task
 from planning.transforms import Array, Indices
 

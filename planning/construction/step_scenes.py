@@ -17,8 +17,9 @@ from planning.construction.world.fixed_world import FixedWorld, with_part_at_res
 from planning.construction.world.timeline import RobotTimeline
 from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.robot_bodies import entity_name
+from planning.handling.skill_contacts import grip_contact
 from planning.motion.sequential import MARGIN
-from planning.steps.skill import Pairs, grip_contact
+from planning.steps.skill import Pairs
 from planning.transforms import Array
 
 _GHOST = "part in its place"

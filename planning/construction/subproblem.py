@@ -31,7 +31,8 @@ from planning.construction.world.fixed_world import (
     HeldPlacement,
 )
 from planning.construction.world.timeline import RobotTimeline, SkillMotion
-from planning.steps.skill import NOTHING, Pairs, grip_contact
+from planning.handling.skill_contacts import NOTHING, grip_contact
+from planning.steps.skill import Pairs
 from planning.transforms import Array
 
 _SPACING = 0.75

@@ -27,8 +27,8 @@ from planning.contacts.surface_depth import (
     winding_number,
 )
 from planning.contacts.surface_gap import surface_gap
+from planning.contacts.touching import PlacedObject, nearby_entities
 from planning.geometry.exact import hull_shape
-from planning.geometry.touching import PlacedObject, nearby_entities
 from planning.transforms import Array, Transform, inverse, read_only_copy, translation
 
 ROUNDING = 1e-5

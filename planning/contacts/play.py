@@ -18,7 +18,7 @@ from planning.contacts.interference import (
     overlap_depth,
 )
 from planning.contacts.surface_gap import free_distance, surface_gap
-from planning.geometry.touching import PlacedObject, bounding_corners
+from planning.contacts.touching import PlacedObject, bounding_corners
 from planning.transforms import Array, Transform, read_only_copy, translation
 
 _LIFT = 1e-4

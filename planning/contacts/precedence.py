@@ -15,14 +15,14 @@ from itertools import pairwise
 from typing import TypeVar
 
 from planning.contacts.interference import Overlaps, sweeps_through
-from planning.errors import ConstructionError
-from planning.geometry.touching import (
+from planning.contacts.touching import (
     NEAR,
     TOUCH,
     PlacedObject,
     lowest_height,
     nearby_entities,
 )
+from planning.errors import ConstructionError
 from planning.transforms import Array, translation
 
 _SINK = 0.01

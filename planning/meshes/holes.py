@@ -29,21 +29,3 @@ def closed_surface(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
         points.append(vertices[np.unique(own)].mean(axis=0)[None])
         more.append(np.column_stack([own[:, 1], own[:, 0], middle]))
     return np.vstack(points), np.vstack(more)
-
-
-def missing_surface_share(vertices: Array, faces: Indices) -> float:
-    """Return the share of a surface that its holes leave out.
-
-    Cracks without an area count nothing.
-
-    Args:
-        vertices: each point once, shape (v, 3) [m].
-        faces: the three vertices of each triangle, shape (f, 3).
-
-    Returns:
-        From 0 for a closed surface to 1.
-    """
-    points, every = closed_surface(vertices, faces)
-    a, b, c = (points[every[:, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return float(area[len(faces) :].sum() / area.sum())

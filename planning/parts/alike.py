@@ -21,22 +21,22 @@ from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.contacts.interference import ROUNDING, sweeps_through
+from planning.contacts.touching import PlacedObject, nearby_entities, standing_fixtures
 from planning.errors import InfeasibleStepError
-from planning.geometry.touching import PlacedObject, nearby_entities, standing_fixtures
 from planning.grips.fingers import firm_grips
 from planning.grips.tool_grips import explain_overload, robot_grips
+from planning.handling.tool_changes import (
+    find_tool_changes,
+    mounted_tool,
+    with_each_tool,
+    with_tools_in_racks,
+)
 from planning.parts.assembly import AnyStep, PartAssembly, PlacePart
 from planning.parts.candidates import PartCandidates
 from planning.parts.part_skills import SkillTry, ToolSkills
 from planning.parts.part_steps import PartStep, part_steps
 from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import Obstruction, joint_distance
-from planning.steps.tool_changes import (
-    find_tool_changes,
-    mounted_tool,
-    with_each_tool,
-    with_tools_in_racks,
-)
 from planning.tasks.assignment import AssignmentProblem, PrimaryCandidate
 from planning.tasks.highs_solver import assign_steps
 from planning.transforms import Array, read_only_copy, translation

@@ -7,11 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TypeAlias, Union
 
-from planning.cell.standing_rules import Joint, StandingRules
 from planning.contacts.interference import Overlaps
 from planning.grips.grip import DOWN, UP, GripRules
-from planning.tasks.task import TimeLag
-from planning.tasks.work import Supply
+from planning.parts.supply import Supply
+from planning.statics.standing_rules import Joint, StandingRules
 from planning.transforms import Transform
 
 AnyStep: TypeAlias = Union["PlacePart", "Work", "MachineWork"]
@@ -231,3 +230,20 @@ class PartAssembly:
         """Return the parts that a part is joined to; a joined part needs no contact."""
         found = (joint.ends for joint in self.joints if part in joint.ends)
         return tuple(a if b == part else b for a, b in found)
+
+
+@dataclass(frozen=True)
+class TimeLag:
+    """Least and greatest time from an earlier step to the start of a step.
+
+    Attributes:
+        step: name of the earlier step.
+        least: time that passes at least [s].
+        most: time that may pass at most, None for any [s].
+        machine: chain of the task that lasts for the least time, None where there is none to wait for.
+    """
+
+    step: str
+    least: float = 0.0
+    most: float | None = None
+    machine: str | None = None

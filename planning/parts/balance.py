@@ -11,7 +11,6 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import TypeGuard
 
-from planning.cell.standing_rules import Joint, StandingRules
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import PartAssembly
@@ -24,6 +23,7 @@ from planning.statics.build_order import (
     balance_dependencies,
 )
 from planning.statics.standing import StabilityChecker, body_at, ground_bodies
+from planning.statics.standing_rules import Joint, StandingRules
 
 _MOST_NAMED = 4
 """How many parts that would be held are named."""

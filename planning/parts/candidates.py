@@ -19,6 +19,13 @@ from planning.grips.tool_grips import (
     explain_overload,
     own_grips,
 )
+from planning.handling.tool_changes import (
+    ToolChanges,
+    find_tool_changes,
+    mounted_tool,
+    with_each_tool,
+    with_tools,
+)
 from planning.parts.assembly import MachineWork, PartAssembly, PlacePart, Process, Work
 from planning.parts.balance import stability_constraints
 from planning.parts.part_skills import SkillTry, ToolSkills, process_targets
@@ -35,13 +42,6 @@ from planning.parts.step_paths import Candidate, Pairing, StepPaths
 from planning.statics.build_order import Waits
 from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import Obstruction, SkillPath, joint_distance
-from planning.steps.tool_changes import (
-    ToolChanges,
-    find_tool_changes,
-    mounted_tool,
-    with_each_tool,
-    with_tools,
-)
 from planning.tasks.assignment import (
     NO_TOOLS,
     AssignmentProblem,

@@ -9,15 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from planning.contacts.interference import shapes_overlap_depth
-from planning.geometry.touching import standing_fixtures
+from planning.contacts.touching import standing_fixtures
 from planning.grips.grip import Grip
-from planning.parts.assembly import MachineWork, PlacePart, Work
-from planning.parts.candidates import PartCandidates
-from planning.parts.part_skills import held_pose, process_targets
-from planning.parts.part_steps import KnownStep, PartStep
-from planning.parts.spares import with_chosen_spares
-from planning.steps.handovers import Handover
-from planning.steps.placement import (
+from planning.handling.handovers import Handover
+from planning.handling.placement import (
     PlannedHandover,
     PlannedPlacement,
     PlannedSkill,
@@ -26,9 +21,16 @@ from planning.steps.placement import (
     write_release,
     write_support,
 )
+from planning.handling.task_history import TaskHistory
+from planning.handling.tool_changes import with_tools
+from planning.parts.assembly import MachineWork, PlacePart, Work
+from planning.parts.candidates import PartCandidates
+from planning.parts.part_skills import held_pose, process_targets
+from planning.parts.part_steps import KnownStep, PartStep
+from planning.parts.spares import with_chosen_spares
+from planning.parts.supply import Supply
 from planning.steps.skill import SkillPath, contacts_with, handled_contact, tool_entity
 from planning.steps.step_writer import StepWriter
-from planning.steps.tool_changes import with_tools
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import (
     ARRIVE,
@@ -44,9 +46,7 @@ from planning.tasks.task import (
     Task,
     TimeWindow,
     is_done_to_a_product,
-    shut_door_handlings,
 )
-from planning.tasks.work import Supply, TaskHistory
 from planning.transforms import Transform
 
 _STRAYS = 2e-4
@@ -419,3 +419,11 @@ def _stock_contacts(steps: Sequence[KnownStep]) -> Mapping[str, frozenset[str]]:
         name: frozenset(k for k in first if k in touched or name in first[k])
         for name, touched in first.items()
     }
+
+
+def shut_door_handlings(door: str, pose: Transform) -> tuple[Handling, Handling]:
+    """Return the handlings by which a door appears when a task begins, and is gone at its end.
+
+    So no robot may be there for as long as the task may last, and it rests nowhere in between.
+    """
+    return Handling(door, 0, None, pose), Handling(door, 1, GONE, pose)

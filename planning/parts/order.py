@@ -27,8 +27,9 @@ from planning.contacts.precedence import (
     build_part_graph,
     parts_stacked_on,
 )
+from planning.contacts.touching import PlacedObject, nearby_entities, nearest_entity
 from planning.errors import InfeasibleStepError
-from planning.geometry.touching import PlacedObject, nearby_entities, nearest_entity
+from planning.handling.tool_changes import with_tools_in_racks
 from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, PlacePart, Work
 from planning.parts.balance import PartBalance, make_stability_check
 from planning.parts.candidates import PartCandidates, find_candidates
@@ -39,7 +40,6 @@ from planning.parts.part_steps import (
     spot_pose,
 )
 from planning.progress import Progress, no_progress
-from planning.steps.tool_changes import with_tools_in_racks
 from planning.transforms import translation
 
 _BORE = 0.002

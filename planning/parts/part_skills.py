@@ -24,26 +24,21 @@ from planning.geometry.scene_checker import BodyPair, SceneChecker
 from planning.grips.fingers import finger_obstacles
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import describe_missed_contact, explain_tool_misfit
+from planning.handling.skill_contacts import (
+    NOTHING,
+    SkillContacts,
+    ToolContact,
+    grip_contact,
+)
+from planning.handling.skill_scene import SkillScene
+from planning.handling.skill_targets import SkillTargets, Subgoal, straight_subgoals
+from planning.handling.skill_trial import find_obstruction, resolve_skill
+from planning.handling.tool_changes import with_each_tool, with_tools
 from planning.kinematics.kinematics import frame_in_flange
 from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PartAssembly, PartHandling, Process
 from planning.parts.part_steps import KnownStep, PartStep
-from planning.steps.skill import (
-    NOTHING,
-    Obstruction,
-    Phase,
-    SkillContacts,
-    SkillPath,
-    SkillScene,
-    SkillTargets,
-    Subgoal,
-    ToolContact,
-    contacts_with,
-    grip_contact,
-    straight_subgoals,
-)
-from planning.steps.skill_trial import find_obstruction, resolve_skill
-from planning.steps.tool_changes import with_each_tool, with_tools
+from planning.steps.skill import Obstruction, Phase, SkillPath, contacts_with
 from planning.tasks.assignment import Tools
 from planning.tasks.task import HOLD
 from planning.transforms import (

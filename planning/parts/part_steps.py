@@ -9,22 +9,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.cell.shape import box_shape
-from planning.cell.standing_rules import Joint
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
 from planning.contacts.interference import Overlaps, overlap_depth, sweeps_through
 from planning.contacts.play import Play, play_in_place
-from planning.errors import InfeasibleStepError
-from planning.geometry.touching import (
+from planning.contacts.touching import (
     PlacedObject,
     describe_nearest,
     nearby_entities,
     standing_fixtures,
 )
+from planning.errors import InfeasibleStepError
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import tool_grips
+from planning.handling.skill_scene import Objects
+from planning.handling.tool_changes import with_each_tool
 from planning.parts.assembly import AnyStep, PartAssembly, PlacePart, Spot, Work
-from planning.steps.skill import Objects
-from planning.steps.tool_changes import with_each_tool
+from planning.statics.standing_rules import Joint
 from planning.transforms import Transform, read_only_copy
 
 TIP = 0.005

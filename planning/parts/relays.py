@@ -21,22 +21,18 @@ from planning.cell.workcell import (
     Workcell,
     WorldState,
 )
-from planning.geometry.touching import nearby_entities, standing_fixtures
+from planning.contacts.touching import nearby_entities, standing_fixtures
 from planning.grips.fingers import finger_obstacles, firm_grips
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import explain_overload, robot_grips
+from planning.handling.handovers import Handover, MeetingPlace, find_handover
+from planning.handling.skill_contacts import grip_contact
+from planning.handling.skill_targets import Subgoal
+from planning.handling.tool_changes import mounted_tool, with_each_tool
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.parts.part_skills import PartSkills, SkillTry, handover_targets, held_pose
 from planning.parts.part_steps import PartStep
-from planning.steps.handovers import Handover, MeetingPlace, find_handover
-from planning.steps.skill import (
-    Obstruction,
-    SkillPath,
-    Subgoal,
-    grip_contact,
-    joint_distance,
-)
-from planning.steps.tool_changes import mounted_tool, with_each_tool
+from planning.steps.skill import Obstruction, SkillPath, joint_distance
 from planning.tasks.assignment import NO_TOOLS, Tools
 from planning.transforms import (
     Array,

@@ -9,10 +9,10 @@ import numpy as np
 
 from planning.cell.workcell import Attachment
 from planning.errors import InfeasibleStepError
+from planning.handling.tool_changes import with_tools
 from planning.parts.alike import with_renamed_parts
 from planning.parts.candidates import PartCandidates, PartCollector
 from planning.parts.part_steps import KnownStep, PartStep, place_step
-from planning.steps.tool_changes import with_tools
 from planning.tasks.assignment import NO_TOOLS
 
 _MOST = 6

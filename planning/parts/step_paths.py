@@ -10,19 +10,14 @@ from typing import TypeVar
 
 from planning.cell.workcell import Attachment
 from planning.grips.grip import Grip
+from planning.handling.skill_contacts import NOTHING, SkillContacts, grip_contact
+from planning.handling.skill_scene import SkillScene
+from planning.handling.skill_trial import find_obstruction
 from planning.parts.part_skills import PartSkills, SkillTry
 from planning.parts.part_steps import KnownStep, PartStep
 from planning.parts.relays import Relay
 from planning.steps.candidate_collector import CandidateCollector
-from planning.steps.skill import (
-    NOTHING,
-    Obstruction,
-    SkillContacts,
-    SkillPath,
-    SkillScene,
-    grip_contact,
-)
-from planning.steps.skill_trial import find_obstruction
+from planning.steps.skill import Obstruction, SkillPath
 from planning.tasks.assignment import (
     PrimaryCandidate,
     SupportCandidate,

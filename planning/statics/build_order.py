@@ -27,8 +27,8 @@ from itertools import chain, combinations
 
 import networkx as nx
 
-from planning.cell.standing_rules import Joint
 from planning.statics.standing import StabilityChecker
+from planning.statics.standing_rules import Joint
 
 Waits = frozenset[tuple[int, int]]
 

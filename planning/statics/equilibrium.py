@@ -10,7 +10,7 @@ first (``least_pull``).
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ import highspy
 import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix, eye, hstack
 
-from planning.silence import make_quiet_solver
+from planning.silence import silence_output
 from planning.transforms import Array
 
 STANDARD_GRAVITY = 9.80665
@@ -412,3 +412,12 @@ def _minimised(
         if status in _INFEASIBLE:
             return None
     raise RuntimeError(f"equilibrium not solved: {status}")
+
+
+def make_quiet_solver() -> Any:
+    """Return a solver that prints nothing."""
+    new_solver: Callable[[], Any] = highspy.Highs
+    with silence_output():
+        solver = new_solver()
+    solver.setOptionValue("output_flag", False)
+    return solver

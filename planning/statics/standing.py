@@ -21,7 +21,6 @@ import networkx as nx
 import numpy as np
 
 from planning.cell.body import ConvexBody
-from planning.cell.standing_rules import Joint, StandingRules
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.statics.contact_patch import ContactPatch, contact_patch
 from planning.statics.equilibrium import (
@@ -31,6 +30,7 @@ from planning.statics.equilibrium import (
     LoadCase,
     Vector,
 )
+from planning.statics.standing_rules import Joint, StandingRules
 from planning.transforms import Array, Transform
 
 _SIDES = 8

@@ -1,4 +1,4 @@
-"""Expansion of assignment choices to tasks for every kind of assembly: skills, candidates, handovers, tool changes.
+"""Expansion of assignment choices to tasks: paths of skills, candidates, the tasks of a step, goals of robots.
 
-Imports cell, geometry, motion and tasks; the assembly kinds supply grips, places and allowed contacts.
+Imports cell, geometry, motion and tasks; the assembly kinds supply skills, places and allowed contacts.
 """

@@ -222,14 +222,6 @@ def is_done_to_a_product(task: Task) -> bool:
     return task.kind not in (TRANSIT, "pick", *SUPPLY_KINDS)
 
 
-def shut_door_handlings(door: str, pose: Transform) -> tuple[Handling, Handling]:
-    """Return the handlings by which a door appears when a task begins, and is gone at its end.
-
-    So no robot may be there for as long as the task may last, and it rests nowhere in between.
-    """
-    return Handling(door, 0, None, pose), Handling(door, 1, GONE, pose)
-
-
 def strongest_exception(
     exceptions: Mapping[ExceptionKey, T], skill: str, robot: str, kind: str | None
 ) -> T | None:
@@ -296,23 +288,6 @@ def allowed_pairs(
         if all(last_task.get(other or "", -1) in contact.tasks for other in others):
             pairs.add(frozenset((contact.first, contact.second)))
     return frozenset(pairs)
-
-
-@dataclass(frozen=True)
-class TimeLag:
-    """Least and greatest time from an earlier step to the start of a step.
-
-    Attributes:
-        step: name of the earlier step.
-        least: time that passes at least [s].
-        most: time that may pass at most, None for any [s].
-        machine: chain of the task that lasts for the least time, None where there is none to wait for.
-    """
-
-    step: str
-    least: float = 0.0
-    most: float | None = None
-    machine: str | None = None
 
 
 @dataclass(frozen=True)

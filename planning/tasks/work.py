@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -133,31 +133,6 @@ class WorkAhead:
         return len({(step - 1) // self.product for step in steps})
 
 
-class TaskHistory:
-    """Tasks so far by action and object, as possible predecessors of later ones."""
-
-    def __init__(self) -> None:
-        self._tasks: dict[tuple[str, str], list[Task]] = {}
-
-    def add(self, did: str, name: str, task: Task) -> None:
-        """Record a task on an object, in addition to earlier ones of the same action."""
-        self._tasks.setdefault((did, name), []).append(task)
-
-    def put(self, did: str, name: str, task: Task) -> None:
-        """Record a task on an object, replacing earlier ones of the same action."""
-        self._tasks[did, name] = [task]
-
-    def forget(self, did: str, name: str) -> None:
-        """Forget all actions on an object."""
-        self._tasks.pop((did, name), None)
-
-    def before(self, task: Task, did: str, *names: str) -> Iterator[tuple[Task, Task]]:
-        """Yield the tasks that did something to one of some objects, each with one that waits."""
-        for name in names:
-            for earlier in self._tasks.get((did, name), ()):
-                yield earlier, task
-
-
 @dataclass
 class StepExpansions:
     """Expands steps in order, and offers alternatives when motion planning fails.
@@ -199,46 +174,6 @@ class Refill:
     parts: tuple[PlacedPart, ...]
     arrivals: str | None = None
     buffer: int | None = None
-
-
-@dataclass(frozen=True)
-class Leaving:
-    """Parts of finished products that leave the cell together.
-
-    Attributes:
-        machine: the chain whose task is over when they are gone.
-        parts: what leaves, from where.
-    """
-
-    machine: str
-    parts: tuple[PlacedPart, ...]
-
-
-@dataclass(frozen=True)
-class Supply:
-    """Arrivals and departures of parts while the steps of an assembly are done, in order.
-
-    Attributes:
-        refills: by number of the step, from 1, whose pick empties the source.
-        leaves: by number of the step after which they do, from 1.
-        elsewhere: numbers of the steps that are not done at the place of a product: a part is put
-            down on its way, or worked at there.
-        sourced: names of the parts that come from sources.
-    """
-
-    refills: Mapping[int, Refill] = field(default_factory=dict)
-    leaves: Mapping[int, Leaving] = field(default_factory=dict)
-    elsewhere: frozenset[int] = frozenset()
-    sourced: frozenset[str] = frozenset()
-
-    @cached_property
-    def buffers(self) -> dict[str, tuple[str, int]]:
-        """By accumulating conveyor: the machine that presents its parts, and its capacity."""
-        return {
-            refill.arrivals: (refill.machine, refill.buffer)
-            for refill in self.refills.values()
-            if refill.arrivals is not None and refill.buffer is not None
-        }
 
 
 if TYPE_CHECKING:

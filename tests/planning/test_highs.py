@@ -6,7 +6,8 @@ import highspy
 import pulp
 import pytest
 
-from planning.silence import QuietHighs, make_quiet_solver
+from planning.silence import QuietHighs
+from planning.statics.equilibrium import make_quiet_solver
 
 
 class Greeting(highspy.Highs):

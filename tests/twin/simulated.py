@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.bulk.max_plus import Completions
+from twin.bulk.bulk_engine import BulkEngine
+from twin.bulk.max_plus import Completions
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder, Recorder

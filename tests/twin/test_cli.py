@@ -175,7 +175,7 @@ def test_doctor_finds_everything_it_needs() -> None:
 
 def test_doctor_does_without_pybullet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "twin.audits.worlds.bullet_world", None)
-    monkeypatch.setattr("twin.commands.doctor.OPTIONAL", ("pybullet", "no_pybullet"))
+    monkeypatch.setattr("twin.doctor.commands.OPTIONAL", ("pybullet", "no_pybullet"))
     result = invoke("doctor", code=0)
     assert "audit engine   coal" in result.stdout
     assert "pip install 'assembly-twin[audit]'" in result.stdout

@@ -65,7 +65,7 @@ class Audit:
         )
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import card
+        from twin.host.cards import card
 
         report = self.report
         rows = [

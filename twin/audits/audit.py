@@ -15,7 +15,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from planning.expectations import Expectations
 from planning.files import require_own_files
 from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
@@ -29,6 +28,7 @@ from twin.audits.case import (
     logged_spans,
 )
 from twin.audits.contacts import Contacts, allowed_contacts
+from twin.audits.expectations import Expectations
 from twin.audits.grips import grip_violations
 from twin.audits.joint_limits import joint_violations
 from twin.audits.motion.efforts import (

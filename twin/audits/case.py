@@ -17,12 +17,12 @@ import numpy.typing as npt
 from planning.cell.robot_model import ToolGrip
 from planning.cell.workcell import PlacedRobot
 from planning.errors import OutputError
-from planning.expectations import ChangedTool, Expectations
 from planning.files import read_file
 from planning.json_files import parse_json
 from planning.transforms import Array, Transform
 from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.audits.expectations import ChangedTool, Expectations
 from twin.audits.motion.executed import Recording, ReplayedRun, RobotRows
 from twin.audits.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
 

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import CellObject, Workcell
-from planning.expectations import ChangedTool, Expectations, Place
 from planning.tasks.task import FAILED, GONE
 from planning.transforms import Array, Transform, rotation
 from twin.audits.case import AuditCase, Violation
+from twin.audits.expectations import ChangedTool, Expectations, Place
 from twin.audits.motion.executed import ReplayedRun, Stay
 from twin.audits.motion.reach import travel_of_points
 

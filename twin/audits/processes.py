@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from planning.expectations import ExpectedProcess
 from planning.transforms import Array, Indices, Transform
 from twin.audits.case import AuditCase, Violation, tool_frames
+from twin.audits.expectations import ExpectedProcess
 from twin.audits.motion.executed import RobotRows
 from twin.audits.part_holding import keeping_violations
 from twin.audits.supports import nearest_hand

@@ -8,9 +8,9 @@ from itertools import product
 import networkx as nx
 import numpy as np
 
-from planning.expectations import TOUCH
 from planning.transforms import Transform, translation
 from twin.audits.case import AuditCase, Violation
+from twin.audits.expectations import TOUCH
 from twin.audits.motion.executed import Stay
 from twin.audits.part_holding import states_and_holds
 from twin.audits.worlds.world import FAR

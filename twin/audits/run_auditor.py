@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from twin.audits.audit import AuditReport, audit_run
+from twin.audits.expectations import scenario_expectations
 from twin.audits.worlds.engines import Engine, engine_named
 from twin.host.progress import Report, report_nothing
-from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
 
@@ -71,7 +71,7 @@ def audit_execution(
         folder,
         progress,
         ordered=ordered,
-        wanted=assembly_kind(scenario.assembly).wanted(scenario.cell),
+        wanted=scenario_expectations(scenario),
         finished=finished,
         engine=engine,
     )

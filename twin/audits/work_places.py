@@ -10,9 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.expectations import ExpectedRest
 from planning.tasks.task import GONE, Task
 from twin.audits.case import AuditCase, Violation
+from twin.audits.expectations import ExpectedRest
 from twin.audits.motion.executed import Stay
 from twin.audits.places import rests_at
 

@@ -90,7 +90,7 @@ class Check:
         return draw_cell(self.report.subject, folder)
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import card
+        from twin.host.cards import card
 
         verdict = "nothing found" if not self.report.findings else ""
         rows = [("error", words) for words in self.errors]

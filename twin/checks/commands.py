@@ -12,7 +12,7 @@ import typer
 from planning.errors import RequestError
 from twin.commands.options import AsJson, Quiet, ScenarioFile
 from twin.commands.view import View
-from twin.host.guard import BAD_INPUT, COMPLETED, guarded, print_error, print_json
+from twin.host.guard import ExitCode, guarded, print_error, print_json
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -55,7 +55,7 @@ def check(
             typer.echo(f"{scenario}: {verdict(report)}")
             if picture is not None:
                 typer.echo(f"picture: {picture}")
-    return BAD_INPUT if report.errors else COMPLETED
+    return ExitCode.BAD_INPUT if report.errors else ExitCode.COMPLETED
 
 
 def verdict(report: CheckReport) -> str:

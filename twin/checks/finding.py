@@ -11,8 +11,8 @@ from typing import Any, ClassVar, Protocol
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.contacts.interference import Overlaps
-from planning.expectations import TOUCH
-from planning.steps.tool_changes import rack_tools, with_all_tools_mounted
+from planning.contacts.touching import NEAR
+from planning.handling.tool_changes import rack_tools, with_all_tools_mounted
 from planning.transforms import Array, Transform
 from twin.document.yaml_text import KeyPath
 from twin.durations.model import PackagedSkill
@@ -142,7 +142,7 @@ class KindChecks:
     @property
     def touch_m(self) -> float:
         """Distance up to which things touch at the start [m]."""
-        return TOUCH
+        return NEAR
 
     @property
     def overlaps(self) -> Overlaps:

@@ -38,7 +38,8 @@ from twin.checks.views import (
     style_view,
     widen_rectangle,
 )
-from twin.host.pictures import INK, new_picture, save_png
+from twin.drawing.pictures import INK, new_picture
+from twin.host.atomic_files import save_png
 from twin.scenario.sections.scenario import Scenario
 
 PICTURE = "cell.png"

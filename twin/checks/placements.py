@@ -8,13 +8,14 @@ import numpy as np
 
 from planning.cell.shape import Mesh
 from planning.contacts.interference import format_depth, overlap_depth
-from planning.geometry.touching import (
+from planning.contacts.touching import (
     PlacedObject,
     bounding_corners,
     nearby_entities,
     standing_fixtures,
 )
-from planning.meshes.holes import missing_surface_share
+from planning.meshes.holes import closed_surface
+from planning.transforms import Array, Indices
 from twin.checks.finding import (
     CheckContext,
     Finding,
@@ -31,7 +32,6 @@ _MERGED = 0.005
 
 _MISSED = 1e-4
 """So much of a surface may be outside of all pieces before it is worth a word [m]."""
-
 
 _OPEN = 0.005
 """A mesh of which no more is missing is closed but for cracks, share of its surface."""
@@ -183,3 +183,21 @@ def check_meshes(subject: CheckContext) -> Findings:
                 f" usual is at most {100 * _OPEN:g} %; planning closes the holes, which may not be what was meant:"
                 " close them in the file",
             )
+
+
+def missing_surface_share(vertices: Array, faces: Indices) -> float:
+    """Return the share of a surface that its holes leave out.
+
+    Cracks without an area count nothing.
+
+    Args:
+        vertices: each point once, shape (v, 3) [m].
+        faces: the three vertices of each triangle, shape (f, 3).
+
+    Returns:
+        From 0 for a closed surface to 1.
+    """
+    points, every = closed_surface(vertices, faces)
+    a, b, c = (points[every[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return float(area[len(faces) :].sum() / area.sum())

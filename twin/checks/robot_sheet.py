@@ -34,7 +34,8 @@ from twin.checks.views import (
     placed_points,
     style_view,
 )
-from twin.host.pictures import INK, new_picture, save_png
+from twin.drawing.pictures import INK, new_picture
+from twin.host.atomic_files import save_png
 
 _ARM_COLOUR, _TOOL_COLOUR = "#7f93ab", "#d9822b"
 _VIEWS = (Viewpoint("from the front (+x)", 1, 2, 0, 1.0), Viewpoint.from_side())
@@ -220,7 +221,7 @@ def robot_sheets(
 
 
 def _of_scenario(path: Path) -> tuple[RobotSheet, ...]:
-    from planning.steps.tool_changes import with_each_tool
+    from planning.handling.tool_changes import with_each_tool
     from twin.planning.build_workcell import build_workcell
     from twin.reading.scenario_file import load_scenario
 

@@ -11,11 +11,11 @@ import numpy as np
 from pydantic import BaseModel
 
 from twin.checks.finding import CheckContext, Finding, Findings
+from twin.checks.usual_range import UsualRange, usual_duration
 from twin.document.section import iterate_nested
 from twin.document.yaml_text import KeyPath
 from twin.durations.model import DurationModel
 from twin.durations.normal import TruncatedNormal
-from twin.durations.usual_range import UsualRange, usual_duration
 from twin.planning.fitted_robots import fitted_model
 from twin.scenario.sections.cell import LimitsSection
 

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from planning.cell.cover import box_body
 from planning.transforms import Array, Transform
-from twin.host.pictures import FRAME, INK, style_axes
+from twin.drawing.pictures import FRAME, INK, style_axes
 
 _AXIS_COLOURS = ("#d62728", "#2ca02c", "#1f4fd6")
 """Of the x, y and z axes of frames."""

@@ -57,21 +57,3 @@ AuditEngine = Annotated[
         "where it is installed, else coal.",
     ),
 ]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        help="Address of a Dask scheduler whose workers do the work: tls://host:port."
-        " Files that the scenario names must be in the same folder on their machines."
-    ),
-]
-Certificates = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Folder with the certificates of the scheduler."),
-]
-Insecure = Annotated[
-    bool,
-    typer.Option(
-        "--insecure",
-        help="Use a tcp:// scheduler on another machine, unprotected.",
-    ),
-]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,17 +24,11 @@ from twin.commands.options import (
 )
 from twin.commands.view import View
 from twin.host.guard import (
-    COMPLETED,
-    FAILED,
-    INTERRUPTED,
     guarded,
-    print_error,
-    print_json,
 )
 
 if TYPE_CHECKING:
-    from twin.api.checked import Checked
-    from twin.trial.run_result import RunResult
+    pass
 
 
 @guarded
@@ -100,10 +94,10 @@ def run(
             recording=recording,
             audit=audit,
             audit_engine=audit_engine,
-            begun=announcer(view),
+            begun=view.announce_run,
             progress=progress,
         )
-    return show_run(done, view)
+    return view.show_run(done)
 
 
 @guarded
@@ -138,7 +132,7 @@ def resume(
             agreed, added = done.resumed
             words = f"{agreed} events of the log happened again, {added} were missing"
         typer.echo(f"{done.folder}: {words}")
-    return show_run(done, view)
+    return view.show_run(done)
 
 
 def values_of(
@@ -150,49 +144,12 @@ def values_of(
     Raises:
         ScenarioError: a setting has no value, or several.
     """
-    from twin.scenario.variations import parse_variation
+    from twin.scenario.variations import Variation
 
     found = {key: value for key, value in given.items() if value is not None}
     for text in settings or ():
-        variation = parse_variation(text)
+        variation = Variation.parse(text)
         if len(variation.values) > 1:
             raise ScenarioError(f"--set {text}: give one value")
         found[variation.key] = variation.values[0]
     return found
-
-
-def announcer(view: View) -> Callable[[Checked, Path], None]:
-    """Return a function that prints the warnings of a check, and scenario and folder of a run."""
-
-    def begun(checked: Checked, folder: Path) -> None:
-        from rich.console import Console
-
-        if view.silent:
-            return
-        if checked.warnings:
-            print_error(checked.warning_excerpts)
-        case = checked.scenario
-        console = Console(stderr=True, highlight=False)
-        console.print(
-            f"{case.name}: {len(case.robots)} robots, "
-            f"{case.steps} steps, seed {case.sections.seed} -> {folder}"
-        )
-
-    return begun
-
-
-def show_run(done: RunResult, view: View) -> int:
-    """Print the figures of a run."""
-    from twin.runs.folder import RECORDING
-    from twin.runs.summary import print_summary
-
-    folder = done.files
-    if view.as_json:
-        print_json({"folder": str(folder), **done.summary})
-    elif not view.quiet:
-        recording = (folder / RECORDING).exists()
-        print_summary(done.summary, folder, recording=recording, compiled=view.compiled)
-    if done.outcome == "aborted":
-        print_error(f"interrupted; what happened until then is in {folder}")
-        return INTERRUPTED
-    return COMPLETED if done.passed else FAILED

@@ -1,4 +1,4 @@
-"""Files of scenarios: ``twin init``, ``scenarios``, ``validate`` and ``schema``."""
+"""Files of scenarios: ``twin scenarios``, ``validate`` and ``schema``."""
 
 from __future__ import annotations
 
@@ -8,50 +8,8 @@ from typing import Annotated
 import typer
 
 from planning.errors import ScenarioError
-from twin.commands.options import AsJson, Quiet
-from twin.host.guard import (
-    BAD_INPUT,
-    COMPLETED,
-    error_message,
-    guarded,
-    print_error,
-    print_json,
-)
-from twin.registry import HOOKS
-
-
-@guarded
-def init(
-    path: Annotated[
-        Path,
-        typer.Argument(
-            metavar="PATH", help="Folder, or YAML file, for the new scenario."
-        ),
-    ],
-    source: Annotated[
-        str | None,
-        typer.Option(
-            "--from",
-            metavar="NAME",
-            help="Scenario to start from: one that twin scenarios lists, or a "
-            "design found by twin explore, EXPLORED#3 for the third best; by "
-            "default two arms with grippers that put five parts into a tray.",
-        ),
-    ] = None,
-    quiet: Quiet = False,
-) -> None:
-    """Write a new scenario from a working one; existing files are not overwritten."""
-    from twin.scenario.shipped import TEMPLATE, begin_scenario
-
-    file = None
-    if source is not None and "design" in HOOKS:
-        file = HOOKS.load("design")(path, source)
-    file = file or begin_scenario(path, source or TEMPLATE)
-    if quiet:
-        return
-    typer.echo(f"{file}: a copy of {source or TEMPLATE}. Try")
-    for step in ("check", "run", "study"):
-        typer.echo(f"  twin {step} {file}")
+from twin.commands.options import AsJson
+from twin.host.guard import ExitCode, error_message, guarded, print_error, print_json
 
 
 @guarded
@@ -100,13 +58,13 @@ def validate(
     from twin.scenario.sections.kind import assembly_kind
     from twin.trial.loaded_scenario import load
 
-    code = COMPLETED
+    code = ExitCode.COMPLETED
     for file in files:
         try:
             scenario = load(file)
         except ScenarioError as error:
             print_error(error_message(error))
-            code = BAD_INPUT
+            code = ExitCode.BAD_INPUT
             continue
         if resolved:
             print_json(scenario.resolved())

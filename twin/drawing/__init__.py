@@ -1,4 +1,4 @@
-"""Appearance of robots, parts and fixtures: triangles and colours.
+"""Drawing: Gantt charts, the style of pictures, colours of lanes and robots, triangles of shapes.
 
-Imports planning; recorders and exports import it.
+Imports planning, runs and activities; exports, recordings, studies and checks import it.
 """

@@ -15,6 +15,9 @@ from twin.uncertainty.skill_durations import SkillDurations
 UNLIMITED = 2**40
 """More nodes than any plan has."""
 
+OTHER = 2
+"""Cause of a wait without an edge of the plan: a message in transit, the clock, the sequence."""
+
 
 class Messages(NamedTuple):
     """Queue depth and latencies of messages between robots and dispatcher.

@@ -7,15 +7,9 @@ from typing import Annotated
 
 import typer
 
-from twin.commands.options import (
-    AsJson,
-    Certificates,
-    Insecure,
-    OptionalScenarioFile,
-    Quiet,
-    Scheduler,
-)
-from twin.commands.view import View, count_columns
+from twin.cluster.options import Certificates, Insecure, Scheduler
+from twin.commands.options import AsJson, OptionalScenarioFile, Quiet
+from twin.commands.view import View
 from twin.host.guard import guarded
 
 
@@ -110,7 +104,7 @@ def explore(
 
     view = View(as_json, quiet)
     cluster = given_cluster(scheduler, certificates, insecure)
-    with view.progress(count_columns) as progress:
+    with view.progress(items=True) as progress:
         found = api.explore(
             scenario,
             vary=vary or (),

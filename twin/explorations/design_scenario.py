@@ -10,10 +10,10 @@ import yaml
 
 from planning.errors import OutputError, RequestError, ScenarioError
 from planning.files import read_object, require_own_files
+from twin.beginnings.beginning import write_beginning
 from twin.explorations.dimensions import dimensions_of, variant_of
 from twin.explorations.folder import SUMMARY, read_request
 from twin.scenario.sections.scenario import Scenario
-from twin.scenario.shipped import write_beginning
 from twin.scenario.variations import apply_variation
 from twin.trial.loaded_scenario import LoadedScenario
 

@@ -23,17 +23,12 @@ from twin.document.validation import (
     validate_document,
 )
 from twin.document.yaml_text import YamlDocument
+from twin.explorations.keys import key_path, resolved_value
 from twin.explorations.section import ExploreSection, VarySection, explore_section
 from twin.reading.checks import find_problems
 from twin.scenario.schema import scenario_schema
 from twin.scenario.sections.scenario import Scenario, resolve_scenario
-from twin.scenario.variations import (
-    Variant,
-    key_path,
-    parse_variation,
-    resolved_value,
-    write_variant,
-)
+from twin.scenario.variations import Variant, Variation, write_variant
 
 Values = Mapping[str, Any]
 """What a design has at each key that is varied."""
@@ -187,7 +182,7 @@ def vary_section(text: str) -> VarySection:
             return VarySection(key=own, low=low, high=high)
         if rest.strip() == _ORDER:
             return VarySection(key=own, order=True)
-        found = parse_variation(text)
+        found = Variation.parse(text)
         return VarySection(key=found.key, values=found.values)
     except ValueError as error:
         said = str(error).splitlines()

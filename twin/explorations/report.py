@@ -10,16 +10,7 @@ from matplotlib.figure import Figure
 
 from twin.checks.finding import CheckContext
 from twin.checks.picture import cell_figure
-from twin.drawing.markup import (
-    escape_text,
-    heading,
-    page,
-    pairs,
-    paragraph,
-    save_and_embed_picture,
-    table,
-    text_table,
-)
+from twin.drawing.pictures import INK, bar_chart, legend_below, one_chart
 from twin.explorations.dimensions import Dimension, variant_of
 from twin.explorations.folder import REPORT
 from twin.explorations.journal import TriedDesign
@@ -35,9 +26,17 @@ from twin.explorations.page_words import (
 from twin.explorations.rungs import ExplorationSetting
 from twin.explorations.summary import ExploreSummary, RankedDesign
 from twin.host.atomic_files import write_text
-from twin.host.pictures import INK, bar_chart, legend_below, one_chart
+from twin.host.cards import escape_text, pairs
 from twin.host.progress import Report
 from twin.scenario.variations import apply_variation
+from twin.studies.report.markup import (
+    heading,
+    page,
+    paragraph,
+    save_and_embed_picture,
+    table,
+    text_table,
+)
 from twin.studies.report.report import report_style
 
 DRAWING = "report"

@@ -20,12 +20,13 @@ from twin.checks.check import findings_without_reach, reach_findings
 from twin.checks.finding import CheckContext, Finding
 from twin.checks.picture import cell_shapes
 from twin.explorations.expressions import ExpressionError, KeyValue
+from twin.explorations.keys import resolved_value
 from twin.explorations.section import ExploreSection
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import build_plan_graph, plan_motions
 from twin.reading.checks import find_problems
 from twin.scenario.sections.scenario import Scenario, resolve_scenario
-from twin.scenario.variations import Variant, apply_variation, layout_of, resolved_value
+from twin.scenario.variations import Variant, apply_variation, layout_of
 from twin.studies.plans import workload
 from twin.studies.replications.experiment import Block
 from twin.studies.replications.workload import Engines, Workload, pack_workload

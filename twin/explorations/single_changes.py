@@ -17,10 +17,10 @@ from twin.explorations.dimensions import Dimension, base_values, entry_name
 from twin.explorations.exploration import Exploration
 from twin.explorations.finals import Finals
 from twin.explorations.journal import SINGLE, TriedDesign
+from twin.explorations.keys import resolved_value
 from twin.explorations.section import EFFORTS
 from twin.host.progress import Report
 from twin.scenario.sections.scenario import Scenario, resolve_scenario
-from twin.scenario.variations import resolved_value
 from twin.studies.replications.statistics import Interval
 
 CHANGING, PROVING = "single changes", "gains of single changes"

@@ -23,8 +23,8 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
+from twin.activities.activities import CAUSES, SAME_ROBOT
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.runs.activities import CAUSES, SAME_ROBOT
 from twin.trial.run_result import RunResult
 
 if TYPE_CHECKING:

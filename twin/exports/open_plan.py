@@ -16,13 +16,13 @@ from planning.transforms import Array, quat_wxyz
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.task_edges import with_turns
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+from twin.activities.activities import SAME_ROBOT
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.exports.segments import CONTROLLER_RATE_HZ, Segment, segments
 from twin.judge.open_plan import FORMAT, VERSION
 from twin.recorders.observers import MemoryRecorder
-from twin.runs.activities import SAME_ROBOT
 from twin.runs.execution_record import POLICIES, Policy
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.runs.activities import CAUSES, TOLD, Activity, robot_activities
+from twin.activities.activities import CAUSES, TOLD, Activity, robot_activities
 from twin.trial.run_result import RunResult
 
 PROCESS = 1

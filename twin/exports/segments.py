@@ -24,8 +24,8 @@ from planning.errors import OutputError
 from planning.tasks.task import Task
 from planning.transforms import Array, Indices
 from scheduling.graph.rollout import Rollout, earliest_times
+from twin.activities.activities import CAUSES, SAME_ROBOT
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
-from twin.runs.activities import CAUSES, SAME_ROBOT
 from twin.runs.execution_record import waypoint_offsets_ns
 from twin.runs.trajectory import Trajectory
 from twin.trial.run_result import RunResult

@@ -16,10 +16,10 @@ from planning.progress import Progress, no_progress
 from planning.transforms import Array
 from twin.durations.bounded import Pert, Triangular, Uniform
 from twin.durations.composed import AnyDuration
-from twin.durations.fittable import Family, ShiftedFamily
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.model import DurationModel
 from twin.durations.normal import Lognormal, TruncatedNormal
+from twin.fit.shifted import Family, ShiftedFamily
 
 FAMILIES: tuple[Family, ...] = (
     Uniform,

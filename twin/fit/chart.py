@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from planning.transforms import Array
+from twin.drawing.pictures import INK, new_picture, style_axes
 from twin.fit.candidates import Candidate
 from twin.fit.fitting import Fit
-from twin.host.pictures import INK, new_picture, save_png, style_axes
+from twin.host.atomic_files import save_png
 
 _BARS = "#c9d3de"
 _COLOURS = ("#1f5f9e", "#d97b29", "#2f7f66")

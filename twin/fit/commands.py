@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -110,7 +111,7 @@ def fit(
     from twin.fit.fitting import Fit, write_snippet
     from twin.fit.samples import read_samples, unit_notes
     from twin.host.atomic_files import write_json
-    from twin.host.progress import StageDisplay, stage_progress
+    from twin.host.progress import StageDisplay
     from twin.reading.scenario_file import load_scenario
     from twin.runs.folder import EVENTS, prepare_run_folder
 
@@ -134,7 +135,7 @@ def fit(
     with StageDisplay(enabled=not silent) as display:
         fits = []
         for sample in samples:
-            progress = stage_progress(display, sample.name)
+            progress = partial(display, sample.name)
             found = fit_candidates(
                 sample.values_s, resamples=resamples, seed=seed, progress=progress
             )

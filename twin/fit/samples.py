@@ -15,6 +15,8 @@ from planning.errors import RequestError, ScenarioError
 from planning.tasks.task import SKILLS, STRAIGHT, TRANSIT
 from planning.transforms import Array, read_only_copy
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.activities.progress import RobotProgress
+from twin.checks.usual_range import usual_duration
 from twin.document.section import NAME
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.durations.timing_files import (
@@ -25,8 +27,6 @@ from twin.durations.timing_files import (
     read_durations,
     split_unit,
 )
-from twin.durations.usual_range import usual_duration
-from twin.runs.activities import RobotProgress
 from twin.runs.events import Event, EventLogError, parse_event, read_log
 from twin.runs.folder import EVENTS, require_recorded_hashes
 from twin.trial.plan_result import plan_of_run

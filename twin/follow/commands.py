@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from twin.commands.options import AsJson
-from twin.host.guard import COMPLETED, FAILED, guarded
+from twin.host.guard import ExitCode, guarded
 
 if TYPE_CHECKING:
     from twin.follow.follow import News
@@ -81,10 +81,9 @@ def follow(
     """
     from twin.follow.follow import follow as follow_run
     from twin.follow.follow import lines_of_growing_file, lines_of_pipe, lines_of_server
+    from twin.follow.followed_folder import followed_execution, plan_history
     from twin.follow.forecast import Forecaster
     from twin.follow.state import FollowedRun
-    from twin.trial.plan_result import plan_history
-    from twin.trial.simulation import followed_execution
 
     plans = plan_history(plan)
     tpg = plans.first
@@ -106,7 +105,7 @@ def follow(
         lines = lines_of_growing_file(Path(events), wait=not once)
     follow_run(lines, run, forecaster, listeners, every_s=every)
     bad = bool(run.violations) or run.outcome == "failed"
-    return FAILED if bad else COMPLETED
+    return ExitCode.FAILED if bad else ExitCode.COMPLETED
 
 
 def _viewer(*, web: bool) -> str:

@@ -14,13 +14,13 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from twin.activities.progress import RobotProgress
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.follow.drift import Drift
 from twin.follow.follow import News, Silence, UnreadableLine
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, ForbiddenEvent
 from twin.host.atomic_files import finite_or_none
-from twin.runs.activities import RobotProgress
 from twin.runs.events import Event
 
 _MOST_VIOLATIONS = 5

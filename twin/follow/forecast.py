@@ -14,17 +14,17 @@ import numpy as np
 
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.activities.progress import RobotProgress
+from twin.bulk.max_plus import Past, end_times, policy_graph
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import Exponential
 from twin.durations.measured import MeasuredTimes
 from twin.durations.model import DurationModel
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
-from twin.engine.bulk.bulk_engine import with_window_holds
-from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.execution_model import ExecutionModel
+from twin.engine.window_holds import with_window_holds
 from twin.follow.drift import FEWEST, Drift, DriftWatch
 from twin.follow.state import FollowedRun
-from twin.runs.activities import RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
 from twin.uncertainty.least_durations import least_ns
 from twin.uncertainty.node_times import NodeTimeSampler

@@ -13,6 +13,10 @@ from planning.tasks.task import GONE
 from planning.transforms import Array
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.temporal_plan_graph import NodeHandling
+from twin.activities.activities import FAILED, IDLE, RETRYING, WAITING
+from twin.activities.progress import STALLED, STOPPED
+from twin.drawing.lane_colours import plan_colours
+from twin.drawing.team_colours import team_colours
 from twin.durations.nanoseconds import Nanoseconds
 from twin.follow.drift import Drift
 from twin.follow.follow import News, Silence, UnreadableLine
@@ -35,17 +39,7 @@ from twin.rerun.event_rows import EventBacklog
 from twin.rerun.plan_words import PlanWords
 from twin.rerun.recorder import draw_lane
 from twin.rerun.viewer import TIMELINE
-from twin.runs.activities import (
-    FAILED,
-    IDLE,
-    RETRYING,
-    STALLED,
-    STOPPED,
-    WAITING,
-    plan_colours,
-)
 from twin.runs.events import Event
-from twin.runs.team_colours import team_colours
 from twin.runs.trajectory import Placement, Trajectory
 
 _STATES = {

@@ -15,9 +15,10 @@ from planning.tasks.task import LEFT_OUT
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.activities.activities import CAUSES
+from twin.activities.progress import STOPPED, RobotProgress
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.passage import DriveTimes, drive_times
-from twin.runs.activities import CAUSES, STOPPED, RobotProgress
 from twin.runs.events import Event
 from twin.runs.execution_record import Policy
 from twin.uncertainty.disturbances import Speed

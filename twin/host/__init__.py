@@ -1,4 +1,4 @@
-"""Interface to the machine: atomic files, pictures, progress, exit codes, kernels.
+"""Interface to the machine: atomic files, cards, progress, exit codes, kernels.
 
 Imports planning.errors and planning.kernels only; every room of twin may import it.
 """

@@ -11,6 +11,7 @@ import tempfile
 import traceback
 from collections.abc import Callable
 from datetime import UTC, datetime
+from enum import IntEnum
 from pathlib import Path
 from typing import Any, ParamSpec
 
@@ -28,10 +29,6 @@ from planning.errors import (
 )
 from twin.host.versions import versions
 
-COMPLETED, FAILED, BAD_INPUT, UNFORESEEN, INTERRUPTED = 0, 1, 2, 70, 130
-"""Exit codes: done and whole; the work failed or violates a guarantee; input is at fault; an error
-of the program; Ctrl-C."""
-
 _INPUTS = (
     ConstructionError,
     ScenarioError,
@@ -45,6 +42,25 @@ _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 """System error numbers of a full disk."""
 
 P = ParamSpec("P")
+
+
+class ExitCode(IntEnum):
+    """Exit codes of commands."""
+
+    COMPLETED = 0
+    """Done and whole."""
+
+    FAILED = 1
+    """The work failed, or violates a guarantee."""
+
+    BAD_INPUT = 2
+    """The input is at fault."""
+
+    UNFORESEEN = 70
+    """An error of the program."""
+
+    INTERRUPTED = 130
+    """Interrupted by the user."""
 
 
 def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
@@ -62,17 +78,17 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
             code = command(*args, **kwargs)
         except KeyboardInterrupt:
             print_error("interrupted")
-            code = INTERRUPTED
+            code = ExitCode.INTERRUPTED
         except TwinError as error:
             print_error(error_message(error))
             at_fault = isinstance(error, _INPUTS) and not _ran_out_of_space(error)
-            code = BAD_INPUT if at_fault else FAILED
+            code = ExitCode.BAD_INPUT if at_fault else ExitCode.FAILED
         except ModuleNotFoundError as error:
             missing = error.name or ""
             ours = missing.startswith(("twin.", "scheduling.", "planning."))
             text = f"this needs {missing}, which is not installed"
             print_error(text if ours else report_unforeseen_error(error))
-            code = FAILED if ours else UNFORESEEN
+            code = ExitCode.FAILED if ours else ExitCode.UNFORESEEN
         except BrokenPipeError:  # whoever read the output went away: main knows
             raise
         except Exception as error:
@@ -80,8 +96,8 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
             print_error(
                 f"no more room: {error}" if full else report_unforeseen_error(error)
             )
-            code = FAILED if full else UNFORESEEN
-        raise typer.Exit(code or COMPLETED)
+            code = ExitCode.FAILED if full else ExitCode.UNFORESEEN
+        raise typer.Exit(code or ExitCode.COMPLETED)
 
     return run
 

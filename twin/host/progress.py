@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -30,11 +31,6 @@ Report = Callable[[str, float, float], None]
 
 def report_nothing(stage: str, done: float, total: float) -> None:
     """Ignore progress."""
-
-
-def stage_progress(report: Report, stage: str) -> Progress:
-    """Return a callback for the progress of one stage: done, and total."""
-    return lambda done, total: report(stage, done, total)
 
 
 @dataclass
@@ -67,7 +63,7 @@ class StageWatch:
 
     def reporter(self, label: str) -> Progress:
         """Return a callback that shows the progress of a stage: done, and total."""
-        return stage_progress(self.report, label)
+        return partial(self.report, label)
 
 
 class StageDisplay:

@@ -9,7 +9,7 @@ import typer
 
 from twin.commands.options import AsJson, Quiet
 from twin.commands.view import View
-from twin.host.guard import COMPLETED, FAILED, guarded, print_json
+from twin.host.guard import ExitCode, guarded, print_json
 
 if TYPE_CHECKING:
     from twin.audits.case import Violation
@@ -81,7 +81,7 @@ def judge(
                 typer.echo(f"with delays {run.seed}: {describe_violation(violation)}")
             _echo_more(len(run.findings))
         _echo_scores(found)
-    return COMPLETED if found.clean else FAILED
+    return ExitCode.COMPLETED if found.clean else ExitCode.FAILED
 
 
 def describe_violation(violation: Violation) -> str:

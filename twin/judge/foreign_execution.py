@@ -8,15 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot
-from planning.expectations import ChangedTool
 from planning.tasks.task import GONE
 from planning.transforms import Array, Transform, inverse
 from twin.audits.case import Violation
+from twin.audits.expectations import ChangedTool
 from twin.audits.motion.executed import ObjectRow, Recording, RobotRows
 from twin.audits.worlds.world import AuditWorld
 from twin.judge.foreign_graph import joint_columns, motion_configurations
 from twin.judge.open_plan import OpenEvent, OpenMotion, OpenPlan
-from twin.scenario.sections.shapes import build_transform
 
 _SAME = 1e-6
 """Joint values that differ by less are the same: digits of files [rad or m]."""
@@ -287,7 +286,7 @@ class _Hands:
         hand = None if holder in (None, GONE) else self._flange(str(holder), t)
         pose = world if hand is None else np.asarray(inverse(hand) @ world)
         if event.pose is not None:
-            pose = build_transform(event.pose)
+            pose = event.pose.transform()
         before = None if place is None else place.holder
         rests = None if holder is not None else pose
         self.changes.append(

@@ -15,10 +15,10 @@ from itertools import product
 
 import numpy as np
 
-from planning.expectations import TOUCH, Expectations
 from planning.tasks.task import GONE, AllowedContact
 from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.audits.expectations import TOUCH, Expectations
 from twin.audits.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
 from twin.judge.foreign_execution import ForeignChange, ForeignExecution
 from twin.judge.open_plan import OpenMotion, OpenPlan

@@ -15,6 +15,7 @@ from planning.errors import OutputError, RequestError
 from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL
 from twin.audits.audit import audit_recording
 from twin.audits.case import NodeSpans, Violation
+from twin.audits.expectations import scenario_expectations
 from twin.audits.worlds.engines import (
     Engine,
     engine_and_version,
@@ -235,7 +236,7 @@ class JudgedPlan:
         sections, self.plan = scenario.sections, plan
         self.engine = engine_named(engine)
         kind = assembly_kind(sections.assembly)
-        self._wanted = kind.wanted(sections.cell)
+        self._wanted = scenario_expectations(sections)
         cell = build_workcell(sections, scenario.folder)
         there = {item.name for item in cell.objects}
         more = (

@@ -15,7 +15,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import simpy
 
@@ -24,7 +24,7 @@ from twin.drivers.driver import DriverState
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.ending import Ending, EndingCode, PendingNode
 from twin.engine.execution import Execution
-from twin.engine.ports import Replanner, RobotPort, T
+from twin.engine.ports import Replanner, RobotPort
 from twin.live.driver_end import Wire
 from twin.live.inbox import Inbox
 from twin.live.link import Link
@@ -34,6 +34,8 @@ from twin.live.reported_nodes import ReportedNodes
 from twin.runs.events import EventCode, EventKind
 from twin.runs.execution_record import Measured
 from twin.uncertainty.node_times import NodeTimes
+
+_T = TypeVar("_T")
 
 _TICK_S = 0.02
 """How long messages are waited for at most, before links are looked at again [s]."""
@@ -399,13 +401,13 @@ class RemoteRobots(RobotPort):
 
     # Planning
 
-    def compute(self, work: Callable[[], T]) -> Generator[simpy.Event, Any, T]:
+    def compute(self, work: Callable[[], _T]) -> Generator[simpy.Event, Any, _T]:
         """Return the result of a computation in a thread; reports and orders are processed meanwhile.
 
         Meanwhile no further node is cleared, as replaced nodes are unknown.
         """
         self._settled = False
-        made: Future[T] = Future()
+        made: Future[_T] = Future()
 
         def compute() -> None:
             try:

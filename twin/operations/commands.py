@@ -19,7 +19,7 @@ from twin.commands.options import (
     Seed,
     TeamSize,
 )
-from twin.commands.run import announcer, show_run, values_of
+from twin.commands.run import values_of
 from twin.commands.view import View
 from twin.host.guard import guarded
 
@@ -129,11 +129,11 @@ def operate(
             drivers=drivers,
             page=page,
             opened=opened,
-            begun=announcer(view),
+            begun=view.announce_run,
             # A display of progress would write over the question.
             progress=report_nothing if asks_here else progress,
         )
-    return show_run(done, view)
+    return view.show_run(done)
 
 
 def _answer(question: Question) -> bool:

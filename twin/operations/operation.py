@@ -21,12 +21,12 @@ from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import world_state_after
 from scheduling.rolling.supply import remove_idle_chains, supply_waits, with_supply
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.driven_robots import DrivenRobots
 from twin.engine.ending import Ending
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel
 from twin.engine.simulated_robots import SimulatedRobots
+from twin.engine.window_holds import with_window_holds
 from twin.operations.commitment import CutPolicy, PlanRevision
 from twin.operations.person import AnswerCallback, Ask, Person
 from twin.operations.planner import Planner

@@ -26,7 +26,7 @@ from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import FixtureSection, Scenario
-from twin.scenario.sections.shapes import build_transform, to_planning_class
+from twin.scenario.sections.shapes import to_planning_class
 
 _TOOL_COLOUR = (88, 92, 98)
 """Colour of tools that are objects."""
@@ -97,7 +97,7 @@ def _robot(
 
     model = fitted_model(section, tools, folder)
     if section.frames:
-        own = {name: build_transform(pose) for name, pose in section.frames.items()}
+        own = {name: pose.transform() for name, pose in section.frames.items()}
         model = dataclasses.replace(model, frames={**model.frames, **own})
     if section.home_deg is not None:
         home = read_only_copy(np.deg2rad(section.home_deg))
@@ -113,7 +113,7 @@ def _robot(
     off = np.abs(home - nearest)
     rounded = (off > LIMIT_SLACK) & (off <= HOME_SLACK)
     home = read_only_copy(np.where(rounded, nearest, home))
-    base, first = build_transform(section.base), (*section.tools, section.tool)[0]
+    base, first = section.base.transform(), (*section.tools, section.tool)[0]
     robot = PlacedRobot(section.name, model, base, home, tool=first)
     if section.base_error is not None:
         error = section.base_error.planned
@@ -143,7 +143,7 @@ def _rack_tool(
     own = tools[name]
     assert own.rack is not None
     model = fitted_model(section, tools, folder)
-    mount, rack = build_transform(own.mount), build_transform(own.rack)
+    mount, rack = own.mount.transform(), own.rack.transform()
     shape = tool_shape(name, model, mount)
     start = frame_pose(robot, robot.home) @ mount if robot.tool == name else rack
     item = CellObject(

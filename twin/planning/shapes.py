@@ -18,7 +18,7 @@ from planning.cell.shape import (
 from planning.errors import ShapeError
 from planning.files import resolve_file_name
 from planning.transforms import Transform, identity, read_only_copy
-from twin.scenario.sections.shapes import ShapeSection, build_transform
+from twin.scenario.sections.shapes import ShapeSection
 
 
 def build_shape(name: str, section: ShapeSection, folder: Path = Path()) -> Shape:
@@ -43,7 +43,7 @@ def _elements(
     """Yield the collision primitives of a shape at a pose."""
     if section.compound is not None:
         for item in section.compound:
-            place = read_only_copy(pose @ build_transform(item.pose))
+            place = read_only_copy(pose @ item.pose.transform())
             yield from _elements(item, place, folder)
         return
     yield Element(_form(section, folder), pose)

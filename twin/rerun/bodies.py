@@ -20,6 +20,7 @@ from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.robots.registry import ROBOTS
 from planning.tasks.task import GONE
 from twin.drawing.looks import coloured_fixtures, painted_description
+from twin.drawing.team_colours import parse_rgb
 from twin.drawing.triangles import triangles_of
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.rerun import entities
@@ -33,7 +34,6 @@ from twin.rerun.entities import (
     time_column,
 )
 from twin.rerun.fingers import split_fingers
-from twin.runs.team_colours import parse_rgb
 from twin.runs.trajectory import Placement, Trajectory
 
 _FRAME_S = 0.05

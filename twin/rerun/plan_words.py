@@ -6,7 +6,14 @@ from collections.abc import Callable, Iterator
 
 from planning.tasks.task import CLOSE, OPEN, TRANSIT, Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.runs.activities import HOLDING, IDLE, RETRYING, TOLD, WAITING, part_names
+from twin.activities.activities import (
+    HOLDING,
+    IDLE,
+    RETRYING,
+    TOLD,
+    WAITING,
+    part_names,
+)
 
 _VERBS = {
     RETRYING: "tries again",

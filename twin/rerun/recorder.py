@@ -16,6 +16,9 @@ from planning.files import replace_atomically
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.activities.activities import IDLE, WAITING, Activity, robot_activities
+from twin.drawing.lane_colours import plan_colours
+from twin.drawing.team_colours import parse_rgb, team_colours
 from twin.rerun import entities
 from twin.rerun import layout as layout
 from twin.rerun.bodies import (
@@ -29,11 +32,9 @@ from twin.rerun.entities import entity_path, time_column
 from twin.rerun.event_rows import EventBacklog
 from twin.rerun.fingers import finger_motions, move_fingers
 from twin.rerun.plan_words import PlanWords
-from twin.runs.activities import IDLE, WAITING, Activity, plan_colours, robot_activities
 from twin.runs.events import Event
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.folder import RECORDING
-from twin.runs.team_colours import parse_rgb, team_colours
 from twin.runs.tracking import nearest_on_path
 from twin.runs.trajectory import object_placements, robot_trajectories
 

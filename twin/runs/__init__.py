@@ -1,4 +1,4 @@
-"""Records of a run: events, trajectories, summary, pictures, folder.
+"""Records of a run: events, trajectories, summary, folder.
 
 Imports uncertainty; recorders, engine, exports and trial import it.
 """

@@ -25,10 +25,10 @@ from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
 from scheduling.slowed_motions import slowed_motions
 from twin.durations.nanoseconds import NANOSECONDS
+from twin.registry import HOOKS
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.header import RunHeader
 from twin.runs.policies import ASYNCHRONOUS, SEQUENTIAL, policy_name
-from twin.runs.throughput import line_summary
 from twin.runs.tracking import tracking_errors
 from twin.runs.windows import window_rows, window_summary
 
@@ -98,8 +98,9 @@ def summarize_run(
             for name, own in tracking_errors(tpg, run.measured).items()
         },
         "windows": window_summary(tpg, run),
-        "line": line_summary(tpg, run, due_s, start_up),
     }
+    if "line" in HOOKS:
+        further["line"] = HOOKS.load("line")(tpg, run, due_s, start_up)
     return {
         "scenario": scenario,
         "seed": run.seed,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from planning.tasks.task import EARLIER, TimeWindow
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.windows import least_gaps, window_gaps, window_nodes
+from scheduling.graph.windows import window_gaps, window_nodes
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.runs.execution_record import ExecutionRecord
 
@@ -67,30 +67,3 @@ def broken_words(window: TimeWindow, passed_ns: int) -> str:
     if late <= 0.0:
         return ""
     return f"{window.words}: {passed_ns / NANOSECONDS:.3f} s, {late:.3f} s more than {window.most:g} s"
-
-
-def window_warnings(
-    tpg: TemporalPlanGraph, nominal: ExecutionRecord, *, held: bool
-) -> Iterator[str]:
-    """Yield a warning for each window that a plan exceeds at nominal times.
-
-    Args:
-        tpg: the plan.
-        nominal: the plan executed with nominal times.
-        held: whether window-opening tasks were held back.
-    """
-    start, end = np.concatenate(nominal.start_ns), np.concatenate(nominal.end_ns)
-    gaps = window_gaps(tpg, start, end)
-    least = least_gaps(tpg, (end - start)[:, None])[:, 0]
-    for window, gap, at_least in zip(tpg.windows, gaps, least, strict=True):
-        if not (broken := broken_words(window, int(gap))):
-            continue
-        assert window.most is not None
-        over = int(at_least) / NANOSECONDS - window.most
-        if over > 0.0:
-            can = f"; what lies between takes {over:.3f} s too long, whenever it is opened"
-        elif held:
-            can = ", although what opens it is held back"
-        else:
-            can = "; hold back what opens it: execution.windows: {hold: 0.95}"
-        yield f"at nominal times, {broken}{can}"

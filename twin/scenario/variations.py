@@ -8,7 +8,6 @@ as a whole, ``jitter={kind: uniform, low_s: 0, high_s: 1}``, or key by key, ``ji
 from __future__ import annotations
 
 import copy
-import itertools
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +24,7 @@ from twin.document.validation import (
     parse_document,
     validate_document,
 )
-from twin.document.yaml_text import KeyPath, read_yaml
+from twin.document.yaml_text import read_yaml
 from twin.durations.composed import Distribution
 from twin.scenario.schema import scenario_schema
 from twin.scenario.sections.cell import choose_robots
@@ -59,63 +58,47 @@ class Variation:
     key: str
     values: tuple[Any, ...]
 
+    @classmethod
+    def of(cls, key: str, values: Iterable[Any]) -> Variation:
+        """Return the variation of a key over values; those of numpy become plain ones.
 
-def parse_variation(text: str) -> Variation:
-    """Parse a variation ``key=value,value,...``.
+        Raises:
+            ScenarioError: these are no values, there are none, or one is there twice.
+        """
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            raise ScenarioError(
+                f"cannot vary {key}: a list of values expected, not {values!r}"
+            )
+        plain = tuple(map(_plain, values))
+        if not plain:
+            raise ScenarioError(f"cannot vary {key}: no values")
+        if len({json.dumps(value) for value in plain}) < len(plain):
+            raise ScenarioError(f"cannot vary {key}: a value is there twice")
+        return cls(short_key(key), plain)
 
-    Values are JSON, lists and mappings in one line of YAML, or plain words.
+    @classmethod
+    def parse(cls, text: str) -> Variation:
+        """Parse a variation ``key=value,value,...``.
 
-    Raises:
-        ScenarioError: there is no key, no value, or a value twice, or what is in brackets cannot
-            be read.
-    """
-    key, equals, rest = text.partition("=")
-    key = short_key(key.strip())
-    if not equals or not key or not rest.strip():
-        raise ScenarioError(
-            f"cannot vary {text!r}: write key=value,value such as"
-            " skills.pick.scale=1,1.5,2"
-        )
-    return variation(key, [_value(item) for item in _split(rest)])
+        Values are JSON, lists and mappings in one line of YAML, or plain words.
 
-
-def variation(key: str, values: Iterable[Any]) -> Variation:
-    """Return the variation of a key over values; those of numpy become plain ones.
-
-    Raises:
-        ScenarioError: these are no values, there are none, or one is there twice.
-    """
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        raise ScenarioError(
-            f"cannot vary {key}: a list of values expected, not {values!r}"
-        )
-    plain = tuple(map(_plain, values))
-    if not plain:
-        raise ScenarioError(f"cannot vary {key}: no values")
-    if len({json.dumps(value) for value in plain}) < len(plain):
-        raise ScenarioError(f"cannot vary {key}: a value is there twice")
-    return Variation(short_key(key), plain)
+        Raises:
+            ScenarioError: there is no key, no value, or a value twice, or what is in brackets cannot
+                be read.
+        """
+        key, equals, rest = text.partition("=")
+        key = short_key(key.strip())
+        if not equals or not key or not rest.strip():
+            raise ScenarioError(
+                f"cannot vary {text!r}: write key=value,value such as"
+                " skills.pick.scale=1,1.5,2"
+            )
+        return cls.of(key, [_value(item) for item in _split(rest)])
 
 
 def _plain(value: Any) -> Any:
     """Return a value as a JSON type."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-
-
-def variants(variations: Sequence[Variation]) -> tuple[Variant, ...]:
-    """Return every combination of values, the last key changing fastest; one empty if none.
-
-    Raises:
-        ScenarioError: a key is varied twice.
-    """
-    keys = [variation.key for variation in variations]
-    for key in keys:
-        if keys.count(key) > 1:
-            raise ScenarioError(f"{key} is varied twice")
-    return tuple(
-        dict(zip(keys, values, strict=True))
-        for values in itertools.product(*(v.values for v in variations))
-    )
 
 
 def apply_variation(scenario: Scenario, variant: Variant) -> Scenario:
@@ -182,48 +165,6 @@ def write_variant(content: dict[str, Any], variant: Variant) -> None:
         choose_robots(content["cell"], count)
 
 
-def resolved_value(content: Mapping[str, Any], key: str) -> Any:
-    """Return the value of a key in a resolved scenario; None where the scenario leaves it out.
-
-    Raises:
-        ScenarioError: there is no such key; the message names those there are.
-    """
-    if key == ROBOTS:
-        team = content["cell"]["team"]
-        return len(content["cell"]["robots"]) if team is None else team["count"]
-    return _found(content, key)[1]
-
-
-def key_path(content: Mapping[str, Any], key: str) -> KeyPath:
-    """Return the full path of a key in a resolved scenario.
-
-    Raises:
-        ScenarioError: there is no such key; the message names those there are.
-    """
-    if key == ROBOTS:
-        team = content["cell"]["team"] is not None
-        return ("cell", "team", "count") if team else ("cell", "robots")
-    return _found(content, key)[0]
-
-
-def _found(content: Mapping[str, Any], key: str) -> tuple[KeyPath, Any]:
-    """Return the existing part of a key's path and its value; None without a value."""
-    inside = is_of_execution(key)
-    place: Any = content["execution"] if inside else content
-    words, walked = key.split("."), "execution" if inside else ""
-    path: KeyPath = ("execution",) if inside else ()
-    while words:
-        if place is None or (inside and isinstance(place, dict) and not place):
-            return path, None
-        free = walked in ("execution.skills", "execution.failures")
-        if free and words[0] not in place:
-            return path, None
-        entry, used = _entry(place, words, key, walked)
-        walked = ".".join(filter(None, (walked, *words[:used])))
-        place, words, path = place[entry], words[used:], (*path, entry)
-    return path, place
-
-
 class _FreeSection(dict[str, Any]):
     """A section whose keys are not checked here: it is new, or they depend on its kind."""
 
@@ -269,7 +210,7 @@ def _assign(tree: dict[str, Any], key: str, value: Any, walked: str) -> None:
                 )
             place[words[0]] = value
             return
-        entry, used = _entry(place, words, key, walked)
+        entry, used = find_entry(place, words, key, walked)
         if used == len(words):
             place[entry] = value
             return
@@ -288,7 +229,7 @@ def _is_other(place: Any, kind: Any) -> bool:
     return len(kinds) == 2 and kinds <= _KINDS
 
 
-def _entry(
+def find_entry(
     place: Any, words: Sequence[str], key: str, walked: str
 ) -> tuple[str | int, int]:
     """Return the entry named by the first words, and their number: names may contain dots."""

@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import starmap
+from itertools import product, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from planning.errors import RequestError
+from planning.errors import RequestError, ScenarioError
 from planning.parquet import read_parquet
 from twin.api.runs import AnyPlan, planned_scenario
 from twin.audits.worlds.engines import engine_named
@@ -21,7 +21,7 @@ from twin.host.progress import Report, report_nothing
 from twin.operations.api import operated_plan, require_operable
 from twin.runs.folder import lock_folder, run_folder
 from twin.runs.policies import OPEN_LOOP, parse_policy_name
-from twin.scenario.variations import Variation, variants, variation
+from twin.scenario.variations import Variant, Variation
 from twin.studies.folder import (
     EDGES,
     REPLICATIONS,
@@ -144,7 +144,7 @@ class Study:
         return read_parquet(self.folder / name)
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import card, run_picture
+        from twin.host.cards import card, run_picture
         from twin.studies.report.page_tables import difference_list, makespans_table
 
         table = makespans_table(self.result.summary)
@@ -223,8 +223,8 @@ def study(
         check_cluster(cluster)  # now, not after the planning
     case = planned_scenario(plan)
     names = tuple(map(parse_policy_name, policies))
-    varied = starmap(variation, vary.items()) if isinstance(vary, Mapping) else vary
-    combined = variants(list(varied))
+    varied = starmap(Variation.of, vary.items()) if isinstance(vary, Mapping) else vary
+    combined = combine_variations(list(varied))
     place, plans, saved = None if out is None else Path(out), None, ""
     if isinstance(plan, PlanResult) and shortcuts is not None:
         raise RequestError("shortcuts are for planning, not for a plan that is there")
@@ -298,3 +298,19 @@ def resume_study(
         result = resumed(place, partial(open_executor, workers, cluster), progress)
     write_report(result, progress)
     return Study(result)
+
+
+def combine_variations(variations: Sequence[Variation]) -> tuple[Variant, ...]:
+    """Return every combination of values, the last key changing fastest; one empty if none.
+
+    Raises:
+        ScenarioError: a key is varied twice.
+    """
+    keys = [variation.key for variation in variations]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ScenarioError(f"{key} is varied twice")
+    return tuple(
+        dict(zip(keys, values, strict=True))
+        for values in product(*(v.values for v in variations))
+    )

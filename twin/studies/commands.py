@@ -8,19 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from planning.errors import RequestError
+from twin.cluster.options import Certificates, Insecure, Scheduler
 from twin.commands.options import (
     AsJson,
     AuditEngine,
-    Certificates,
-    Insecure,
     OptionalScenarioFile,
     Quiet,
     ScenarioFile,
-    Scheduler,
     Seed,
     Shortcuts,
 )
-from twin.commands.view import View, count_columns
+from twin.commands.view import View
 from twin.host.guard import guarded
 
 if TYPE_CHECKING:
@@ -168,14 +166,14 @@ def study(
     replications.parquet, tasks.parquet, edges.parquet, summary.json, pictures and report.html.
     """
     from twin.cluster.commands import given_cluster
-    from twin.scenario.variations import parse_variation
+    from twin.scenario.variations import Variation
     from twin.studies import api
     from twin.studies.replications.statistics import Precision
     from twin.studies.report.terminal_table import print_study
 
     view = View(as_json, quiet)
     cluster = given_cluster(scheduler, certificates, insecure)
-    with view.progress(count_columns) as progress:
+    with view.progress(items=True) as progress:
         if resume is not None:
             found = api.resume_study(
                 resume, scenario, workers=workers, cluster=cluster, progress=progress
@@ -183,7 +181,7 @@ def study(
         else:
             found = api.study(
                 _subject(scenario, plan, seed),
-                [parse_variation(text) for text in vary or ()],
+                [Variation.parse(text) for text in vary or ()],
                 replications=replications,
                 precision=Precision(precision, least, most, confidence),
                 policies=policies or (),

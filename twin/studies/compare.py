@@ -13,7 +13,8 @@ from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.build_workcell import build_workcell
 from twin.runs.folder import CHART, COMPARISON, replace_results, run_folder
 from twin.scenario.manifest import write_manifest
-from twin.scenario.sections.scenario import follow_references
+from twin.scenario.sections.execution import ReferenceDuration
+from twin.scenario.sections.scenario import Scenario
 from twin.studies.comparison import (
     SEEDS,
     comparison_figures,
@@ -72,7 +73,8 @@ class Comparison:
         )
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import escape_text, run_picture, table
+        from twin.host.cards import escape_text, run_picture
+        from twin.studies.report.markup import table
 
         head = ["policy", "makespan [s]", "of sequential", "wait [s]", "planning [s]"]
         rows = [
@@ -151,3 +153,19 @@ def compare(
             draw_comparison(folder / CHART, {chosen.name: figures}, heading)
             write_json(folder / COMPARISON, figures)
     return Comparison(loaded, heading, figures, folder)
+
+
+def follow_references(scenario: Scenario) -> Scenario:
+    """Return a scenario in which every skill but processes lasts as long as its reference path.
+
+    That is how APEX-MR V-A executes skills in simulation: without force control, the same each time.
+    """
+    reference = ReferenceDuration(kind="reference")
+    own = scenario.execution.skills
+    skills = {
+        name: own[name] if name in scenario.processes else reference for name in own
+    }
+    execution = scenario.execution.model_copy(
+        update={"skills": skills, "skill_overrides": ()}
+    )
+    return scenario.model_copy(update={"execution": execution})

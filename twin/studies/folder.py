@@ -19,9 +19,10 @@ from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
 from planning.files import replace_atomically
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
+from twin.bulk.bulk_engine import contract_for_bulk
+from twin.bulk.max_plus import policy_graph
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import contract_for_bulk
-from twin.engine.bulk.max_plus import OTHER, policy_graph
+from twin.engine.execution_model import OTHER
 from twin.recorders.run_tables import write_table
 from twin.scenario.manifest import (
     MANIFEST,

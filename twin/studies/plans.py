@@ -15,8 +15,8 @@ from scheduling.motion_times import is_driven
 from scheduling.planned_motions import PlannedMotions
 from twin.checks.check import check_scenario
 from twin.document.validation import parse_document
-from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.execution_model import ExecutionModel
+from twin.engine.window_holds import with_window_holds
 from twin.host.progress import Report, StageWatch
 from twin.host.versions import versions
 from twin.operations.replicated.operating import OperatingWorkload

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
-from twin.runs.throughput import line_figures, start_up_of, takts_s
 from twin.studies.replications.block_results import (
     UNKNOWN,
     ProductTimes,
@@ -26,6 +25,7 @@ from twin.studies.replications.statistics import (
     mean_interval,
     share_interval,
 )
+from twin.throughput.throughput import line_figures, start_up_of, takts_s
 
 Due = tuple[tuple[float, ...], int | None]
 """Due time of each product [s], and number of start-up products."""

@@ -24,7 +24,7 @@ from twin.studies.replications.statistics import (
     paired_interval,
 )
 from twin.studies.replications.workload import Engines, Workload
-from twin.uncertainty.chain_draws import moving_nodes
+from twin.uncertainty.chain_draws import RobotTaskNodes
 
 SHARE = 0.2
 """Inputs are made this much smaller and larger."""
@@ -298,7 +298,7 @@ def _with_longer_motions(
     tpg: TemporalPlanGraph, chain: NodeChain, factor: float
 ) -> NodeChain:
     """Return a chain whose motions take a factor of their times, within limits those at full speed."""
-    factors = np.where(moving_nodes(tpg, chain), factor, 1.0)
+    factors = np.where(RobotTaskNodes(tpg, chain, {}).moves, factor, 1.0)
     drive = chain.drive
     if drive is not None:
         drive = replace(drive, cruise=factors * drive.cruise)

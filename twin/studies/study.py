@@ -18,11 +18,12 @@ from twin.audits.audit import audit_off_bases, audit_run
 from twin.audits.motion.deviations import with_flange_deviations
 from twin.audits.motion.executed import read_recording
 from twin.audits.worlds.engines import Engine, engine_named
+from twin.bulk.bulk_engine import BulkEngine
 from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import BulkEngine, with_window_holds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import Messages
+from twin.engine.window_holds import with_window_holds
 from twin.host.atomic_files import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
@@ -70,6 +71,7 @@ from twin.studies.plans import (
     save_plans,
     workloads,
 )
+from twin.studies.pose_errors import drawn_base, drawn_deviations
 from twin.studies.products import product_columns, product_times
 from twin.studies.replications.block_results import cell_tally
 from twin.studies.replications.experiment import Experiment
@@ -80,7 +82,6 @@ from twin.studies.summary import StudySummary, shown_cell, summarise_study
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import skill_durations
-from twin.uncertainty.base_errors import drawn_base, drawn_deviations
 from twin.uncertainty.disturbances import Speed
 
 CHECKING = "audit of replications"

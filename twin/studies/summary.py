@@ -51,8 +51,8 @@ from twin.studies.replications.statistics import (
 )
 from twin.studies.replications.workload import Workload
 from twin.studies.sensitivity import Influence, SobolIndex
-from twin.trial.header import stall_warnings
-from twin.uncertainty.speed_override import unreached_speeds
+from twin.warnings.plan_warnings import stall_warnings
+from twin.warnings.unreached_speeds import unreached_speeds
 
 QUANTILES = (50, 90, 95, 99)
 """Reported percentiles of the makespan."""

@@ -1,73 +1,23 @@
-"""Header of a run with warnings about its plan, and the figures of the finished run."""
+"""Header of a run, and the figures of the finished run."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from scheduling.graph.machine_chains import idle_robots
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.slowed_motions import describe_overloaded_joints
-from twin.engine.bulk.bulk_engine import with_window_holds
-from twin.engine.engine import Simulator
-from twin.engine.execution_model import ExecutionModel
 from twin.planning.idle_robots import IdleRobot
-from twin.registry import AUDIT, AUDITORS, RECORDERS
+from twin.registry import AUDIT, AUDITORS, HOOKS, RECORDERS
 from twin.runs.execution_record import DeadlockError, ExecutionRecord, Policy
 from twin.runs.header import RunHeader
 from twin.runs.policies import SHORTENED
 from twin.runs.summary import summarize_run
-from twin.runs.windows import window_warnings
 from twin.scenario.sections.kind import assembly_kind
-from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
-from twin.trial.simulation import execute, scenario_execution
-from twin.uncertainty.skill_durations import SkillDurations
-from twin.uncertainty.speed_override import unreached_speeds
-
-
-def stall_warnings(scenario: Scenario, tpg: TemporalPlanGraph) -> tuple[str, ...]:
-    """Return warnings about requested stalls that cannot all happen.
-
-    A robot or machine stalls at most once a node, so that more stalls than nodes are not executed.
-    """
-    found = []
-    for chain in tpg.chains:
-        own, who = scenario.execution.stalls, "robot"
-        if tpg.cell.is_machine(chain.robot):
-            own, who = scenario.execution.of_machine(chain.robot).stalls, "machine"
-        if own.count_per_robot > len(chain):
-            found.append(
-                f"stalls.count_per_robot is {own.count_per_robot}, but {who} {chain.robot!r} has"
-                f" {len(chain)} nodes and stalls once at each of them"
-            )
-    return tuple(found)
-
-
-def nominal_window_warnings(
-    scenario: Scenario, tpg: TemporalPlanGraph, base: Path
-) -> tuple[str, ...]:
-    """Return warnings about time windows that a plan exceeds at nominal times."""
-    if not any(window.most is not None for window in tpg.windows):
-        return ()
-    model = scenario_execution(scenario, base)
-    held = with_window_holds(tpg, model)
-    nominal = ExecutionModel(SkillDurations({}), model.policy, model.messages)
-    try:
-        run = Simulator(held, nominal).run(seed=scenario.seed)
-    except DeadlockError:
-        return ()
-    return tuple(window_warnings(tpg, run, held=held is not tpg))
-
-
-def _unreached_speeds(plan: PlanResult) -> tuple[str, ...]:
-    """Return warnings about speed factors beyond the robots' limits; see ``unreached_speeds``."""
-    case = plan.scenario
-    disturbances = case.sections.execution.disturbances(case.robots, case.folder)
-    return unreached_speeds(plan.tpg, disturbances, case.sections.seed)
+from twin.trial.simulation import execute
 
 
 def run_header(
@@ -92,6 +42,11 @@ def run_header(
         execution.get("operated")
         and plan.scenario.sections.execution.window is not None
     )
+    warnings = (
+        HOOKS.load("plan warnings")(plan.scenario, plan.tpg)
+        if "plan warnings" in HOOKS
+        else ()
+    )
     return RunHeader(
         recording=recording and bool(RECORDERS.names()),
         audit=audit if AUDIT in AUDITORS else False,
@@ -100,12 +55,7 @@ def run_header(
         plan_sha256=plan_sha256(plan.tpg),
         warnings=(
             *plan.warnings,
-            *stall_warnings(plan.scenario.sections, plan.tpg),
-            *nominal_window_warnings(
-                plan.scenario.sections, plan.tpg, plan.scenario.folder
-            ),
-            *describe_overloaded_joints(plan.tpg),
-            *_unreached_speeds(plan),
+            *warnings,
             *(own.message for own in idle if not windowed),
         ),
         checks_off=plan.scenario.sections.checks_off,

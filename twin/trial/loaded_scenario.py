@@ -102,7 +102,7 @@ class LoadedScenario:
         return f"<scenario {self.name!r} of kind {self.sections.assembly.kind}: {size}>"
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import card, inline_picture
+        from twin.host.cards import card, inline_picture
 
         rows = [
             ("robots", ", ".join(self.robots)),

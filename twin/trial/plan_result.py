@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from scheduling.planned_motions import PlannedMotions
 from twin.host.arguments import checks_arguments
 from twin.planning.build_workcell import build_workcell
 from twin.planning.idle_robots import IdleRobot, idle_robots_of_manifest
-from twin.runs.folder import FIRST, PLAN_FILES, TURNS, VERSIONS, require_recorded_hashes
+from twin.runs.folder import PLAN_FILES, TURNS, require_recorded_hashes
 from twin.runs.policies import IN_SLOTS, IN_TURNS
 from twin.scenario.manifest import MANIFEST, manifest_base, read_manifest
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
@@ -104,7 +104,7 @@ class PlanResult:
         return f"<plan of {self.scenario.name!r}, {self.name}: {size}>"
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import card
+        from twin.host.cards import card
 
         rows = [
             ("robots", ", ".join(chain.robot for chain in self.tpg.chains)),
@@ -180,37 +180,6 @@ def plan_of_run(folder: Path) -> TemporalPlanGraph:
             f"the plan in {folder} is not the one of {MANIFEST} beside it"
         )
     return tpg
-
-
-@dataclass(frozen=True)
-class PlanHistory:
-    """Plans that are executed one after another in a run.
-
-    Attributes:
-        first: with which it begins.
-        version: returns the plan of a version, given its number, from 1; None where none takes over.
-        late: machines of it that bring late parts.
-    """
-
-    first: TemporalPlanGraph
-    version: Callable[[int], TemporalPlanGraph] | None = None
-    late: frozenset[str] = frozenset()
-
-
-def plan_history(folder: Path) -> PlanHistory:
-    """Return the plans of a finished or ongoing run; see ``plan_of_run`` for the errors."""
-    if not (folder / FIRST).is_dir():
-        return PlanHistory(plan_of_run(folder))
-    first, versions = load_plan(folder / FIRST), folder / VERSIONS
-
-    def version(number: int) -> TemporalPlanGraph:
-        return load_plan(versions / str(number))
-
-    if not (versions / "1").is_dir():
-        return PlanHistory(first, version)
-    own = version(1)
-    late = own.chain_index.keys() - first.chain_index.keys()
-    return PlanHistory(own, version, frozenset(late))
 
 
 def scenario_of_run(folder: Path) -> LoadedScenario:

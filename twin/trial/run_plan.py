@@ -9,12 +9,11 @@ from pathlib import Path
 
 from planning.errors import OutputError
 from scheduling.graph.plan_files import plan_sha256, save_plan
-from twin.host.atomic_files import write_json
-from twin.host.pictures import save_png
+from twin.host.atomic_files import save_png, write_json
 from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import JsonlRecorder, MemoryRecorder
 from twin.recorders.run_tables import write_motion
-from twin.registry import RECORDERS
+from twin.registry import FIGURES, RECORDERS
 from twin.runs.events import Event
 from twin.runs.folder import (
     EVENTS,
@@ -25,7 +24,6 @@ from twin.runs.folder import (
     recorded_hashes,
     replace_results,
 )
-from twin.runs.gantt import gantt_figure
 from twin.runs.header import RunHeader
 from twin.scenario.manifest import (
     write_manifest,
@@ -154,8 +152,11 @@ def conclude(
     progress(RECORDS, 0, total)
     write_motion(folder, tpg, record)
     progress(RECORDS, 2, total)
-    gantt = gantt_figure(tpg, record, events, title=scenario.name, plan=header.plan)
-    save_png(gantt, folder / GANTT)
+    if "run" in FIGURES:
+        gantt = FIGURES.load("run")(
+            tpg, record, events, title=scenario.name, plan=header.plan
+        )
+        save_png(gantt, folder / GANTT)
     progress(RECORDS, 3, total)
     if header.recording:
         for record_run in RECORDERS.load_all().values():

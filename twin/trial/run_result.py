@@ -15,6 +15,7 @@ from planning.parquet import read_parquet
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.host.arguments import checks_arguments
+from twin.registry import FIGURES, HOOKS
 from twin.runs.events import Event, EventLogError, parse_event, read_log
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.folder import (
@@ -183,21 +184,8 @@ class RunResult:
     @property
     def activities(self) -> pa.Table:
         """Table of activities and waits: robot, state, start_s, end_s, task."""
-        import pyarrow as pa
-
-        from twin.runs.activities import robot_activities
-
-        entries = robot_activities(self.tpg, self.history)
-        rows = [(robot, item) for robot, lane in entries.items() for item in lane]
-        return pa.table(
-            {
-                "robot": pa.array([robot for robot, _ in rows], pa.string()),
-                "state": pa.array([item.state for _, item in rows], pa.string()),
-                "start_s": pa.array([i.start_ns / NANOSECONDS for _, i in rows]),
-                "end_s": pa.array([i.end_ns / NANOSECONDS for _, i in rows]),
-                "task": pa.array([item.task for _, item in rows], pa.int64()),
-            }
-        )
+        table = HOOKS.require("activities", "a table of activities")
+        return table(self.tpg, self.history)
 
     @property
     def trajectory(self) -> pa.Table:
@@ -309,7 +297,7 @@ class RunResult:
             return f"<run without a summary, {where}>"
 
     def _repr_html_(self) -> str:
-        from twin.drawing.markup import card, inline_picture, run_picture
+        from twin.host.cards import card, inline_picture, run_picture
 
         rows = [
             (name, f"{value} {note}")
@@ -318,9 +306,9 @@ class RunResult:
         page = card(self.name, rows)
         if self.record is None:
             return page + run_picture(self.files / GANTT)
-        from twin.runs.gantt import gantt_figure
-
-        figure = gantt_figure(
+        if "run" not in FIGURES:
+            return page
+        figure = FIGURES.load("run")(
             self.tpg, self.record, self.history, title=self.name, plan=self.plan.name
         )
         return page + inline_picture(figure)

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from planning.errors import ScenarioError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.measured import packaged_timings
-from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
+from twin.engine.window_holds import with_window_holds
 from twin.planning.place_misses import place_misses
-from twin.reading.scenario_file import load_scenario
 from twin.recorders.observers import Recorder
 from twin.runs.execution_record import ExecutionRecord, Policy
-from twin.scenario.manifest import MANIFEST, manifest_base, read_manifest
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.skill_durations import SkillDurations
@@ -51,38 +47,6 @@ def scenario_execution(
         disturbances=disturbances.with_misses("place-down", misses),
         hold=execution.windows.hold,
     )
-
-
-def followed_execution(
-    folder: Path, tpg: TemporalPlanGraph, scenario: Path | None = None
-) -> tuple[str, ExecutionModel]:
-    """Return the execution model of a followed run, and the name of its scenario.
-
-    Args:
-        folder: folder of the plan; its manifest names the scenario, where there is one.
-        tpg: the plan.
-        scenario: scenario file to use instead.
-
-    Raises:
-        InvalidScenarioError: the scenario file is not valid.
-        ScenarioError: it is for other robots.
-        OutputError: the manifest is damaged.
-    """
-    if scenario is not None:
-        found, base = load_scenario(scenario), scenario.parent
-    elif (folder / MANIFEST).exists():
-        found, content = read_manifest(folder, "run to follow")
-        base = manifest_base(folder, content)
-    else:
-        return folder.name, ExecutionModel(SkillDurations(packaged_timings()))
-    names = tuple(robot.name for robot in found.cell.robots)
-    planned = tuple(robot.name for robot in tpg.cell.robots)
-    if names != planned:
-        raise ScenarioError(
-            f"the plan in {folder} is for robots {', '.join(planned)}, scenario"
-            f" {found.name!r} for {', '.join(names)}"
-        )
-    return found.name, scenario_execution(found, base)
 
 
 def skill_durations(

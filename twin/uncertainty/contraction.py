@@ -32,6 +32,11 @@ class Contraction:
     tpg: TemporalPlanGraph
     first: tuple[Indices, ...]
 
+    @classmethod
+    def trivial(cls, tpg: TemporalPlanGraph) -> Contraction:
+        """Return a graph with every node as a segment of its own."""
+        return cls(tpg, tuple(np.arange(len(own) + 1) for own in tpg.chains))
+
     def sums(self, values: Sequence[Nanoseconds]) -> tuple[Nanoseconds, ...]:
         """Return the sums of node values over segments, per chain."""
         return tuple(
@@ -72,11 +77,6 @@ class Contraction:
             starts.append(np.where(begun & (start <= until_ns), start, -1))
             ends.append(np.where(begun & (end <= until_ns), end, -1))
         return tuple(starts), tuple(ends)
-
-
-def trivial_contraction(tpg: TemporalPlanGraph) -> Contraction:
-    """Return a graph with every node as a segment of its own."""
-    return Contraction(tpg, tuple(np.arange(len(own) + 1) for own in tpg.chains))
 
 
 def contract(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,7 @@ import typer
 
 from planning.errors import RequestError
 from twin.commands.options import AsJson, AuditEngine, Quiet
-from twin.host.guard import COMPLETED, FAILED, guarded, print_json
+from twin.host.guard import ExitCode, guarded, print_json
 
 if TYPE_CHECKING:
     from planning.cell.workcell import PoseError
@@ -77,7 +78,7 @@ def verify(
     from planning.cell.workcell import NO_ERROR
     from scheduling.verification.verify import verify_plan
     from twin.audits.worlds.engines import engine_named
-    from twin.host.progress import StageDisplay, stage_progress
+    from twin.host.progress import StageDisplay
     from twin.trial.plan_result import plan_of_run
     from twin.verification.standing_states import audit_standing_states
 
@@ -92,7 +93,7 @@ def verify(
             tpg,
             base_error=off,
             deviation=away,
-            progress=stage_progress(display, "verification"),
+            progress=partial(display, "verification"),
         )
         standing = audit_standing_states(tpg, display, engine) if adversary else None
     ok = report.ok and not (standing and standing.violations)
@@ -132,7 +133,7 @@ def verify(
             f"{folder}: {verdict} ({len(report.problems)} problems; {report.pairs_checked} "
             f"pairs that may happen at once, robots {_millimetres(report)}{stops})"
         )
-    return COMPLETED if ok else FAILED
+    return ExitCode.COMPLETED if ok else ExitCode.FAILED
 
 
 def _millimetres(report: VerificationReport) -> str:

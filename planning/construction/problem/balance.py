@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 
-from planning.cell.standing_rules import Joint
 from planning.contacts.precedence import PartGraph
 from planning.statics.build_order import BuildStep, UnstableState, balance_dependencies
 from planning.statics.standing import StabilityChecker
+from planning.statics.standing_rules import Joint
 
 _Placed = tuple[tuple[str, float], ...]
 """Parts in the order of planning, and when each is in place [s]."""

@@ -10,14 +10,14 @@ from planning.construction.problem.reach_bounds import (
     require_reach,
 )
 from planning.contacts.interference import Overlaps
-from planning.errors import ConstructionError, format_names
-from planning.geometry.scene_checker import SceneChecker
-from planning.geometry.touching import (
+from planning.contacts.touching import (
     NEAR,
     PlacedObject,
     nearby_entities,
     standing_fixtures,
 )
+from planning.errors import ConstructionError, format_names
+from planning.geometry.scene_checker import SceneChecker
 from planning.transforms import translation
 
 _CLEAR = 1e-4

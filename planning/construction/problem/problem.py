@@ -14,11 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.standing_rules import StandingRules
 from planning.cell.workcell import CellObject, Workcell
 from planning.construction.problem.balance import SiteBalance
 from planning.contacts.precedence import PartGraph
-from planning.geometry.touching import (
+from planning.contacts.touching import (
     NEAR,
     PlacedObject,
     nearby_entities,
@@ -26,6 +25,7 @@ from planning.geometry.touching import (
 )
 from planning.kinematics.kinematics import frame_in_flange
 from planning.statics.standing import StabilityChecker, body_at, ground_bodies
+from planning.statics.standing_rules import StandingRules
 from planning.steps.skill import Pairs, contacts_with
 from planning.tasks.task import ExceptionKey, strongest_exception
 from planning.transforms import Array, Transform, inverse, read_only_copy, rotation

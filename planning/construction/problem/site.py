@@ -14,8 +14,8 @@ from planning.contacts.precedence import (
     parts_stacked_on,
     with_insertions,
 )
+from planning.contacts.touching import TOUCH, standing_fixtures
 from planning.errors import ConstructionError
-from planning.geometry.touching import TOUCH, standing_fixtures
 from planning.transforms import Array, Transform, read_only_copy, translation
 
 GROUND = "ground"

@@ -30,7 +30,8 @@ from planning.construction.world.tracks import (
     build_tracks,
     sweep_track,
 )
-from planning.steps.skill import NOTHING, Pairs
+from planning.handling.skill_contacts import NOTHING
+from planning.steps.skill import Pairs
 from planning.tasks.task import Handling
 from planning.transforms import Array, Transform, read_only_copy
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from planning.caches import BoundedCache
 from planning.cell.cover import cut_along_axis
+from planning.handling.skill_targets import SkillTargets, Subgoal
 from planning.kernels import kernel
 from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
@@ -36,7 +37,6 @@ from planning.lego.skills.targets import (
     support_targets,
 )
 from planning.robots.registry import robot_model
-from planning.steps.skill import SkillTargets, Subgoal
 from planning.transforms import Array, Transform, inverse, read_only_copy, translation
 
 _THICK = 0.0045

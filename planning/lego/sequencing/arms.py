@@ -19,6 +19,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import TwinError
+from planning.handling.skill_targets import is_possible_in_some_posture
 from planning.lego.bricks.assembly import LegoAssembly, PlacedBrick, Plate, Press
 from planning.lego.bricks.brick_world import goal_name, press_from_number
 from planning.lego.bricks.grid import top_pose
@@ -32,7 +33,7 @@ from planning.lego.skills.targets import (
     BrickGrip,
     place_targets,
 )
-from planning.steps.skill import Obstruction, is_possible_in_some_posture
+from planning.steps.skill import Obstruction
 
 _MOST_TRIES = 12
 """Sequences that are tried."""

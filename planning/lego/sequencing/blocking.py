@@ -19,6 +19,7 @@ from typing import TypeVar
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError, format_faults
+from planning.handling.skill_targets import SkillTargets, skill_postures
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.insertion.insertion import Insertions
@@ -26,7 +27,7 @@ from planning.lego.insertion.rules import NO_ARM, InsertionMethod
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH, support_targets
 from planning.lego.stability.partial_structures import Names
-from planning.steps.skill import SkillPath, SkillTargets, skill_postures
+from planning.steps.skill import SkillPath
 
 Part = TypeVar("Part")
 _Attempt = tuple[PlacedRobot, SkillTargets]

@@ -15,6 +15,16 @@ from itertools import product
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from planning.cell.workcell import Attachment
+from planning.handling.handovers import Handover, find_handover
+from planning.handling.skill_contacts import (
+    NOTHING,
+    SkillContacts,
+    ToolContact,
+    grip_contact,
+)
+from planning.handling.skill_scene import SkillScene
+from planning.handling.skill_targets import SkillTargets, Subgoal, skill_postures
+from planning.handling.skill_trial import ResolvedSkill, resolve_skill
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.brick_world import (
     BrickWorld,
@@ -37,22 +47,7 @@ from planning.lego.skills.targets import (
     support_targets,
     supported_span,
 )
-from planning.steps.handovers import Handover, find_handover
-from planning.steps.skill import (
-    NOTHING,
-    Obstruction,
-    Pairs,
-    SkillContacts,
-    SkillPath,
-    SkillScene,
-    SkillTargets,
-    Subgoal,
-    ToolContact,
-    grip_contact,
-    joint_distance,
-    skill_postures,
-)
-from planning.steps.skill_trial import ResolvedSkill, resolve_skill
+from planning.steps.skill import Obstruction, Pairs, SkillPath, joint_distance
 from planning.tasks.assignment import SupportCandidate
 from planning.transforms import Array, translation
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from itertools import permutations, product
 
 from planning.cell.workcell import Workcell
+from planning.handling.skill_trial import ResolvedSkill
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld, press_from_number
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import Obstruction, joint_distance
-from planning.steps.skill_trial import ResolvedSkill
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,

@@ -7,6 +7,17 @@ from functools import partial
 
 from planning.cell.workcell import CellObject
 from planning.geometry.robot_bodies import entity_name
+from planning.handling.handovers import Handover
+from planning.handling.placement import (
+    PlannedHandover,
+    PlannedPlacement,
+    PlannedSkill,
+    PlannedSupport,
+    write_placement,
+)
+from planning.handling.skill_contacts import NOTHING, grip_contact
+from planning.handling.skill_trial import ResolvedSkill
+from planning.handling.task_history import TaskHistory
 from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import GridSpan, OnGrid, PlacedBrick
 from planning.lego.bricks.brick_world import (
@@ -24,26 +35,11 @@ from planning.lego.skills.targets import (
     support_contacts,
     supported_span,
 )
-from planning.steps.handovers import Handover
-from planning.steps.placement import (
-    PlannedHandover,
-    PlannedPlacement,
-    PlannedSkill,
-    PlannedSupport,
-    write_placement,
-)
-from planning.steps.skill import (
-    NOTHING,
-    Obstruction,
-    Pairs,
-    contacts_with,
-    grip_contact,
-)
-from planning.steps.skill_trial import ResolvedSkill
+from planning.steps.skill import Obstruction, Pairs, contacts_with
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task
-from planning.tasks.work import AssemblyWork, TaskHistory
+from planning.tasks.work import AssemblyWork
 from planning.transforms import Array, Transform, inverse
 
 PLACES = ("place-down", "place-up")

@@ -13,12 +13,12 @@ from itertools import product
 import numpy as np
 
 from planning.cell.workcell import Attachment, PlacedRobot
+from planning.handling.handovers import MeetingPlace
+from planning.handling.skill_targets import Subgoal
 from planning.lego.bricks.assembly import Press
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.bricks.grid import box_from_top
 from planning.lego.skills.targets import BrickGrip, handover_targets, received_top
-from planning.steps.handovers import MeetingPlace
-from planning.steps.skill import Subgoal
 from planning.transforms import Array, Transform, rotation, translation
 
 REACH = 0.45

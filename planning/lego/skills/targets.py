@@ -19,6 +19,8 @@ import numpy as np
 from planning.cell.workcell import Fixture
 from planning.errors import RobotModelError
 from planning.geometry.robot_bodies import entity_name
+from planning.handling.skill_contacts import grip_contact
+from planning.handling.skill_targets import SkillTargets, Subgoal
 from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
     STUD_PITCH,
@@ -33,13 +35,7 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.brick_grips import grip_pose, lever_cell, side_contact_pose
 from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import box_from_top, brick_height, plate_corner, top_pose
-from planning.steps.skill import (
-    Pairs,
-    SkillTargets,
-    Subgoal,
-    contacts_with,
-    grip_contact,
-)
+from planning.steps.skill import Pairs, contacts_with
 from planning.transforms import Transform, inverse, rotation, translation
 
 DEFAULT_TWIST: Mapping[str, float] = {

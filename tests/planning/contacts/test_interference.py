@@ -32,7 +32,7 @@ from planning.contacts.interference import (
 )
 from planning.contacts.play import ISO_9283, Play, play_in_place
 from planning.contacts.surface_depth import ConvexSolid, deepest_point, winding_number
-from planning.geometry.touching import PlacedObject, nearby_entities
+from planning.contacts.touching import PlacedObject, nearby_entities
 from planning.transforms import Array, Transform, from_rpy, translation
 
 edges = st.tuples(*[st.floats(0.02, 0.3)] * 3)

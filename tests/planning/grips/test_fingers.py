@@ -26,12 +26,13 @@ from planning.grips.fingers import (
 )
 from planning.grips.grip import Grip
 from planning.grips.pads import pads_at
+from planning.handling.skill_contacts import grip_contact
 from planning.kinematics.kinematics import frame_pose
 from planning.parts.part_skills import held_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
 from planning.statics.equilibrium import STANDARD_GRAVITY
-from planning.steps.skill import Obstruction, grip_contact
+from planning.steps.skill import Obstruction
 from planning.transforms import (
     Array,
     Transform,

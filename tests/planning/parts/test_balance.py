@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from planning.cell.standing_rules import Joint, StandingRules
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import PartAssembly
 from planning.parts.balance import PartBalance
 from planning.parts.order import order_steps_by_search
 from planning.parts.part_steps import part_steps, wide_joints
+from planning.statics.standing_rules import Joint, StandingRules
 from planning.transforms import translation
 from tests.planning.parts.boxes import Three, built, fixture, part, table
 

@@ -18,6 +18,7 @@ from planning.cell.workcell import CellObject, Workcell
 from planning.contacts.precedence import StepPrecedence
 from planning.errors import InfeasibleStepError
 from planning.grips.grip import DOWN, UP, GripRules
+from planning.handling.skill_targets import STRIDE, SkillTargets
 from planning.kinematics.kinematics import frame_pose
 from planning.parts.assembly import PartAssembly, PartHandling, Process, Spot, Work
 from planning.parts.candidates import PartCandidates, find_candidates
@@ -33,7 +34,7 @@ from planning.parts.part_skills import (
 from planning.parts.step_paths import Pairing
 from planning.parts.work import part_work
 from planning.steps.candidate_collector import CandidateCollector
-from planning.steps.skill import STRIDE, Obstruction, Phase, SkillTargets
+from planning.steps.skill import Obstruction, Phase
 from planning.tasks.assignment import PrimaryCandidate, TaskPlan
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import TRANSIT

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from planning.cell.standing_rules import Joint
 from planning.statics.build_order import (
     BuildStep,
     StableBuild,
@@ -17,6 +16,7 @@ from planning.statics.build_order import (
     balance_dependencies,
 )
 from planning.statics.standing import PlacedBody, StabilityChecker
+from planning.statics.standing_rules import Joint
 from tests.planning.statics.bodies import box, table
 
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.standing_rules import Joint, StandingRules
 from planning.statics.standing import PlacedBody, StabilityChecker
+from planning.statics.standing_rules import Joint, StandingRules
 from planning.transforms import from_rpy, quat_wxyz
 from tests.planning.statics.bodies import bar, box, table
 

@@ -23,8 +23,8 @@ from planning.cell.shape import (
     shape_of,
 )
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.contacts.touching import nearby_entities
 from planning.errors import RequestError
-from planning.geometry.touching import nearby_entities
 from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, rotation, translation
 from scheduling.witness.parts import measure, resting_parts

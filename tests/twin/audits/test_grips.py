@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Capsule, Cylinder, Element, Shape, box_shape, shape_of
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
-from planning.expectations import Expectations
 from planning.grips.pads import pads_at
 from planning.kinematics.kinematics import frame_in_last_joint, frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
@@ -22,6 +21,7 @@ from tests.planning.grips.test_pads import TIPS, cup_shapes, hand_shapes
 from tests.twin.audits.audit_cell import HandWrittenRun
 from twin.audits.audit import audit_run
 from twin.audits.case import AuditCase
+from twin.audits.expectations import Expectations
 from twin.audits.grips import _Grasp
 from twin.audits.motion.executed import read_recording
 from twin.audits.supports import nearest_hand

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.cell.standing_rules import StandingRules
-from planning.expectations import Expectations, Hold, Place
+from planning.statics.standing_rules import StandingRules
 from planning.transforms import Array, Transform, rotation, translation
 from tests.twin.audits.audit_cell import (
     BRICK,
@@ -22,6 +21,7 @@ from tests.twin.audits.audit_cell import (
 )
 from twin.audits.audit import Auditor, audit_run
 from twin.audits.case import Violation
+from twin.audits.expectations import Expectations, Hold, Place
 from twin.audits.motion.executed import read_recording
 
 X, Y = 0.42, -0.08

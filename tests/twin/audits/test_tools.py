@@ -13,7 +13,6 @@ import pytest
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Box, Capsule, Cylinder, Element, box_shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
-from planning.expectations import Expectations, ExpectedProcess
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
@@ -25,6 +24,7 @@ from tests.planning.robots.descriptions.vendors import GRIPPER
 from tests.twin.audits.audit_cell import TOP, HandWrittenRun, reach, two_arm_cell
 from twin.audits.audit import audit_run
 from twin.audits.case import AuditCase
+from twin.audits.expectations import Expectations, ExpectedProcess
 from twin.audits.motion.executed import Recording, RobotRows
 from twin.audits.processes import process_violations
 from twin.audits.worlds.engines import second_world

@@ -4,9 +4,9 @@ import numpy as np
 from scipy import stats
 
 from twin.durations.bounded import Pert, Triangular, Uniform
-from twin.durations.fittable import Family, ShiftedFamily
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.normal import Lognormal, TruncatedNormal
+from twin.fit.shifted import Family, ShiftedFamily
 
 KNOWN: list[tuple[Family, list[float], object]] = [
     (Uniform, [2, 5], stats.uniform(2, 3)),

@@ -23,7 +23,7 @@ from twin.durations.normal import Lognormal
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_motions
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.scenario import follow_references
+from twin.studies.compare import follow_references
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
 

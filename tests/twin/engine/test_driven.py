@@ -17,9 +17,9 @@ from scheduling.stretch_times import blended_path, chain_bends
 from tests.twin.drawn_runs import ANYTHING, VARIED
 from tests.twin.driven_toys import BENT_TPGS, DRIVEN_TPGS, bent_tpg, driven_tpg
 from tests.twin.simulated import NOMINAL, simulate, stopped, watched
+from twin.bulk.bulk_engine import BulkEngine
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.driven_robots import DrivenRobots
 from twin.engine.engine import Simulator
 from twin.engine.execution import Execution, Ports

@@ -27,7 +27,7 @@ from twin.uncertainty.disturbances import (
     UniformFactor,
 )
 from twin.uncertainty.skill_durations import SkillDurations
-from twin.uncertainty.speed_override import unreached_speeds
+from twin.warnings.unreached_speeds import unreached_speeds
 
 FACTORS = st.floats(0.05, 1.0, exclude_min=True)
 VARYING = SkillDurations({"pick": Uniform(low_s=0.5, high_s=3.0)})

@@ -10,14 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.activities.lane_oracle import robot_lanes
 from tests.twin.drawn_runs import ANYTHING, STOPS, TPGS, VARIED
 from tests.twin.recorded_events import story
-from tests.twin.runs.lane_oracle import robot_lanes
 from tests.twin.simulated import simulate, stopped, watched
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
+from twin.activities.activities import FAILED
+from twin.activities.progress import STOPPED
 from twin.durations.bounded import Fixed, Uniform
 from twin.recorders.observers import MemoryRecorder
-from twin.runs.activities import FAILED, STOPPED
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.twin.exports.exported_runs import Toy, exported, toy_run
-from twin.runs.activities import STANDING
+from twin.activities.activities import STANDING
 from twin.runs.events import Event, event_line
 from twin.trial.run_result import RunResult
 

@@ -11,7 +11,7 @@ from scipy import optimize, stats
 from planning.transforms import Array
 from tests.twin.durations.known_distributions import KNOWN
 from twin.durations.bounded import Pert, Triangular, Uniform
-from twin.durations.fittable import Family, ShiftedFamily, golden_section
+from twin.durations.fittable import golden_section
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.normal import Lognormal, TruncatedNormal
 from twin.fit.candidates import (
@@ -23,6 +23,7 @@ from twin.fit.candidates import (
     fit_family,
     section_model,
 )
+from twin.fit.shifted import Family, ShiftedFamily
 
 T = np.linspace(0.0, 14.0, 141)[None]
 

@@ -16,13 +16,12 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.operations.operated import STACK
 from tests.twin.program import invoke
 from twin.follow.follow import follow
+from twin.follow.followed_folder import PlanHistory, followed_execution, plan_history
 from twin.follow.forecast import Forecaster
 from twin.follow.recording import LiveRecording
 from twin.follow.state import FollowedRun
 from twin.runs.events import Event, event_line, parse_event
 from twin.runs.folder import EVENTS, FIRST, SUMMARY, VERSIONS
-from twin.trial.plan_result import PlanHistory, plan_history
-from twin.trial.simulation import followed_execution
 
 FAILS = (
     "execution:\n  failures:\n"

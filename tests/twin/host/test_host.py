@@ -10,8 +10,8 @@ from numba import njit
 
 from planning.meshes.mesh_form import mesh_form
 from tests.twin.program import python
-from twin.host.guard import UNFORESEEN, guarded
-from twin.host.pictures import wrap_name
+from twin.drawing.pictures import wrap_name
+from twin.host.guard import ExitCode, guarded
 from twin.host.progress import StageDisplay, show_compilation
 
 
@@ -26,7 +26,7 @@ def test_an_unforeseen_error_is_one_line_and_a_report(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with pytest.raises(typer.Exit) as ended:
         broken()
-    assert ended.value.exit_code == UNFORESEEN == 70
+    assert ended.value.exit_code == ExitCode.UNFORESEEN == 70
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "Traceback" not in said
@@ -44,7 +44,7 @@ def test_without_room_for_a_report_the_line_remains(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
     with pytest.raises(typer.Exit) as ended:
         broken()
-    assert ended.value.exit_code == UNFORESEEN
+    assert ended.value.exit_code == ExitCode.UNFORESEEN
     assert "no report could be written" in capsys.readouterr().err
 
 

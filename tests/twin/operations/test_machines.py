@@ -41,7 +41,7 @@ from tests.twin.operations.operated import (
     tasks_of,
 )
 from twin.operations.operation import Operation
-from twin.runs.throughput import line_summary
+from twin.throughput.throughput import line_summary
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario

@@ -15,8 +15,8 @@ from planning.tasks.task import EARLIER, FAILED, LAG, LEFT_OUT, Task
 from scheduling.graph.plan_files import load_plan, save_plan
 from tests.twin.operations.operated import operated, planned, require_safe, tasks_of
 from tests.twin.written import written
-from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.engine import Simulator
+from twin.engine.window_holds import with_window_holds
 from twin.operations.operation import Operation
 from twin.recorders.observers import MemoryRecorder
 from twin.runs.windows import window_summary

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planning.expectations import Expectations, Place
 from planning.tasks.task import PRESENT
 from planning.transforms import rotation
 from tests.planted import rows
@@ -16,12 +15,12 @@ from tests.twin.audits.audit_cell import HandWrittenRun, brick, two_arm_cell
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.written import checked, loaded, refusal, written
 from twin.audits.audit import audit_run
+from twin.audits.expectations import Expectations, Place, scenario_expectations
 from twin.kinds.parts.alike import alike_parts, listed_steps, with_named_parts
 from twin.kinds.parts.built import build_assembly
 from twin.kinds.parts.section import PartSection, PartsSection
 from twin.kinds.parts.sources import GridSection, PlacesSection
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.kind import assembly_kind
 from twin.trial.planning import plan_scenario
 
 SCENARIO = cell(
@@ -249,7 +248,7 @@ def test_what_is_said_of_a_kind_goes_for_its_parts_in_every_product(
 
 def test_the_audit_is_told_what_would_do(tmp_path: Path) -> None:
     scenario = loaded(tmp_path, SCENARIO)
-    wanted = assembly_kind(scenario.assembly).wanted(scenario.cell)
+    wanted = scenario_expectations(scenario)
     assert [place.words for place in wanted.places[:3]] == [
         f"goal {k} of peg" for k in (1, 2, 3)
     ]

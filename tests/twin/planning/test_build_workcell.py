@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.expectations import Expectations
 from planning.lego.bricks.assembly import Cell, Press, Support
 from planning.transforms import rotation
 from tests.twin.written import loaded
+from twin.audits.expectations import Expectations, scenario_expectations
 from twin.kinds.lego.kind import build_lego
 from twin.planning.build_workcell import build_workcell
 from twin.reading.scenario_file import load_scenario
@@ -89,8 +89,7 @@ SCENARIOS = Path(__file__).parents[3] / "scenarios"
 
 
 def wanted(name: str) -> Expectations:
-    scenario = load_scenario(SCENARIOS / name)
-    return assembly_kind(scenario.assembly).wanted(scenario.cell)
+    return scenario_expectations(load_scenario(SCENARIOS / name))
 
 
 @pytest.mark.parametrize(
@@ -98,11 +97,11 @@ def wanted(name: str) -> Expectations:
 )
 def test_every_step_has_its_place(path: Path) -> None:
     scenario = load_scenario(path)
-    kind = assembly_kind(scenario.assembly)
-    places = kind.wanted(scenario.cell).places
+    kind, expected = assembly_kind(scenario.assembly), scenario_expectations(scenario)
+    places = expected.places
     # Some robots only move, and what lines make leaves the cell.
     nothing = path.stem in ("multi_goal", "kitting", "machine_tending")
-    processes = kind.wanted(scenario.cell).processes
+    processes = expected.processes
     assert len(places) + len(processes) == (0 if nothing else kind.steps())
     spots = {tuple(np.round(place.pose[:3, 3], 6)) for place in places}
     assert len(spots) == len(places)

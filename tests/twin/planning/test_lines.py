@@ -15,14 +15,15 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from tests.planted import rows
 from tests.twin.written import loaded, refusal
+from twin.audits.expectations import scenario_expectations
 from twin.document.validation import InvalidScenarioError
 from twin.host.progress import StageWatch
 from twin.kinds.parts.line import source_places, write_out_line
 from twin.reading.scenario_file import load_scenario
-from twin.runs.throughput import line_summary, product_nodes
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.comparison import shared_motions
+from twin.throughput.throughput import line_summary, product_nodes
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute
 
@@ -59,7 +60,7 @@ def test_the_shipped_line_is_written_out_as_one_product() -> None:
     }
     there = {i.name for i in assembly_kind(found.assembly).objects() if not i.later}
     assert there == {"carrier.1", "bolt.1", "nut.1", "seal.1"}
-    wanted = assembly_kind(found.assembly).wanted(found.cell)
+    wanted = scenario_expectations(found)
     assert wanted.places == ()
 
 
@@ -123,7 +124,7 @@ def test_products_stay_on_a_pallet_that_is_not_full(tmp_path: Path) -> None:
     )
     line = write_out_line(own.assembly)  # type: ignore[arg-type]
     assert (line.period, line.supply.leaves) == (2, {})
-    wanted = assembly_kind(own.assembly).wanted(own.cell)
+    wanted = scenario_expectations(own)
     assert {place.object for place in wanted.places} >= {"seal.1", "seal.2"}
 
 

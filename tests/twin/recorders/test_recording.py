@@ -16,20 +16,21 @@ from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
 from planning.transforms import from_quat_wxyz, from_rpy, identity, translation
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.activities.lane_oracle import robot_lanes
 from tests.twin.drawn_runs import VARIED
 from tests.twin.recorders.recorded_toys import moved_by, recorded_run, rows, static
-from tests.twin.runs.lane_oracle import robot_lanes
 from tests.twin.simulated import watched
 from tests.twin.twin_toys import random_tpg
+from twin.activities.activities import WAITING
+from twin.drawing.gantt import gantt_figure
+from twin.drawing.lane_colours import LANE_COLOURS
+from twin.drawing.team_colours import parse_rgb, team_colours
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution_model import Messages
-from twin.host.pictures import save_png
+from twin.host.atomic_files import save_png
 from twin.rerun.bodies import frame_times
-from twin.runs.activities import LANE_COLOURS, WAITING
 from twin.runs.events import Event
 from twin.runs.execution_record import ExecutionRecord
-from twin.runs.gantt import gantt_figure
-from twin.runs.team_colours import parse_rgb, team_colours
 from twin.runs.trajectory import object_placements, robot_trajectories
 
 

@@ -15,17 +15,18 @@ from tests.twin.recorders.recorded_toys import recorded_run, rows, static, toy_o
 from tests.twin.recorders.transform_chains import broken_chains
 from tests.twin.simulated import NOMINAL
 from tests.twin.twin_toys import two_robot_tpg
+from twin.activities.activities import IDLE, RETRYING
+from twin.activities.progress import STALLED
 from twin.drawing.looks import paint_robot
+from twin.drawing.team_colours import parse_rgb, team_colours
 from twin.follow.follow import Silence
 from twin.follow.recording import LiveRecording
 from twin.follow.state import FollowedRun
 from twin.rerun.camera import camera, camera_looking_at, site_points
 from twin.rerun.event_rows import long_waits
 from twin.rerun.plan_words import PlanWords
-from twin.runs.activities import IDLE, RETRYING, STALLED
 from twin.runs.events import Event
 from twin.runs.execution_record import ExecutionRecord, Policy
-from twin.runs.team_colours import parse_rgb, team_colours
 
 TEAMS = {
     "arms": toy_of(["gp4", "panda", "gp4"], idle=1),

@@ -14,7 +14,7 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import two_robot_tpg
 from twin.runs.header import RunHeader
 from twin.runs.summary import summarize_run
-from twin.runs.throughput import line_figures, start_up_of, takts_s
+from twin.throughput.throughput import line_figures, start_up_of, takts_s
 
 
 def test_figures_of_a_small_run() -> None:

@@ -12,14 +12,10 @@ import twin
 from planning.cell.differences import cell_differences
 from planning.errors import OutputError, ScenarioError
 from tests.twin.program import invoke
+from twin.beginnings.beginning import TEMPLATE, begin_scenario
 from twin.document.yaml_text import read_yaml
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.shipped import (
-    TEMPLATE,
-    begin_scenario,
-    scenario_path,
-    shipped_scenarios,
-)
+from twin.scenario.shipped import scenario_path, shipped_scenarios
 
 ROOT = Path(__file__).parents[3]
 

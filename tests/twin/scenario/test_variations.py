@@ -16,10 +16,8 @@ from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import (
     Variation,
     apply_variation,
-    parse_variation,
-    variants,
-    variation,
 )
+from twin.studies.api import combine_variations
 from twin.trial.loaded_scenario import load
 
 CLIFF = Path(__file__).parents[3] / "scenarios/lego/cliff.yaml"
@@ -31,36 +29,38 @@ def cliff() -> Scenario:
 
 
 def test_values_are_json_or_plain_words() -> None:
-    assert parse_variation("stalls.count_per_robot=0, 2,10") == Variation(
+    assert Variation.parse("stalls.count_per_robot=0, 2,10") == Variation(
         "stalls.count_per_robot", (0, 2, 10)
     )
-    assert parse_variation("execution.latency_s=0.5").key == "latency_s"
-    assert parse_variation("stalls.duration_s=[1,2],[5,9]").values == ([1, 2], [5, 9])
-    assert parse_variation('skills.pick={"kind":"fixed","value_s":3}').values == (
+    assert Variation.parse("execution.latency_s=0.5").key == "latency_s"
+    assert Variation.parse("stalls.duration_s=[1,2],[5,9]").values == ([1, 2], [5, 9])
+    assert Variation.parse('skills.pick={"kind":"fixed","value_s":3}').values == (
         {"kind": "fixed", "value_s": 3},
     )
-    assert parse_variation("policy=sequential").values == ("sequential",)
+    assert Variation.parse("policy=sequential").values == ("sequential",)
 
 
 @pytest.mark.parametrize("text", ["latency_s", "=1,2", "latency_s=", "latency_s=1,1"])
 def test_what_names_no_values_is_refused(text: str) -> None:
     with pytest.raises(ScenarioError, match="cannot vary"):
-        parse_variation(text)
+        Variation.parse(text)
 
 
 @pytest.mark.parametrize("value", ["9" * 5000, "[" * 60_000, '{"a":' * 60_000, "NaN"])
 def test_values_that_no_json_has_are_refused(value: str) -> None:
     with pytest.raises(ScenarioError, match="cannot read"):
-        parse_variation(f"scenario.seed={value},1")
+        Variation.parse(f"scenario.seed={value},1")
 
 
 def test_every_combination_is_a_variant() -> None:
-    found = variants([Variation("a", (1, 2)), Variation("b", ("x", "y", "z"))])
+    found = combine_variations(
+        [Variation("a", (1, 2)), Variation("b", ("x", "y", "z"))]
+    )
     assert len(found) == 6
     assert found[1] == {"a": 1, "b": "y"}
-    assert variants([]) == ({},)
+    assert combine_variations([]) == ({},)
     with pytest.raises(ScenarioError, match="varied twice"):
-        variants([Variation("a", (1,)), Variation("a", (2,))])
+        combine_variations([Variation("a", (1,)), Variation("a", (2,))])
 
 
 def test_a_variant_changes_its_keys_and_nothing_else(cliff: Scenario) -> None:
@@ -107,7 +107,7 @@ def test_a_distribution_is_given_as_a_whole_or_key_by_key(
 ) -> None:
     """In whatever order, and whatever kind there was before."""
     beside = {"stalls.rate_per_h": 1, "failures.pick.probability": 0.1}
-    (whole,) = parse_variation(key + "={kind: uniform, low_s: 1, high_s: 2}").values
+    (whole,) = Variation.parse(key + "={kind: uniform, low_s: 1, high_s: 2}").values
     wanted = apply_variation(cliff, {**beside, key: whole}).execution
     assert repr(Uniform(low_s=1.0, high_s=2.0)) in repr(wanted)
     for names in (("kind", "low_s", "high_s"), ("high_s", "low_s", "kind")):
@@ -144,7 +144,7 @@ def test_what_says_a_kind_again_keeps_the_rest(cliff: Scenario) -> None:
 )
 def test_brackets_that_cannot_be_read_are_refused(text: str, message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
-        parse_variation(text)
+        Variation.parse(text)
 
 
 @pytest.mark.parametrize(
@@ -230,7 +230,7 @@ def test_keys_of_the_whole_scenario_are_paths_by_position_or_name(
 
 
 def test_values_of_numpy_are_plain_ones(cliff: Scenario) -> None:
-    found = variation("seed", np.arange(2))
+    found = Variation.of("seed", np.arange(2))
     assert found == Variation("seed", (0, 1))
     assert all(type(value) is int for value in found.values)
     moved = apply_variation(
@@ -245,7 +245,7 @@ def test_values_of_numpy_are_plain_ones(cliff: Scenario) -> None:
 )
 def test_what_is_no_list_of_values_is_refused(values: Any, message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
-        variation("planning.speed_model", values)
+        Variation.of("planning.speed_model", values)
 
 
 def test_names_with_dots_are_names(cliff: Scenario) -> None:

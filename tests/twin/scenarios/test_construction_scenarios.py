@@ -25,6 +25,7 @@ from tests.planted import rows
 from tests.twin.written import loaded, written
 from twin.audits import part_holding
 from twin.audits.audit import audit_run
+from twin.audits.expectations import scenario_expectations
 from twin.audits.motion.executed import read_recording
 from twin.cli import app
 from twin.durations.measured import packaged_timings
@@ -149,11 +150,10 @@ def test_a_run_in_which_a_part_is_kept_hold_of_stands_because_of_that(
 ) -> None:
     head, parts, _ = OWN.partition("  parts:\n")
     scenario = loaded(tmp_path, head + parts + KEPT)
-    kind = assembly_kind(scenario.assembly)
     file, folder = written(tmp_path, head + parts + KEPT), tmp_path / "run"
     result = CliRunner().invoke(app, ["run", str(file), "--out", str(folder)])
     assert result.exit_code == 0, result.output
-    wanted = kind.wanted(scenario.cell)
+    wanted = scenario_expectations(scenario)
     assert audit_run(folder, wanted=wanted).violations == ()
     monkeypatch.setattr(part_holding, "_held_in_place", lambda _case: {})
     (fall,) = audit_run(folder, wanted=wanted).violations

@@ -19,12 +19,12 @@ from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
 from tests.twin.simulated import assert_same_ends
 from tests.twin.written import checked, written
+from twin.activities.activities import robot_activities
 from twin.engine.engine import Simulator
 from twin.fit.samples import logged_skills
 from twin.reading.scenario_file import load_scenario
 from twin.rerun.entities import entity_path, robot_part
 from twin.rerun.fingers import finger_motions
-from twin.runs.activities import robot_activities
 from twin.runs.trajectory import object_placements
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.replications.timing_graph import timing_graph

@@ -25,17 +25,17 @@ from tests.twin.scenarios.executed import executed
 from tests.twin.simulated import run_bulk, simulate
 from tests.twin.written import loaded
 from twin.audits.audit import audit_run
+from twin.audits.expectations import scenario_expectations
 from twin.audits.run_auditor import audit_execution
+from twin.bulk.bulk_engine import BulkEngine
 from twin.checks.finding import CheckContext
 from twin.checks.reach import check_reach
 from twin.document.validation import InvalidScenarioError
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.execution_model import ExecutionModel
 from twin.kinds.parts.checks.places import check_goals
 from twin.runs.summary import summarize_run
-from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.replications.block_results import task_groups
 from twin.studies.replications.experiment import Block
@@ -378,7 +378,7 @@ def test_the_audit_holds_machines_to_the_scenario(tmp_path: Path) -> None:
     found = violations()
     assert sum("lies there from" in words for words in found) == 2
     assert sum("begins before milled" in words for words in found) <= 2
-    wanted = assembly_kind(own.assembly).wanted(own.cell)
+    wanted = scenario_expectations(own)
     assert [(rest.part, rest.process) for rest in wanted.rests][:3] == [
         ("blank.1", None),
         ("blank.1", "milling"),
@@ -548,7 +548,7 @@ def test_a_robot_keeps_hold_of_what_has_not_cured(tmp_path: Path) -> None:
     assert trial.summary["wait_s"]["left"] == pytest.approx(30.0)
     # A log in which it cures for a second longer: then the bracket was let go of too early.
     say_late(tmp_path / "run", "curing", 1.0)
-    wanted = assembly_kind(own.assembly).wanted(own.cell)
+    wanted = scenario_expectations(own)
     found = audit_run(tmp_path / "run", wanted=wanted, ordered=False).violations
     (v,) = (v for v in found if v.kind == "support")
     assert (v.first, v.second) == ("bracket", "left")

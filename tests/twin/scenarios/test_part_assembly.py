@@ -6,7 +6,6 @@ import pyarrow.parquet as pq
 from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.cells import cell, panda
 from twin.scenario.sections.scenario import Scenario
-from twin.scenario.sections.shapes import build_transform
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
 
@@ -59,7 +58,7 @@ def test_parts_end_at_their_goals_and_the_audit_is_clean(
     for row in pq.read_table(trial.folder / "objects.parquet").to_pylist():
         last[row["object"]] = row
     for part in scenario.assembly.parts:
-        goal = build_transform(part.goal or part.start)
+        goal = (part.goal or part.start).transform()
         assert last[part.name]["parent"] == "world"
         np.testing.assert_allclose(last[part.name]["xyz"], goal[:3, 3], atol=1e-9)
 

@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 from planning.errors import ScenarioError
-from planning.expectations import Expectations, ExpectedProcess
 from planning.tasks.task import HOLD
 from planning.transforms import from_rpy, translation
 from scheduling.graph.rollout import earliest_times
@@ -18,10 +17,14 @@ from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
 from tests.twin.written import loaded
 from twin.audits.audit import audit_run
+from twin.audits.expectations import (
+    Expectations,
+    ExpectedProcess,
+    scenario_expectations,
+)
 from twin.checks.finding import CheckContext
 from twin.checks.reach import check_reach
 from twin.kinds.parts.checks.places import check_goals
-from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario, resolve_scenario, restore_scenario
 from twin.scenario.variations import apply_variation
 from twin.trial.plan_result import PlanResult
@@ -150,7 +153,7 @@ def test_the_audit_finds_what_was_not_done_as_wanted(
     says: str,
 ) -> None:
     """The run is as it was; the scenario is said to have wanted something else."""
-    wanted = assembly_kind(scenario.assembly).wanted(scenario.cell)
+    wanted = scenario_expectations(scenario)
     processes = list(wanted.processes)
     processes[step] = change(processes[step])
     other: Expectations = replace(wanted, processes=tuple(processes))

@@ -19,10 +19,10 @@ from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import built, executed
 from tests.twin.written import loaded
 from twin.audits.audit import AuditReport, audit_run
+from twin.audits.expectations import scenario_expectations
 from twin.checks.finding import CheckContext
 from twin.kinds.parts.checks.places import check_balance
 from twin.reading.scenario_file import load_scenario
-from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
@@ -83,7 +83,7 @@ def test_bars_that_are_joined_may_be_in_each_other_as_far_as_the_scenario_says(
     }
     out = tmp_path / "run"
     executed(given, tpg, out)
-    wanted = assembly_kind(given.assembly).wanted(given.cell)
+    wanted = scenario_expectations(given)
     less = dict.fromkeys(wanted.overlaps_m, 0.002)
     strict = audit_run(out, wanted=replace(wanted, overlaps_m=less))
     assert {v.kind for v in strict.violations} == {"contact"}
@@ -158,7 +158,7 @@ def test_what_would_fall_is_kept_hold_of_until_it_is_joined(
 
 def kept_report(folder: Path, **keeps: str) -> AuditReport:
     given = load_scenario(folder.parent / "own.yaml")
-    wanted = assembly_kind(given.assembly).wanted(given.cell)
+    wanted = scenario_expectations(given)
     assert wanted.keeps == {}
     return audit_run(folder, wanted=replace(wanted, keeps=keeps))
 
@@ -206,7 +206,7 @@ def test_the_audit_takes_from_the_scenario_how_long_a_part_is_kept_hold_of(
     assert "before neck is complete" in v.detail
     said = "    - beam\n", "    - {place: beam, until: neck}\n"
     given = loaded(tmp_path, KEPT, said)
-    wanted = assembly_kind(given.assembly).wanted(given.cell)
+    wanted = scenario_expectations(given)
     assert wanted.keeps == {"beam": "neck"}
 
 

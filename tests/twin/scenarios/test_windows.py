@@ -18,19 +18,19 @@ from tests.twin.scenarios.executed import executed
 from tests.twin.scenarios.test_machines import scenario as machines
 from tests.twin.written import checked, loaded, refusal, written
 from twin.audits.audit import audit_run
+from twin.audits.expectations import scenario_expectations
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.engine import Simulator
-from twin.scenario.sections.kind import assembly_kind
+from twin.engine.window_holds import with_window_holds
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.products import windows_summary
 from twin.studies.replications.block_results import cell_part, write_block
 from twin.studies.replications.experiment import Block
 from twin.studies.replications.timing_graph import timing_graph
 from twin.studies.replications.workload import Engines, Workload
-from twin.trial.header import nominal_window_warnings
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute, scenario_execution
+from twin.warnings.plan_warnings import nominal_window_warnings
 
 TEXT = (SCENARIOS / "assembly" / "gluing.yaml").read_text(encoding="utf-8")
 GLUED = "{step: glue_b, within_s: 20, at_least_s: 3}"
@@ -97,7 +97,7 @@ def test_files_keep_windows_and_say_nothing_of_none(
 
 def test_the_audit_takes_least_times_from_the_scenario(gluing: ShippedRun) -> None:
     section = gluing.scenario
-    wanted = assembly_kind(section.assembly).wanted(section.cell)
+    wanted = scenario_expectations(section)
     assert wanted.lags["bridge", "block_a"] == 60.0
     lags = {**wanted.lags, ("bridge", "block_a"): 90.0}
     report = audit_run(gluing.trial.folder, wanted=replace(wanted, lags=lags))
@@ -236,7 +236,5 @@ def test_what_takes_longer_than_its_window_is_found_before_planning(
 def test_a_plain_name_and_a_mapping_say_the_same(tmp_path: Path) -> None:
     plain = loaded(tmp_path, TEXT, (GLUED, "glue_b"))
     spelt = loaded(tmp_path, TEXT, (GLUED, "{step: glue_b}"))
-    steps = [
-        assembly_kind(own.assembly).wanted(own.cell).places for own in (plain, spelt)
-    ]
+    steps = [scenario_expectations(own).places for own in (plain, spelt)]
     assert [p.after for p in steps[0]] == [p.after for p in steps[1]]

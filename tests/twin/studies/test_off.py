@@ -16,7 +16,7 @@ from twin.audits.audit import audit_off_bases, audit_run
 from twin.audits.motion.deviations import with_flange_deviations
 from twin.audits.motion.executed import read_recording
 from twin.studies.folder import AUDITS
-from twin.uncertainty.base_errors import drawn_deviations
+from twin.studies.pose_errors import drawn_deviations
 
 ROOT = Path(__file__).parents[3]
 SCENARIO = ROOT / "scenarios/multi_arm/rearrangement.yaml"

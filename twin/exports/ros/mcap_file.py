@@ -14,6 +14,7 @@ import numpy as np
 from planning.cell.workcell import CellObject, Fixture
 from planning.transforms import Array, Indices
 from twin.drawing.looks import coloured_fixtures
+from twin.drawing.team_colours import parse_rgb, team_colours
 from twin.drawing.triangles import corners_of
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.exports.ros.bag import Message, Topic, rosbag_file
@@ -43,7 +44,6 @@ from twin.exports.ros.messages import (
     tf_message,
 )
 from twin.exports.segments import STILL, require_rate, segments
-from twin.runs.team_colours import parse_rgb, team_colours
 from twin.runs.tracking import nearest_on_path
 from twin.runs.trajectory import Trajectory
 from twin.trial.run_result import RunResult

@@ -10,19 +10,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planning.cell.standing_rules import Joint, StandingRules
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ScenarioError
-from planning.expectations import Expectations, Place
+from planning.statics.standing_rules import Joint, StandingRules
 from planning.transforms import Array, Transform, read_only_copy
 from twin.document.validation import Found, check_known_name
 from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
 from twin.kinds.construction.section import ConstructionSection, ModelSection
+from twin.kinds.statics import check_distinct_ends
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.kind import AssemblyKind
-from twin.scenario.sections.shapes import build_transform, to_planning_class
-from twin.scenario.sections.standing import check_distinct_ends
+from twin.scenario.sections.shapes import to_planning_class
 
 if TYPE_CHECKING:
     from planning.construction.problem.models import ModelPart
@@ -120,7 +119,7 @@ class ConstructionKind(AssemblyKind):
         from planning.construction.problem.supply_layout import Rows, Spiral
 
         starts: dict[str, Transform] = {
-            part.name: read_only_copy(build_transform(part.start))
+            part.name: read_only_copy(part.start.transform())
             for part in self.section.parts
             if part.start is not None
         }
@@ -129,18 +128,7 @@ class ConstructionKind(AssemblyKind):
         laid_out = to_planning_class(layout, supply)
         return part_objects(self.parts, laid_out, starts, near=supply.near)
 
-    def wanted(self, _cell: CellSection) -> Expectations:
-        """Return the goals of the parts, held by their joints."""
-        kinds = {item.name: item.kind for item in self.objects()}
-        places = tuple(
-            Place("its place in the structure", part.goal, kinds[part.name], part.name)
-            for part in self.parts
-        )
-        return Expectations(
-            places, "joints", self.section.touch_m, statics=self._statics()
-        )
-
-    def _statics(self) -> StandingRules | None:
+    def statics(self) -> StandingRules | None:
         """Return the statics settings; None without a balance check."""
         section = self.section
         if not section.balance.check:
@@ -247,7 +235,7 @@ class ConstructionKind(AssemblyKind):
                 settings.skill_exceptions,
             ),
             carried=self.section.carried,
-            statics=self._statics(),
+            statics=self.statics(),
             seed=settings.seed,
         )
         if parts is None:

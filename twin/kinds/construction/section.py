@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from twin.document.section import Name, Section, Several, Two
+from twin.kinds.statics import BalanceSection, JoinedParts
 from twin.scenario.sections.kind import AssemblySection
 from twin.scenario.sections.shapes import (
     Colour,
@@ -16,7 +17,6 @@ from twin.scenario.sections.shapes import (
     Size3,
     Vector3,
 )
-from twin.scenario.sections.standing import BalanceSection, JoinedParts
 
 Length = Annotated[float, Field(ge=0.001, le=100)]
 Face = Literal["+x", "-x", "+y", "-y", "+z", "-z"]

@@ -14,7 +14,6 @@ from twin.checks.finding import (
 )
 from twin.checks.reach import is_beyond_reach
 from twin.kinds.goals.section import GoalsSection
-from twin.scenario.sections.shapes import build_transform
 
 
 def _check_moves(subject: CheckContext, section: GoalsSection) -> Findings:
@@ -22,7 +21,7 @@ def _check_moves(subject: CheckContext, section: GoalsSection) -> Findings:
         robot = subject.cell.robot(move.robot)
         if move.to is None or move.frame not in {"flange", *robot.model.frames}:
             continue
-        pose = build_transform(move.to)
+        pose = move.to.transform()
         at = ("assembly", "moves", number, "to")
         where = format_position(list(move.to.xyz_m))
         if is_beyond_reach(robot, move.frame, pose):

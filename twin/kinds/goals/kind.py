@@ -15,7 +15,6 @@ from twin.host.progress import StageWatch
 from twin.kinds.goals.section import GoalsSection, MoveSection
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.kind import AssemblyKind, IdleReason
-from twin.scenario.sections.shapes import build_transform
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
@@ -82,7 +81,7 @@ def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
                 choices=(*frames, "flange"),
             )
         return RobotGoal(
-            move.robot, pose=read_only_copy(build_transform(move.to)), frame=move.frame
+            move.robot, pose=read_only_copy(move.to.transform()), frame=move.frame
         )
     joints = move.to_rad_or_m
     if move.to_deg is not None:

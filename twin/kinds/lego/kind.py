@@ -12,7 +12,6 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
-from planning.expectations import Expectations, Place
 from planning.lego.bricks.assembly import (
     BrickType,
     Cell,
@@ -141,36 +140,6 @@ class LegoKind(AssemblyKind):
         from planning.lego.bricks.brick_world import stock_objects
 
         return stock_objects(build_lego(self.section))
-
-    def wanted(self, _cell: CellSection) -> Expectations:
-        """Return the goals of all bricks, for any brick of the type, and the supported steps."""
-        from planning.lego.bricks.grid import box_pose
-        from planning.lego.sequencing.remedies import raise_on_plinth
-
-        rules, assembly = self.section.rules, build_lego(self.section)
-        places = [
-            Place(
-                f"step {k}: {step.brick.name} at {step.cell.words}",
-                box_pose(assembly.plate, step),
-                step.brick.name,
-                held=step.support is not None,
-                temporary=step.temporary,
-            )
-            for k, step in enumerate(assembly.steps, start=1)
-        ]
-        raised, plinth = raise_on_plinth(
-            build_structure(self.section) or (), rules.plinth
-        )
-        for item in (*raised, *plinth):
-            pose, words = (
-                box_pose(assembly.plate, item),
-                f"{item.name} at {item.cell.words}",
-            )
-            helps = item in plinth
-            places.append(Place(words, pose, item.brick.name, temporary=helps))
-        # Where the file gives steps, it says of each brick where it goes, of those that help too.
-        more = bool(rules.scaffold) and self.section.structure is not None
-        return Expectations(tuple(places), hold="studs", helpers=more)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

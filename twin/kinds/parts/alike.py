@@ -17,8 +17,8 @@ from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.between import FitSection
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
 from twin.kinds.parts.sources import PlacesSection
-from twin.scenario.sections.shapes import PoseSection, pose_section
-from twin.scenario.sections.standing import JoinedSection
+from twin.kinds.statics import JoinedSection
+from twin.scenario.sections.shapes import PoseSection
 
 Pair = TypeVar("Pair", JoinedSection, FitSection)
 
@@ -103,7 +103,7 @@ def listed_steps(section: PartsSection) -> tuple[int, ...]:
 
 
 def _poses(places: Sequence[PlacesSection] | None) -> list[PoseSection]:
-    return [pose_section(at) for place in places or () for at in place.places()]
+    return [PoseSection.of(at) for place in places or () for at in place.places()]
 
 
 def _named(part: PartSection, own: AlikeParts) -> Iterator[PartSection]:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.standing_rules import Joint, StandingRules
 from planning.contacts.interference import Overlaps
 from planning.grips.grip import GripRules
 from planning.parts.assembly import (
@@ -19,11 +18,10 @@ from planning.parts.assembly import (
     PlacePart,
     Process,
     Spot,
+    TimeLag,
     Work,
 )
-from planning.tasks.task import (
-    TimeLag,
-)
+from planning.statics.standing_rules import Joint, StandingRules
 from planning.transforms import Transform, read_only_copy
 from twin.kinds.parts.line import Line, MachineJob, write_out_line
 from twin.kinds.parts.section import (
@@ -33,11 +31,7 @@ from twin.kinds.parts.section import (
     PlaceOfWork,
     StepSection,
 )
-from twin.scenario.sections.shapes import (
-    build_transform,
-    plain_values,
-    to_planning_class,
-)
+from twin.scenario.sections.shapes import plain_values, to_planning_class
 
 
 def build_assembly(section: PartsSection) -> PartAssembly:
@@ -55,7 +49,7 @@ def assembly_of(line: Line) -> PartAssembly:
         PartAssembly,
         section,
         goals={
-            part.name: read_only_copy(build_transform(part.goal))
+            part.name: read_only_copy(part.goal.transform())
             for part in section.parts
             if part.goal is not None
         },
@@ -157,9 +151,9 @@ def _spot(section: PartsSection, at: PlaceOfWork) -> Spot:
     pose: Transform = np.eye(4)
     if at.part is not None and at.frame is not None:
         frames = {part.name: part.frames for part in section.parts}
-        pose = build_transform(frames[at.part][at.frame])
+        pose = frames[at.part][at.frame].transform()
     if at.pose is not None:
-        pose = pose @ build_transform(at.pose)
+        pose = pose @ at.pose.transform()
     frame = at.frame if at.fixture is not None else None
     return Spot(_words(at), at.part or at.fixture, frame, read_only_copy(pose))
 
@@ -175,7 +169,7 @@ def _process(section: PartsSection, step: StepSection) -> Process:
         Process,
         own,
         name=step.process,
-        path=tuple(read_only_copy(build_transform(pose)) for pose in path),
+        path=tuple(read_only_copy(pose.transform()) for pose in path),
         turns=tuple(np.deg2rad(turns).tolist()),
     )
 

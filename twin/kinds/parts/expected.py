@@ -7,31 +7,31 @@ from typing import Any
 
 import numpy as np
 
-from planning.expectations import (
+from planning.parts.assembly import MachineWork, PlacePart, Work
+from planning.transforms import Transform, read_only_copy
+from twin.audits.expectations import (
     ChangedTool,
     Expectations,
     ExpectedProcess,
     ExpectedRest,
 )
-from planning.expectations import Place as WantedPlace
-from planning.parts.assembly import MachineWork, PlacePart, Work
-from planning.transforms import Transform, read_only_copy
+from twin.audits.expectations import Place as WantedPlace
 from twin.kinds.parts.alike import expand_pairs
 from twin.kinds.parts.built import assembly_of, joined_pairs, overlaps_of
+from twin.kinds.parts.kind import PartKind
 from twin.kinds.parts.line import write_out_line
-from twin.kinds.parts.section import PartsSection
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.shapes import build_transform
 
 
-def expectations_of(section: PartsSection, cell: CellSection) -> Expectations:
+def expectations_of(kind: PartKind, cell: CellSection) -> Expectations:
     """Return the goals, intermediate places and processes of the parts."""
+    section = kind.section
     line = write_out_line(section, whole=True)
     assembly, parts = assembly_of(line), {p.name: p for p in line.section.parts}
     gone = {
         name for leaving in line.supply.leaves.values() for name, _ in leaving.parts
     }
-    where = {k: build_transform(p.start) for k, p in parts.items() if p.start}
+    where = {k: p.start.transform() for k, p in parts.items() if p.start}
     if section.order == "find":  # then all is done at parts in their places
         where |= {name: assembly.goals[name] for name in assembly.placed}
     places, processes, rests = [], [], []
@@ -57,11 +57,11 @@ def expectations_of(section: PartsSection, cell: CellSection) -> Expectations:
         else:
             where[step.part] = assembly.goals[step.part]
             if step.part not in gone:
-                words, kind = f"goal of step {k}", parts[step.part].shape_words
+                words, shape = f"goal of step {k}", parts[step.part].shape_words
                 of: tuple[str, ...] = ()
                 if step.part in goals:
                     own, number = goals[step.part]
-                    words, kind, of = (
+                    words, shape, of = (
                         f"goal {number} of {own.kind}",
                         own.kind,
                         own.names,
@@ -69,7 +69,7 @@ def expectations_of(section: PartsSection, cell: CellSection) -> Expectations:
                 place = WantedPlace(
                     words,
                     assembly.goals[step.part],
-                    kind,
+                    shape,
                     None if of else step.part,
                     any_of=frozenset(of),
                     held=step.hold is not None,
@@ -117,8 +117,8 @@ def _changed_tools(cell: CellSection) -> Iterator[ChangedTool]:
             yield ChangedTool(
                 name,
                 robot.name,
-                build_transform(section.mount),
-                build_transform(section.rack),
+                section.mount.transform(),
+                section.rack.transform(),
                 section.grip(name),
                 first=name == robot.tools[0],
             )
@@ -130,8 +130,8 @@ def _fixture_frame(
     """Return the pose of a fixture of the file, or of one of its frames; None for the world."""
     for item in cell.fixtures:
         if item.name == fixture:
-            inside = np.eye(4) if frame is None else build_transform(item.frames[frame])
-            return np.asarray(build_transform(item.pose) @ inside)
+            inside = np.eye(4) if frame is None else item.frames[frame].transform()
+            return np.asarray(item.pose.transform() @ inside)
     return np.eye(4)
 
 

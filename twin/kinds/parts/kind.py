@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, PlacedRobot, Workcell
-from planning.expectations import Expectations
 from planning.tasks.task import CLOSE, DOOR, OPEN, ActuationKey
 from planning.transforms import read_only_copy
 from twin.document.validation import Found
@@ -32,7 +31,7 @@ from twin.kinds.parts.section import PartSection, PartsSection
 from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import CellSection, RobotSection, actuation_model
 from twin.scenario.sections.kind import AssemblyKind, IdleReason
-from twin.scenario.sections.shapes import build_transform, to_planning_class
+from twin.scenario.sections.shapes import to_planning_class
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
@@ -125,7 +124,7 @@ class PartKind(AssemblyKind):
         self, cell: Workcell, robots: Sequence[RobotSection]
     ) -> Mapping[str, float]:
         """Return the probability of missing a place, by ROBOT/PART, for robots with a repeatability."""
-        from planning.steps.tool_changes import with_all_tools_mounted
+        from planning.handling.tool_changes import with_all_tools_mounted
         from twin.kinds.parts.fits import place_misses
         from twin.kinds.parts.ordered_parts import OrderedParts
 
@@ -190,12 +189,6 @@ class PartKind(AssemblyKind):
 
         said = overlaps_of(self.section).said.values()
         return max([CONTACT_DEPTH, *(deep + _ROUNDING for deep in said)])
-
-    def wanted(self, cell: CellSection) -> Expectations:
-        """Return the goals of the parts, the processes, and finger openings."""
-        from twin.kinds.parts.expected import expectations_of
-
-        return expectations_of(self.section, cell)
 
     def why_unable(self, robot: PlacedRobot, motions: PlannedMotions) -> IdleReason:
         """Return why: not allowed, without tool, or out of reach for every step."""
@@ -280,7 +273,7 @@ def _doors(line: Line, folder: Path) -> Iterator[CellObject]:
         if job.door is None or door is None:
             continue
         shape = build_shape(job.door, door.described, folder)
-        pose = read_only_copy(build_transform(door.pose))
+        pose = read_only_copy(door.pose.transform())
         yield CellObject(
             job.door, DOOR, shape, pose, fixed=True, colour=_GREY_BLUE, later=True
         )

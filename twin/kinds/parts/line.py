@@ -10,8 +10,10 @@ from functools import cached_property, lru_cache
 from itertools import product as product_of
 from typing import TypeVar
 
-from planning.tasks.task import LAG, TimeLag
-from planning.tasks.work import Leaving, PlacedPart, Refill, Supply
+from planning.parts.assembly import TimeLag
+from planning.parts.supply import Leaving, Supply
+from planning.tasks.task import LAG
+from planning.tasks.work import PlacedPart, Refill
 from planning.transforms import Transform, read_only_copy, translation
 from scheduling.copies import product_part_name
 from twin.durations.bounded import Fixed
@@ -25,8 +27,8 @@ from twin.kinds.parts.sources import (
     StackSection,
     TraySection,
 )
-from twin.scenario.sections.shapes import build_transform, pose_section
-from twin.scenario.sections.standing import JoinedSection
+from twin.kinds.statics import JoinedSection
+from twin.scenario.sections.shapes import PoseSection
 
 Pair = TypeVar("Pair", JoinedSection, FitSection)
 
@@ -191,7 +193,7 @@ def feeding_machine(name: str, source: SourceSection) -> str:
 
 def source_places(source: SourceSection) -> tuple[Transform, ...]:
     """Return the places of parts in a full source, in the order of removal."""
-    pose = build_transform(source.pose)
+    pose = source.pose.transform()
     if isinstance(source, TraySection):
         return tuple(read_only_copy(pose @ at) for at in source.grid.places())
     if isinstance(source, StackSection):
@@ -307,12 +309,12 @@ class _Writer:
         part = self.parts[name]
         update: dict[str, object] = {"name": self._name(name, product)}
         if slot is not None:
-            update |= {"source": None, "start": pose_section(slot)}
+            update |= {"source": None, "start": PoseSection.of(slot)}
         if part.goal is not None:
-            goal = build_transform(part.goal)
+            goal = part.goal.transform()
             place = self.places[(product - 1) % len(self.places)]
             update["goal"] = (
-                pose_section(place @ goal) if len(self.places) > 1 else part.goal
+                PoseSection.of(place @ goal) if len(self.places) > 1 else part.goal
             )
         return part.model_copy(update=update)
 
@@ -345,7 +347,7 @@ class _Writer:
     def _goal(self, name: str, product: int) -> Transform:
         goal = self._part(name, product, None).goal
         assert goal is not None
-        return read_only_copy(build_transform(goal))
+        return read_only_copy(goal.transform())
 
     def _joined(self) -> Iterator[JoinedSection]:
         """Yield the joints of all products, with their names."""

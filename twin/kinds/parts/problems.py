@@ -11,8 +11,8 @@ from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.alike import find_alike_problems
 from twin.kinds.parts.line import OUTFEED, Line, feeding_machine
 from twin.kinds.parts.section import PartsSection, StepSection
+from twin.kinds.statics import check_distinct_ends
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.standing import check_distinct_ends
 
 
 def find_part_problems(section: PartsSection, cell: CellSection) -> Found:

@@ -11,6 +11,7 @@ from twin.document.section import Name, Section, Several, with_tuples
 from twin.durations.composed import AnyDuration
 from twin.kinds.parts.between import AfterSection, FitSection
 from twin.kinds.parts.sources import Amount, Places, ProductsSection, SourceSection
+from twin.kinds.statics import BalanceSection, JoinedParts
 from twin.scenario.sections.cell import ActuationTime
 from twin.scenario.sections.kind import AssemblySection
 from twin.scenario.sections.shapes import (
@@ -20,7 +21,6 @@ from twin.scenario.sections.shapes import (
     ShapedSection,
     Vector3,
 )
-from twin.scenario.sections.standing import BalanceSection, JoinedParts
 
 Distance = Annotated[float, Field(ge=1e-4, le=1)]
 Positions = Annotated[int, Field(ge=1, le=50)]

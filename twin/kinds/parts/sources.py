@@ -11,7 +11,7 @@ from twin.document.section import Section, Several, Two, with_tuples
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
 from twin.durations.model import PositiveSeconds, Seconds
-from twin.scenario.sections.shapes import PoseSection, build_transform
+from twin.scenario.sections.shapes import PoseSection
 
 Count = Annotated[int, Field(ge=1, le=100)]
 Amount = Annotated[int, Field(ge=1, le=1000)]
@@ -52,7 +52,7 @@ class PlacesSection(PoseSection):
 
     def places(self) -> list[Transform]:
         """Return the places in the world."""
-        pose = build_transform(self)
+        pose = self.transform()
         inside = (
             [translation(0.0, 0.0, 0.0)] if self.grid is None else self.grid.places()
         )

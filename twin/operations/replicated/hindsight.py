@@ -11,9 +11,9 @@ from planning.worlds.onward import ReplanningState
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
-from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
+from twin.engine.window_holds import with_window_holds
 from twin.host.progress import StageWatch
 from twin.operations.failure_triage import find_infeasible_steps
 from twin.operations.operation import Operation

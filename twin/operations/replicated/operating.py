@@ -14,8 +14,8 @@ from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
-from twin.engine.bulk.bulk_engine import with_window_holds
 from twin.engine.execution_model import ExecutionModel
+from twin.engine.window_holds import with_window_holds
 from twin.operations.operation import Operation, operate
 from twin.operations.replicated.hindsight import Hindsight
 from twin.scenario.sections.scenario import Scenario

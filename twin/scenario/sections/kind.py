@@ -14,7 +14,6 @@ from planning.cell.workcell import (
     Workcell,
 )
 from planning.errors import RequestError
-from planning.expectations import Expectations
 from planning.tasks.task import ActuationKey
 from twin.document.section import Section
 from twin.document.validation import Found
@@ -154,14 +153,6 @@ class AssemblyKind(Protocol):
     def contact_depth(self) -> float:
         """Return how deep objects that are meant to touch may be in each other [m]."""
         return CONTACT_DEPTH
-
-    def wanted(self, cell: CellSection) -> Expectations:
-        """Return what the run is to come to, as the section says, for the audit.
-
-        Args:
-            cell: what the file says of the robots and fixtures around it.
-        """
-        return Expectations()
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

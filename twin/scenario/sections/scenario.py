@@ -32,7 +32,6 @@ from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection
 from twin.scenario.sections.cell import RobotSection as RobotSection
 from twin.scenario.sections.execution import ExecutionSection as ExecutionSection
-from twin.scenario.sections.execution import ReferenceDuration
 from twin.scenario.sections.kind import (
     AssemblyKind,
     AssemblySection,
@@ -255,22 +254,6 @@ class Scenario(Section):
                 " shortcut_candidates and shortcut_s away, or choose policy 'asynchronous'"
             )
         return self
-
-
-def follow_references(scenario: Scenario) -> Scenario:
-    """Return a scenario in which every skill but processes lasts as long as its reference path.
-
-    That is how APEX-MR V-A executes skills in simulation: without force control, the same each time.
-    """
-    reference = ReferenceDuration(kind="reference")
-    own = scenario.execution.skills
-    skills = {
-        name: own[name] if name in scenario.processes else reference for name in own
-    }
-    execution = scenario.execution.model_copy(
-        update={"skills": skills, "skill_overrides": ()}
-    )
-    return scenario.model_copy(update={"execution": execution})
 
 
 def resolve_scenario(scenario: Scenario) -> dict[str, Any]:

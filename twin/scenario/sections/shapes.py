@@ -66,21 +66,20 @@ class PoseSection(Section):
             raise ValueError("quat_wxyz must not be zero")
         return self
 
+    @staticmethod
+    def of(transform: Transform) -> PoseSection:
+        """Return a transform as a pose of the scenario."""
+        return PoseSection(
+            xyz_m=tuple(np.asarray(transform[:3, 3]).tolist()),
+            quat_wxyz=tuple(np.asarray(quat_wxyz(transform)).tolist()),
+        )
 
-def build_transform(pose: PoseSection) -> Transform:
-    """Return a pose of the scenario as a (4, 4) transform."""
-    if pose.quat_wxyz is not None:
-        return from_quat_wxyz(pose.xyz_m, pose.quat_wxyz)
-    rpy = np.deg2rad(pose.rpy_deg or (0.0, 0.0, 0.0))
-    return from_rpy(pose.xyz_m, rpy.tolist())
-
-
-def pose_section(transform: Transform) -> PoseSection:
-    """Return a transform as a pose of the scenario."""
-    return PoseSection(
-        xyz_m=tuple(np.asarray(transform[:3, 3]).tolist()),
-        quat_wxyz=tuple(np.asarray(quat_wxyz(transform)).tolist()),
-    )
+    def transform(self) -> Transform:
+        """Return the pose as a (4, 4) transform."""
+        if self.quat_wxyz is not None:
+            return from_quat_wxyz(self.xyz_m, self.quat_wxyz)
+        rpy = np.deg2rad(self.rpy_deg or (0.0, 0.0, 0.0))
+        return from_rpy(self.xyz_m, rpy.tolist())
 
 
 def to_planning_class(model: type[Planned], section: Section, **own: Any) -> Planned:
@@ -117,7 +116,7 @@ def plain_values(section: Section) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """Return a value with poses converted to transforms."""
     if isinstance(value, PoseSection):
-        return read_only_copy(build_transform(value))
+        return read_only_copy(value.transform())
     if isinstance(value, dict):
         return {key: _plain(entry) for key, entry in value.items()}
     return value

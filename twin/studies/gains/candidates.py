@@ -10,8 +10,8 @@ import numpy as np
 
 from planning.tasks.task import STRAIGHT, TRANSIT, Task
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
+from twin.bulk.max_plus import Completions
 from twin.durations.nanoseconds import Nanoseconds
-from twin.engine.bulk.max_plus import Completions
 from twin.engine.execution_model import ExecutionModel
 from twin.studies.gains.replays import Intervention, Replay
 from twin.uncertainty.chain_draws import Cause

@@ -14,20 +14,20 @@ from planning.tasks.task import TRANSIT
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.motion_times import is_driven, with_full_speed_times
-from twin.durations.nanoseconds import Nanoseconds
-from twin.engine.bulk.bulk_engine import BulkEngine, contract_for_bulk
-from twin.engine.bulk.max_plus import (
+from twin.bulk.bulk_engine import BulkEngine, contract_for_bulk
+from twin.bulk.max_plus import (
     Completions,
     PrecedenceArrays,
     explain_completions,
     makespans,
     policy_graph,
 )
+from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.studies.replications.workload import Workload
 from twin.uncertainty.chain_draws import Cause
-from twin.uncertainty.contraction import trivial_contraction
+from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.node_times import (
     NodeTimes,
@@ -127,7 +127,7 @@ class Replay:
         self._simulator: Simulator | None = None
         if needs_event_engine(load) if by_events is None else by_events:
             self._simulator = Simulator(load.tpg, model)
-            cut = trivial_contraction(load.tpg)
+            cut = Contraction.trivial(load.tpg)
             if self._simulator.contraction is not None:
                 cut = contract_for_bulk(load.tpg, model)
             free = with_full_speed_times(load.tpg)

@@ -32,11 +32,12 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from scheduling.graph.windows import window_gaps
+from twin.bulk.max_plus import Completions
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
-from twin.engine.bulk.max_plus import OTHER, Completions
+from twin.engine.execution_model import OTHER
 from twin.operations.replicated.operating import OperatedRows, OperatingWorkload
-from twin.runs.throughput import product_nodes
 from twin.studies.replications.experiment import Block
+from twin.throughput.throughput import product_nodes
 
 COMPLETED, ERROR = "completed", "error"
 

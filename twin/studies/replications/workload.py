@@ -16,14 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.nanoseconds import Nanoseconds
-from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.bulk.max_plus import (
+from twin.bulk.bulk_engine import BulkEngine
+from twin.bulk.max_plus import (
     Completions,
     PrecedenceArrays,
     explain_completions,
     policy_graph,
 )
+from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.operations.replicated.operating import SAME, OperatingWorkload, Operator

@@ -16,8 +16,8 @@ from matplotlib.patches import Rectangle
 from planning.tasks.task import TRANSIT
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.nanoseconds import NANOSECONDS
-from twin.host.pictures import (
+from twin.activities.activities import part_names
+from twin.drawing.pictures import (
     INK,
     WIDTH_IN,
     bar_chart,
@@ -26,7 +26,7 @@ from twin.host.pictures import (
     style_axes,
     wrap_name,
 )
-from twin.runs.activities import part_names
+from twin.durations.nanoseconds import NANOSECONDS
 from twin.studies.replications.block_results import TaskTally, task_groups
 from twin.studies.replications.statistics import Interval
 from twin.studies.sensitivity import SHARE, Influence, SobolIndex

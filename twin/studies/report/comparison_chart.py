@@ -14,7 +14,8 @@ from matplotlib.patches import Patch
 from rich.console import Console
 from rich.table import Table
 
-from twin.host.pictures import INK, save_png, style_axes
+from twin.drawing.pictures import INK, style_axes
+from twin.host.atomic_files import save_png
 from twin.runs.policies import ASYNCHRONOUS, SEQUENTIAL
 from twin.studies.comparison import BASELINES, COMPARED, STAGES, TOTAL
 

@@ -13,16 +13,16 @@ from matplotlib.figure import Figure
 
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
+from twin.drawing.pictures import INK, bar_chart, legend_below, one_chart
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.engine.bulk.max_plus import OTHER
-from twin.host.pictures import INK, bar_chart, legend_below, one_chart
-from twin.runs.throughput import takts_s
+from twin.engine.execution_model import OTHER
 from twin.scenario.variations import Variant, is_of_execution
 from twin.studies.folder import plain_value
 from twin.studies.products import Due
 from twin.studies.replications.block_results import WAIT_COLUMNS, ProductTimes
 from twin.studies.replications.statistics import Interval
 from twin.studies.summary import StudySummary, cell_label
+from twin.throughput.throughput import takts_s
 
 COLOURS = (
     *("#1f5f9e", "#d97b29", "#2f7f66", "#9c4a8f", "#7a8592", "#b8433a"),

@@ -11,18 +11,9 @@ from typing import Any
 
 from twin.checks.finding import CheckContext
 from twin.checks.picture import cell_figure
-from twin.drawing.markup import (
-    bullets,
-    escape_text,
-    heading,
-    page,
-    pairs,
-    paragraph,
-    save_and_embed_picture,
-    text_table,
-)
+from twin.drawing.pictures import WIDTH_IN
 from twin.host.atomic_files import write_text
-from twin.host.pictures import WIDTH_IN
+from twin.host.cards import escape_text, pairs
 from twin.host.progress import Report
 from twin.runs.policies import preferred_policy
 from twin.scenario.sections.kind import assembly_kind
@@ -39,6 +30,14 @@ from twin.studies.report.figures import (
     draw_ranking,
     draw_response,
     draw_waits,
+)
+from twin.studies.report.markup import (
+    bullets,
+    heading,
+    page,
+    paragraph,
+    save_and_embed_picture,
+    text_table,
 )
 from twin.studies.report.page_tables import (
     HONEST,

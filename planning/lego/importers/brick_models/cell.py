@@ -12,6 +12,8 @@ import numpy as np
 
 from planning.cell.workcell import Clearances, PlacedRobot, Workcell
 from planning.errors import ScenarioError
+from planning.handling.skill_targets import skill_postures
+from planning.handling.skill_trial import ResolvedSkill
 from planning.lego.bricks.assembly import (
     BrickType,
     Cell,
@@ -40,8 +42,7 @@ from planning.lego.skills.targets import (
     pick_targets,
 )
 from planning.robots.registry import robot_model
-from planning.steps.skill import SkillPath, skill_postures
-from planning.steps.skill_trial import ResolvedSkill
+from planning.steps.skill import SkillPath
 from planning.transforms import from_rpy, translation
 
 APART = 2

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from benchmarks.construction.fine_check.check import check_construction
-from planning.cell.standing_rules import Joint, StandingRules
 from planning.cell.workcell import Workcell
 from planning.construction.motion_plan_export import motion_plan
 from planning.construction.planner import plan_construction
@@ -29,6 +28,7 @@ from planning.construction.problem.site import (
 from planning.construction.problem.supply_layout import Spiral
 from planning.errors import ConstructionError
 from planning.statics.build_order import UnstableState
+from planning.statics.standing_rules import Joint, StandingRules
 from planning.transforms import Array
 from tests.planning.construction.toy_sites import toy_part, toy_problem
 

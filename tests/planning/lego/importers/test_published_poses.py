@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from planning.handling.skill_targets import Subgoal
 from planning.lego.bricks.assembly import (
     BrickType,
     Cell,
@@ -33,7 +34,6 @@ from planning.lego.skills.targets import (
     received_top,
     support_targets,
 )
-from planning.steps.skill import Subgoal
 from planning.transforms import Array, Transform, from_rpy, translation
 from tests.planning.lego.importers.published_form import (
     DATA,

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError, ScenarioError
+from planning.handling.skill_targets import skill_postures
 from planning.lego.bricks.assembly import Cell, GridSpan, LegoStep, PlacedBrick
 from planning.lego.bricks.brick_grips import legal_presses
 from planning.lego.bricks.brick_types import BRICKS
@@ -23,7 +24,7 @@ from planning.lego.insertion.rules import ArmLimits, SequencingRules
 from planning.lego.sequencing.arms import GripReach
 from planning.lego.sequencing.sequencing import sequence_structure
 from planning.lego.skills.targets import BrickGrip, place_targets
-from planning.steps.skill import SkillPath, skill_postures
+from planning.steps.skill import SkillPath
 from tests.planning.lego.structures import brick
 from twin.document.yaml_text import scenario_text
 from twin.host.progress import StageWatch

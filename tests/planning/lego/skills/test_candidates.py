@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from planning.cell.workcell import Clearances, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.geometry.exact import hull_shape
+from planning.handling.skill_trial import ResolvedSkill
 from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.lego.bricks.assembly import (
     Cell,
@@ -32,7 +33,6 @@ from planning.lego.skills.expansion import lego_work
 from planning.lego.skills.targets import DEFAULT_TWIST, PRESSED
 from planning.robots.registry import robot_model
 from planning.steps.skill import Obstruction, SkillPath
-from planning.steps.skill_trial import ResolvedSkill
 from planning.tasks.assignment import (
     PrimaryCandidate,
     StepChoice,

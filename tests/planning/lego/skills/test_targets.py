@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from planning.errors import RobotModelError
+from planning.handling.skill_targets import SkillTargets
 from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
     STUD_PITCH,
@@ -32,7 +33,6 @@ from planning.lego.skills.targets import (
     support_targets,
     supported_span,
 )
-from planning.steps.skill import SkillTargets
 from planning.transforms import Transform, from_rpy, inverse, rotation, translation
 from tests.planning.lego.structures import TOPS, grips
 

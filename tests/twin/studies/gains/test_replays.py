@@ -10,9 +10,9 @@ from planning.tasks.task import TRANSIT
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.studies.study_toys import toy_workload
+from twin.bulk.max_plus import PrecedenceArrays
 from twin.durations.bounded import Uniform
 from twin.durations.nanoseconds import Nanoseconds
-from twin.engine.bulk.max_plus import PrecedenceArrays
 from twin.engine.engine import Simulator
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import Messages

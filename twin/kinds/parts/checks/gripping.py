@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture, PlacedRobot
-from planning.geometry.touching import PlacedObject, nearby_entities
+from planning.contacts.touching import PlacedObject, nearby_entities
 from planning.grips.pads import own_bodies
 from planning.grips.tool_grips import robot_grips
 from planning.kinematics.kinematics import frame_in_last_joint

@@ -9,7 +9,7 @@ from planning.cell.workcell import (
     CellObject,
     PlacedRobot,
 )
-from planning.steps.tool_changes import with_each_tool
+from planning.handling.tool_changes import with_each_tool
 from twin.checks.finding import (
     CheckContext,
     Finding,

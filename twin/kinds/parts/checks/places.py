@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture, PlacedRobot
-from planning.geometry.touching import (
+from planning.contacts.touching import (
     PlacedObject,
     describe_nearest,
     nearby_entities,
@@ -222,9 +222,8 @@ def _from_door(
     if own.door is None:
         return None
     from twin.planning.shapes import build_shape
-    from twin.scenario.sections.shapes import build_transform
 
     shape = build_shape("door", own.door.described, subject.folder)
-    pose = build_transform(own.door.pose)
+    pose = own.door.pose.transform()
     found = nearest_entity(lying, {"door": (Fixture("door", shape, pose), pose)})
     return None if found is None else max(0.0, found[1])

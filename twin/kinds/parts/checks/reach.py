@@ -12,11 +12,11 @@ from planning.errors import (
 )
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import robot_grips
+from planning.handling.skill_targets import SkillTargets, is_possible_in_some_posture
+from planning.handling.tool_changes import find_tool_changes
 from planning.parts.assembly import PartHandling, PlacePart
 from planning.parts.part_skills import pick_targets, place_targets, process_targets
 from planning.parts.part_steps import steps_in_order
-from planning.steps.skill import SkillTargets, is_possible_in_some_posture
-from planning.steps.tool_changes import find_tool_changes
 from planning.transforms import Transform
 from twin.checks.finding import (
     CheckContext,

@@ -1,0 +1,382 @@
+"""Trial of a skill in a scene: collision checks of its path, and the free posture."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from planning.cell.workcell import PlacedRobot
+from planning.geometry.exact import Solid, hull_distance_at
+from planning.geometry.robot_bodies import entity_name
+from planning.geometry.scene_checker import BodyPair, SceneChecker
+from planning.handling.skill_scene import SkillScene
+from planning.handling.skill_targets import SkillTargets, skill_postures
+from planning.kinematics.kinematics import frame_in_last_joint
+from planning.steps.skill import Obstruction, Phase, SkillPath, contacts_with
+from planning.transforms import Array, inverse
+
+_SURELY = 1e-5
+"""Least violation for which a body refuses paths: above the error of distances and poses [m]."""
+
+_NO_JOINTS = np.empty(0)
+_AS_BEFORE = Obstruction("refused like another path")
+
+
+@dataclass(frozen=True)
+class PathObstacle:
+    """Two bodies that blocked a path at one of its configurations.
+
+    Where they are so again, another path of the same scene is refused as well, whatever else is in
+    its way.
+
+    Attributes:
+        before: whether that is among the goals of the transits before the skill.
+        at: which of these, or which of the waypoints.
+        pair: the bodies.
+    """
+
+    before: bool
+    at: int
+    pair: BodyPair
+
+    def refuses(self, path: SkillPath) -> bool:
+        """Tell whether the two bodies block another path."""
+        where = path.lead if self.before else path.waypoints
+        if not -len(where) <= self.at < len(where):
+            return False
+        gap, limit = self.pair.gap_at(where[self.at])
+        return gap < limit
+
+    def refuses_all(self, robot: PlacedRobot, targets: SkillTargets) -> bool:
+        """Tell whether the two bodies block every path through some poses.
+
+        What the last joint carries is in one place whatever the posture.
+        """
+        mine, other, limit, _ = self.pair
+        before, lead = self.before, targets.lead
+        goals = targets.subgoals[:lead] if before else targets.subgoals[lead - 1 :]
+        if not -len(goals) <= self.at < len(goals):
+            return False
+        if mine.joint != robot.model.dof - 1 or other.carrier is not None:
+            return False
+        goal = goals[self.at]
+        joint = goal.pose @ inverse(frame_in_last_joint(robot.model, goal.frame))
+        there = Solid(mine.name, mine.body, joint @ mine.local)
+        return hull_distance_at(there, _NO_JOINTS, other, _NO_JOINTS) < limit - _SURELY
+
+
+class SkillTrial:
+    """A path in a scene, checked up to its first obstacle.
+
+    Attributes:
+        path: of the skill.
+        found: the current obstruction, None for none.
+        gone: names of the removed obstacles, in order.
+        touched: names of what the tool grazes or leans on, no deeper than it may; whether it
+            leans on it.
+        hindrance: of the blocking bodies, where they also refuse other paths.
+    """
+
+    def __init__(self, path: SkillPath, scene: SkillScene) -> None:
+        self.path = path
+        self.gone: list[str] = []
+        self.touched: dict[str, bool] = {}
+        self.hindrance: PathObstacle | None = None
+        self._scene = scene
+        self._near = scene.near(path)
+        self._built: dict[tuple[bool, bool], SceneChecker] = {}
+        self._checkers: dict[Phase, SceneChecker] = {}
+        self._obstructions = self._in_the_way()
+        self.found = self._next()
+
+    def remove_obstacles(self, names: Collection[str]) -> Obstruction | None:
+        """Continue without the obstacles among some names; return the remaining obstruction."""
+        while self.found is not None and self.found.by in names:
+            assert self.found.by is not None
+            if self.found.by in self.gone:
+                break
+            self.gone.append(self.found.by)
+            self._checkers.clear()
+            self.found = self._next()
+        return self.found
+
+    def resolved(self) -> ResolvedSkill:
+        """Return the skill after all obstacles are resolved."""
+        left = {k: v for k, v in self.touched.items() if k not in self.gone}
+        return ResolvedSkill(self.path, frozenset(self.gone), left)
+
+    def _in_the_way(self) -> Iterator[Obstruction]:
+        """Yield obstructions of the path, from its start to its end.
+
+        The caller continues after removing the last obstacle: the same place is checked again,
+        and what was clear before it still is.
+        """
+        waypoints, change = self.path.waypoints, self.path.change_at
+        for k in range(len(self.path.lead)):
+            while found := self._at(k, Phase.BEFORE):
+                yield found
+        phase = Phase.UNTIL_CHANGE
+        for k, (q_a, q_b) in enumerate(pairwise(waypoints)):
+            if k == change:
+                phase = Phase.SINCE_CHANGE
+            while not self._checker(phase).motion_free(q_a, q_b):
+                yield self._on_the_way(phase, q_a, q_b)
+        while found := self._at(-1, Phase.AFTER):
+            yield found
+
+    def _at(self, k: int, phase: Phase) -> Obstruction | None:
+        """Return the obstruction at a goal of the transits before, or at a waypoint."""
+        path = self.path.lead if phase is Phase.BEFORE else self.path.waypoints
+        contact = self._checker(phase).contact(path[k])
+        if contact is None:
+            return None
+        before = phase is Phase.BEFORE
+        self.hindrance = contact.pair and PathObstacle(before, k, contact.pair)
+        words = f"{contact} {phase.value}"
+        return Obstruction(words, contact.obstacle, phase, contact.moving)
+
+    def _on_the_way(self, phase: Phase, q_a: Array, q_b: Array) -> Obstruction:
+        for t in np.linspace(0.0, 1.0, 9)[::-1]:
+            contact = self._checker(phase).contact(q_a + t * (q_b - q_a))
+            if contact is not None:
+                return Obstruction(
+                    str(contact), contact.obstacle, moving=contact.moving
+                )
+        return Obstruction("something touches between two subgoals")
+
+    def _next(self) -> Obstruction | None:
+        """Return the next obstruction, except contacts that the tool may graze or lean on."""
+        found = next(self._obstructions, None)
+        while found is not None and self._may_touch(found.by):
+            found = next(self._obstructions, None)
+        found = self._pressed_into() if found is None else self._explained(found)
+        if found is not None and found.phase is None:
+            self.hindrance = self._deep_in(found.by)
+        return found
+
+    def _deep_in(self, name: str | None) -> PathObstacle | None:
+        """Return a waypoint at which the tool goes deeper into an object than ever allowed."""
+        tool, path = self._scene.tool, self.path.waypoints
+        if tool is None or name not in self._near.names[self._near.fixtures :]:
+            return None
+        depth = max(tool.grazing, tool.pressing) + _SURELY
+        checker = self._checker(Phase.UNTIL_CHANGE)
+        pairs = (checker.tool_overlaps(q, name, depth) for q in path[::-1])
+        return next(
+            (
+                PathObstacle(before=False, at=~k, pair=p)
+                for k, p in enumerate(pairs)
+                if p
+            ),
+            None,
+        )
+
+    def _explained(self, found: Obstruction) -> Obstruction:
+        """Return an obstruction that explains where a robot blocks the path as it waits at HOME."""
+        name = (found.by or "").partition("/")[0]
+        for robot in self._scene.cell.robots:
+            if robot.name == name != self.path.robot:
+                at = self._scene.configurations[name]
+                if np.array_equal(at, robot.home):
+                    words = f"{found.words}, as {name} stands at HOME"
+                    return replace(found, words=words)
+        return found
+
+    def _may_touch(self, name: str | None) -> bool:
+        """Tell whether the tool comes near to an object, but no deeper into it than allowed."""
+        tool = self._scene.tool
+        if tool is None or name is None or name in self.touched:
+            return False
+        if name not in self._near.names[self._near.fixtures :]:
+            return False
+        checker, path = self._checker(Phase.UNTIL_CHANGE), self.path.waypoints
+        leans = checker.tool_comes_within(path, name, -tool.grazing)
+        if leans and (
+            name not in tool.leaning
+            or checker.tool_comes_within(path, name, -tool.pressing)
+        ):
+            return False
+        if not checker.tool_comes_within(path, name, checker.clearance):
+            return False
+        self.touched[name] = leans
+        self._checkers.clear()
+        return True
+
+    def _pressed_into(self) -> Obstruction | None:
+        """Return an object that the tool may touch, but goes into deeper than allowed."""
+        tool, scene = self._scene.tool, self._scene
+        if tool is None:
+            return None
+        hand = entity_name(self.path.robot, "tool")
+        beside = {
+            name for pair in scene.contacts.during if hand in pair for name in pair
+        }
+        checker = self._checker(Phase.UNTIL_CHANGE)
+        there = frozenset(self._near.names[self._near.fixtures :])
+        for name in sorted(beside & there - frozenset(self.gone)):
+            if checker.tool_comes_within(self.path.waypoints, name, -tool.pressing):
+                deep = f"more than {tool.pressing * 1e3:g} mm"
+                return Obstruction(f"the tool would press {deep} into {name}", name)
+        return None
+
+    def _checker(self, phase: Phase) -> SceneChecker:
+        if phase not in self._checkers:
+            checker = self._whole(phase)
+            if self.gone:
+                checker = checker.without(self.gone)
+            self._checkers[phase] = checker
+        return self._checkers[phase]
+
+    def _whole(self, phase: Phase) -> SceneChecker:
+        """Build one checker for as long as object poses stay the same, whatever the allowed contacts."""
+        scene, robot = self._scene, self.path.robot
+        allowed = scene.contacts.before
+        if phase is Phase.AFTER:
+            allowed = scene.contacts.after
+        elif phase is not Phase.BEFORE:
+            grazed = contacts_with(entity_name(robot, "tool"), self.touched)
+            allowed = scene.contacts.during | grazed
+        if phase is Phase.AFTER and scene.refill is not None:
+            return scene.checker(self.path, self._near, phase, allowed)
+        changed = scene.handed is not None
+        after = phase in (Phase.SINCE_CHANGE, Phase.AFTER) and changed
+        deviates = phase.in_skill and self.path.skill in scene.cell.deviations
+        if (after, deviates) not in self._built:
+            built = scene.checker(self.path, self._near, phase, allowed)
+            self._built[after, deviates] = built
+            return built
+        return self._built[after, deviates].with_allowed(allowed)
+
+
+def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
+    """Return the first obstruction of a skill, None where there is none.
+
+    Checked are the goals of the transits before it, every stretch of its reference path, and
+    its last configuration, from which the next transit starts.
+    """
+    return SkillTrial(path, scene).found
+
+
+@dataclass(frozen=True)
+class ResolvedSkill:
+    """A skill in joint space that is free of permanent obstacles.
+
+    Attributes:
+        path: of the skill.
+        gone: names of what must be gone.
+        touched: names of what the tool grazes, False, or leans on, True.
+    """
+
+    path: SkillPath
+    gone: frozenset[str]
+    touched: Mapping[str, bool]
+
+
+def resolve_skill(
+    robot: PlacedRobot,
+    alternatives: Iterable[SkillTargets],
+    scene: SkillScene,
+    loose: Collection[str] = (),
+) -> ResolvedSkill | Obstruction:
+    """Return the skill in joint space, by the first alternative and the free posture nearest to HOME.
+
+    Args:
+        robot: the robot.
+        alternatives: poses to reach in order, for each alternative.
+        scene: of the skill.
+        loose: names of objects that may be gone by then, removed where no posture is free.
+
+    Returns:
+        The path, what must be gone and what the tool touches; or why, in the first way, the posture
+        nearest to HOME that came furthest failed.
+    """
+    hindrances: list[PathObstacle] = []
+    reason: Obstruction | None = None
+    for targets in alternatives:
+        found = _in_a_posture(
+            robot, targets, scene, loose, hindrances, whether=reason is not None
+        )
+        if not isinstance(found, Obstruction):
+            return found
+        reason = reason or found
+    assert reason is not None
+    return reason
+
+
+def _in_a_posture(
+    robot: PlacedRobot,
+    targets: SkillTargets,
+    scene: SkillScene,
+    loose: Collection[str],
+    hindrances: list[PathObstacle],
+    *,
+    whether: bool,
+) -> ResolvedSkill | Obstruction:
+    """Return the skill by one alternative.
+
+    Args:
+        robot, targets, scene, loose: see ``resolve_skill``.
+        hindrances: of other paths; those of this alternative are put before them.
+        whether: only whether there is one matters, not the reason.
+    """
+    if whether and any(one.refuses_all(robot, targets) for one in hindrances):
+        return _AS_BEFORE
+    trials: list[SkillTrial | SkillPath | Obstruction] = []
+    reason: Obstruction | None = None
+    may_help, settled = False, whether
+    for path in skill_postures(robot, targets):
+        # Once it is known why there is none, a posture may be refused for any reason.
+        if (
+            settled
+            and isinstance(path, SkillPath)
+            and any(hindrance.refuses(path) for hindrance in hindrances)
+        ):
+            trials.append(path)
+            continue
+        trial = path if isinstance(path, Obstruction) else SkillTrial(path, scene)
+        found = trial if isinstance(trial, Obstruction) else trial.found
+        if found is None:
+            assert isinstance(trial, SkillTrial)
+            return trial.resolved()
+        trials.append(trial)
+        reason = _more_telling(reason, found)
+        may_help |= (found if whether else reason).by in loose
+        settled = whether or (reason.by is not None and not may_help)
+        if isinstance(trial, SkillTrial) and trial.hindrance and found.by not in loose:
+            hindrances.insert(0, trial.hindrance)
+            if settled and trial.hindrance.refuses_all(robot, targets):
+                return reason
+    if not may_help:
+        return reason or _AS_BEFORE
+    every = [SkillTrial(t, scene) if isinstance(t, SkillPath) else t for t in trials]
+    blocked = _first_free(every, ())
+    if isinstance(blocked, Obstruction) and blocked.by in loose:
+        return _first_free(every, loose)
+    return blocked
+
+
+def _first_free(
+    trials: Iterable[SkillTrial | Obstruction], loose: Collection[str]
+) -> ResolvedSkill | Obstruction:
+    """Return the first free skill, or the most informative reason."""
+    reason: Obstruction | None = None
+    for trial in trials:
+        found = (
+            trial if isinstance(trial, Obstruction) else trial.remove_obstacles(loose)
+        )
+        if found is None:
+            assert isinstance(trial, SkillTrial)
+            return trial.resolved()
+        reason = _more_telling(reason, found)
+    assert reason is not None
+    return reason
+
+
+def _more_telling(known: Obstruction | None, found: Obstruction) -> Obstruction:
+    """Return the more informative of two reasons: a collision, then the earlier one."""
+    if known is None or (known.by is None and found.by is not None):
+        return found
+    return known

@@ -1,0 +1,49 @@
+"""Arrivals and departures of parts while the steps of an assembly are done."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from planning.tasks.work import PlacedPart, Refill
+
+
+@dataclass(frozen=True)
+class Leaving:
+    """Parts of finished products that leave the cell together.
+
+    Attributes:
+        machine: the chain whose task is over when they are gone.
+        parts: what leaves, from where.
+    """
+
+    machine: str
+    parts: tuple[PlacedPart, ...]
+
+
+@dataclass(frozen=True)
+class Supply:
+    """Arrivals and departures of parts while the steps of an assembly are done, in order.
+
+    Attributes:
+        refills: by number of the step, from 1, whose pick empties the source.
+        leaves: by number of the step after which they do, from 1.
+        elsewhere: numbers of the steps that are not done at the place of a product: a part is put
+            down on its way, or worked at there.
+        sourced: names of the parts that come from sources.
+    """
+
+    refills: Mapping[int, Refill] = field(default_factory=dict)
+    leaves: Mapping[int, Leaving] = field(default_factory=dict)
+    elsewhere: frozenset[int] = frozenset()
+    sourced: frozenset[str] = frozenset()
+
+    @cached_property
+    def buffers(self) -> dict[str, tuple[str, int]]:
+        """By accumulating conveyor: the machine that presents its parts, and its capacity."""
+        return {
+            refill.arrivals: (refill.machine, refill.buffer)
+            for refill in self.refills.values()
+            if refill.arrivals is not None and refill.buffer is not None
+        }

@@ -1,0 +1,4 @@
+"""Beginnings of new scenarios: ``twin init``.
+
+Imports scenario; explorations import it.
+"""

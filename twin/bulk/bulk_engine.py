@@ -1,0 +1,203 @@
+"""Bulk engine: many replications of a plan simultaneously, without events.
+
+It gives the same integer nanoseconds as the event engine wherever no event has a fixed clock time:
+completion times are longest paths then, or follow node by node from the clearances at the borders
+(``driven_times``), if messages take no time. The graph of each policy is in ``policy_graph``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.kernels import kernel
+from planning.parallel import map_in_parallel, usable_cores
+from planning.transforms import Array, Indices
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import is_driven, with_full_speed_times
+from twin.bulk.driven_times import driven_times, joined_drives
+from twin.bulk.max_plus import (
+    Completions,
+    PrecedenceArrays,
+    completions,
+    end_times,
+    explain_completions,
+    makespans,
+    policy_graph,
+)
+from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
+from twin.engine.execution_model import ExecutionModel, Messages
+from twin.uncertainty.contraction import Contraction, contract
+from twin.uncertainty.disturbances import Disturbances, Speed
+from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
+from twin.uncertainty.skill_durations import SkillDraws, cumulative_shares
+
+
+class _Shares(NamedTuple):
+    """Shares of drawn tasks in the segments of a contraction.
+
+    Attributes:
+        fixed: time of each segment that does not vary, shape (segments,) [ns].
+        segment, draw: a segment and the drawn task that is part of it, shape (shares,).
+        low, high: which part of the task's total: ``rint(high * total) - rint(low * total)``.
+    """
+
+    fixed: Nanoseconds
+    segment: Indices
+    draw: Indices
+    low: Array
+    high: Array
+
+
+class BulkEngine:
+    """Executes one plan as often as asked, many replications at a time.
+
+    Args:
+        tpg: plan to execute.
+        model: execution model, with disturbances. Messages take no time, whatever it says, where
+            robots keep to limits of acceleration.
+
+    Raises:
+        PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
+    """
+
+    def __init__(self, tpg: TemporalPlanGraph, model: ExecutionModel) -> None:
+        free = with_full_speed_times(tpg)
+        self._sampler = NodeTimeSampler(free, model.durations, model.disturbances)
+        self.contraction: Contraction = contract_for_bulk(tpg, model)
+        self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, model.policy)
+        self._drive = joined_drives(tpg, self.graph) if is_driven(tpg) else None
+        # Open loop there are no messages.
+        asking = Messages() if model.policy == "open-loop" else model.messages
+        self._ahead = asking.ahead(driven=True)
+        self.messages = model.messages.under(model.policy)
+        self._draws = self._sampler.skills
+        self._shares = _shares(self._draws, self.contraction)
+        self._undisturbed = model.disturbances == Disturbances()
+
+    def sample(self, *, seed: int, replications: npt.ArrayLike) -> SegmentTimes:
+        """Draw the duration of every segment in some replications."""
+        numbers = np.asarray(replications, dtype=np.int64)
+        if self._undisturbed:
+            totals = self._draws.totals(seed=seed, replications=numbers)
+            none = np.zeros(len(numbers), dtype=np.bool_)
+            return SegmentTimes(self._busy(totals), none)
+        return self._sampler.sample_segments(
+            self.contraction, seed=seed, replications=numbers
+        )
+
+    def execute(self, times: SegmentTimes) -> Completions:
+        """Return all node times of replications without failed tasks."""
+        if self._drive is None:
+            return completions(self.graph, times.busy_ns, self.messages)
+        start, end = self._driven(*self._drawn(times))
+        return explain_completions(self.graph, start.T, end.T)
+
+    def makespans(
+        self, times: SegmentTimes, messages: Messages | None = None
+    ) -> Nanoseconds:
+        """Return the makespan of every such replication, shape (replications,) [ns].
+
+        On all cores, where robots have acceleration limits: callers have no other work meanwhile.
+
+        Args:
+            times: of the segments.
+            messages: in place of the model's.
+        """
+        if self._drive is None:
+            said = self.messages if messages is None else messages
+            return makespans(self.graph, end_times(self.graph, times.busy_ns, said))
+        shares = (np.array_split(own, usable_cores()) for own in self._drawn(times))
+        parts = zip(*shares, strict=True)
+        ends = map_in_parallel(lambda part: self._driven(*part)[1], parts)
+        return makespans(self.graph, np.concatenate(ends).T)
+
+    def _drawn(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds, Array]:
+        """Return motion time, standstill [ns] and speed override of every node, shape (replications, nodes) each."""
+        stood = times.stood_ns()
+        return (
+            np.ascontiguousarray((times.busy_ns - stood).T),
+            np.ascontiguousarray(stood.T),
+            np.ascontiguousarray(times.speed_override.T),
+        )
+
+    def _driven(
+        self, motion: Nanoseconds, stand: Nanoseconds, override: Array
+    ) -> tuple[Nanoseconds, Nanoseconds]:
+        """Return start and end of every node, of the same shape [ns]."""
+        assert self._drive is not None
+        return driven_times(
+            self.graph, self._drive, motion, stand, override, self._ahead
+        )
+
+    def _busy(self, totals: Nanoseconds) -> Nanoseconds:
+        """Return the times of segments from those of skills, shape (tasks, r) [ns]."""
+        busy = np.repeat(self._shares.fixed[:, None], totals.shape[1], axis=1)
+        _add_shares(totals, self._shares, busy)
+        return busy
+
+    def least_makespan_ns(self) -> int:
+        """Return the makespan with the shortest possible duration of every skill [ns].
+
+        No undisturbed run is shorter.
+        """
+        totals = np.zeros((len(self._draws.tasks), 1), dtype=np.int64)
+        for model, rows in self._draws.groups:
+            totals[rows] = to_nanoseconds(model.minimum)
+        times = SegmentTimes(self._busy(totals), np.zeros(1, dtype=np.bool_))
+        return int(self.makespans(times)[0])
+
+
+def contract_for_bulk(tpg: TemporalPlanGraph, model: ExecutionModel) -> Contraction:
+    """Return a graph for the bulk engine, nodes merged where that changes no time.
+
+    Where robots pass borders at speed, or messages take time, every node counts. By the planned clock
+    a node that is done before its time is up keeps the next one waiting.
+    """
+    if is_driven(tpg) or not model.messages.under(model.policy).instant:
+        return Contraction.trivial(tpg)
+    if model.policy != "open-loop":
+        return contract(tpg)
+    if model.disturbances.speed != Speed():
+        return Contraction.trivial(tpg)
+    return contract(tpg, apart=[chain.skill for chain in tpg.chains])
+
+
+def _shares(draws: SkillDraws, contraction: Contraction) -> _Shares:
+    segment_of = [
+        np.repeat(np.arange(len(first) - 1), np.diff(first))
+        for first in contraction.first
+    ]
+    offsets = np.cumsum([0, *(len(first) - 1 for first in contraction.first)])
+    fixed = [nominal.copy() for nominal in draws.nominal]
+    rows: list[tuple[int, int, float, float]] = []
+    for draw, (chain, nodes, weights) in enumerate(draws.nodes):
+        fixed[chain][nodes] = 0
+        # The parts of a total are differences of rounded cumulative shares, so the parts of a
+        # segment add up to the difference at its borders.
+        upto = np.concatenate([[0.0], cumulative_shares(weights)])
+        own = segment_of[chain][nodes]
+        cuts = np.flatnonzero(np.diff(own, prepend=-1, append=-1))
+        for low, high in zip(cuts, cuts[1:], strict=False):
+            segment = int(offsets[chain] + own[low])
+            rows.append((segment, draw, float(upto[low]), float(upto[high])))
+    sums = np.concatenate([*contraction.sums(fixed), np.empty(0, dtype=np.int64)])
+    return _Shares(
+        fixed=sums.astype(np.int64),
+        segment=np.array([row[0] for row in rows], dtype=np.int64),
+        draw=np.array([row[1] for row in rows], dtype=np.int64),
+        low=np.array([row[2] for row in rows], dtype=float),
+        high=np.array([row[3] for row in rows], dtype=float),
+    )
+
+
+@kernel
+def _add_shares(totals: Nanoseconds, shares: _Shares, busy: Nanoseconds) -> None:
+    for k in range(len(shares.segment)):
+        segment, draw = shares.segment[k], shares.draw[k]
+        for r in range(busy.shape[1]):
+            total = float(totals[draw, r])
+            part = np.rint(shares.high[k] * total) - np.rint(shares.low[k] * total)
+            busy[segment, r] += np.int64(part)

@@ -1,0 +1,4 @@
+"""Check of the installation: ``twin doctor``.
+
+Imports host and the registry; nothing imports it.
+"""
