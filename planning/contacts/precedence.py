@@ -254,19 +254,23 @@ class StepPrecedence:
         """
         done = set(self._doable())
         stuck = [k for k in range(len(self.before)) if k not in done]
-        way = [stuck[0]]
-        while way[-1] not in way[:-1]:
-            waits = [k for k in self.before[way[-1]] if k not in done]
+        chain = [stuck[0]]
+        while chain[-1] not in chain[:-1]:
+            waits = [k for k in self.before[chain[-1]] if k not in done]
             if not waits:
-                others = ", ".join(self.words[k] for k in sorted(self.any_of[way[-1]]))
-                text = f"  {self.words[way[-1]]} needs one of these before it: {others}"
+                others = ", ".join(
+                    self.words[k] for k in sorted(self.any_of[chain[-1]])
+                )
+                text = (
+                    f"  {self.words[chain[-1]]} needs one of these before it: {others}"
+                )
                 # What comes before it, or it needs one of, and so on.
                 together = _reached(
-                    [way[-1]], lambda k: self.any_of[k] | self.before[k].keys()
+                    [chain[-1]], lambda k: self.any_of[k] | self.before[k].keys()
                 )
                 return text + ("" if lacks is None else lacks(sorted(together)))
-            way.append(min(waits))
-        circle = way[way.index(way[-1]) :]
+            chain.append(min(waits))
+        circle = chain[chain.index(chain[-1]) :]
         return "\n".join(
             f"  {self.words[then]} comes after {self.words[first]}: {self.before[then][first]}"
             for then, first in pairwise(circle)
@@ -288,9 +292,9 @@ class StepPrecedence:
                 return tuple(out)
             urgent = (
                 k
-                for way in self._release_prerequisites(done)
+                for chain in self._release_prerequisites(done)
                 for k in ready
-                if k in way
+                if k in chain
             )
             step = next(urgent, ready[0])
             out.append(step)

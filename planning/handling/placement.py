@@ -155,12 +155,12 @@ def write_release(
         begun, done: the first and the last task of the work that it is for.
     """
     path = support.skill.path
-    way = path.waypoints[-2::-1]
+    waypoints = path.waypoints[-2::-1]
     if support.straight:
-        straight = SkillPath(STRAIGHT, path.robot, path.path[-1:], way)
+        straight = SkillPath(STRAIGHT, path.robot, path.path[-1:], waypoints)
         back = [build.skill(straight, support.leaving, support.item, lets_go=True)]
     else:
-        back = [build.transit(path.robot, q, support.leaving) for q in way]
+        back = [build.transit(path.robot, q, support.leaving) for q in waypoints]
     build.home(path.robot)
     build.depend(held, begun)
     build.depend(done, back[0])

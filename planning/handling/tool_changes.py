@@ -174,10 +174,10 @@ class ToolChanges:
     def change(self, build: StepWriter, robot: str, old: str, new: str) -> None:
         """Write the tasks by which a robot leaves one tool and takes another."""
         for name, kind, verb in ((old, LEAVE_TOOL, "leave"), (new, TAKE_TOOL, "take")):
-            way = self.paths[robot, name]
-            path, stop = way.path, way.path.path[-1:]
+            rack = self.paths[robot, name]
+            path, stop = rack.path, rack.path.path[-1:]
             holder, pose = (
-                (None, way.tool.rack) if name == old else (robot, way.tool.mount)
+                (None, rack.tool.rack) if name == old else (robot, rack.tool.mount)
             )
             build.lead_in(path, f"to the rack of {name}")
             into = build.skill(path, f"into the rack of {name}", name)
@@ -185,7 +185,7 @@ class ToolChanges:
             done = build.skill(change, f"{verb} {name}", name, holder, pose)
             back = SkillPath(STRAIGHT, robot, stop, path.waypoints[-2::-1])
             out = build.skill(back, f"out of the rack of {name}", name)
-            build.allow(way.contacts, into, done, out)
+            build.allow(rack.contacts, into, done, out)
         build.transit(robot, self.cell.robot(robot).home, f"HOME with {new}")
 
     def allow_mounted(self, build: StepWriter, mounted: Mapping[str, str]) -> None:

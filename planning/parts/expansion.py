@@ -137,10 +137,10 @@ class _Expansion:
         if not isinstance(known, PartStep):
             return tasks
         part, placed = known.part, standing_fixtures(self._cell) | known.others
-        ways = self._candidates.assembly.handling(part.name)
+        handling = self._candidates.assembly.handling(part.name)
         straight = (
-            (known.place, np.array(ways.insertion), ways.approach),
-            (part.start, -np.array(ways.extraction), ways.leave),
+            (known.place, np.array(handling.insertion), handling.approach),
+            (part.start, -np.array(handling.extraction), handling.leave),
         )
         allowed = []
         for contact in tasks.allowed:
@@ -154,12 +154,12 @@ class _Expansion:
 
     def _placement(self, step: PartStep) -> PlannedPlacement:
         """Return the pick, handover, hold and place of the part."""
-        choice, part, ways = self._choice, step.part.name, self._candidates.paths
+        choice, part, paths = self._choice, step.part.name, self._candidates.paths
         *_, pick, place = self._paths
-        kept = choice.step in ways.keeps
+        kept = choice.step in paths.keeps
         if kept:
             place = replace(place, path=place.path[: place.change_at])
-        relay = ways.relays.get(choice.primary)
+        relay = paths.relays.get(choice.primary)
         between: tuple[PlannedSkill, PlannedSkill] | PlannedHandover | None = None
         if relay is None:
             first = self._pick(part, pick, step.grips[choice.grasp], step.at_start)
@@ -215,7 +215,7 @@ class _Expansion:
         targets = process_targets(step.process, known.place, turn)
         first, last = targets.first, targets.last
         (path,) = self._paths
-        way = np.vstack([path.lead, path.path])
+        waypoints = np.vstack([path.lead, path.path])
         hold = self._hold()
         held = 0 if hold is None else write_support(build, hold)
         build.lead_in(path, f"to {words}")
@@ -225,8 +225,8 @@ class _Expansion:
                 SkillPath(
                     kind,
                     robot.name,
-                    way[begin : begin + 1],
-                    way[min(begin + 1, end) : end + 1],
+                    waypoints[begin : begin + 1],
+                    waypoints[min(begin + 1, end) : end + 1],
                 ),
                 label,
                 part,
@@ -234,7 +234,7 @@ class _Expansion:
             for kind, begin, end, label in (
                 (STRAIGHT, 0, first, f"approach to {words}"),
                 (step.process.name, first, last, words),
-                (STRAIGHT, last, len(way) - 1, f"back from {words}"),
+                (STRAIGHT, last, len(waypoints) - 1, f"back from {words}"),
             )
         )
         build.allow(contacts_with(tool_entity(robot), known.touched), begun, done, back)

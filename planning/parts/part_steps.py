@@ -235,11 +235,23 @@ def require_clear_insertion(
     for number, step in enumerate(steps, start=1):
         if not isinstance(step, PartStep):
             continue
-        part, ways = step.part, assembly.handling(step.part.name)
+        part, handling = step.part, assembly.handling(step.part.name)
         placed = standing_fixtures(cell) | step.others
         for place, touched, direction, length, words in (
-            (step.place, step.touched, np.array(ways.insertion), ways.approach, _IN),
-            (part.start, step.at_start, -np.array(ways.extraction), ways.leave, _OUT),
+            (
+                step.place,
+                step.touched,
+                np.array(handling.insertion),
+                handling.approach,
+                _IN,
+            ),
+            (
+                part.start,
+                step.at_start,
+                -np.array(handling.extraction),
+                handling.leave,
+                _OUT,
+            ),
         ):
             for other in sorted(touched):
                 most = assembly.overlaps.most(part.name, other)

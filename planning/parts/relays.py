@@ -162,12 +162,12 @@ def find_relays(
         known: set[tuple[str, str, Tools]] = set()
         for robots, passing in zip(chosen, every, strict=True):
             new = set()
-            for way in sorted(find(passing), key=lambda way: way.cost):
-                own = (mounted_tool(r) for r in robots if r.name in way.robots)
+            for relay in sorted(find(passing), key=lambda relay: relay.cost):
+                own = (mounted_tool(r) for r in robots if r.name in relay.robots)
                 tools = NO_TOOLS.union(*own)
-                if (*way.robots, tools) not in known:
-                    new.add((*way.robots, tools))
-                    found.append((way, tools))
+                if (*relay.robots, tools) not in known:
+                    new.add((*relay.robots, tools))
+                    found.append((relay, tools))
             known |= new
         if found:
             break
@@ -202,7 +202,7 @@ class _Passing:
             if not laid:
                 continue
             up = self._through(self._skills.pick, taken, rest, self._places)
-            ways = [
+            relays = [
                 Relay(
                     give,
                     take,
@@ -212,9 +212,9 @@ class _Passing:
                 )
                 for (give, down), (take, again) in product(laid, up)
             ]
-            if ways:
+            if relays:
                 count += 1
-                yield min(ways, key=lambda way: way.cost)
+                yield min(relays, key=lambda relay: relay.cost)
             if count == _ENOUGH:
                 return
 
@@ -226,8 +226,8 @@ class _Passing:
         """
         for giver, receiver in permutations(self._cell.robots, 2):
             tries = islice(self._meetings(giver, receiver), _MOST_MEETINGS)
-            ways = (self._handover(*meeting) for meeting in tries)
-            yield from islice((way for way in ways if way is not None), 1)
+            relays = (self._handover(*meeting) for meeting in tries)
+            yield from islice((relay for relay in relays if relay is not None), 1)
 
     def _ends(self, skill: Skill, at: Transform) -> list[RelayEnd]:
         """Return picks, or placements, of the part at its current place, a few per robot."""

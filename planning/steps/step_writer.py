@@ -100,14 +100,14 @@ class StepWriter:
         at, acts = self._acts(path, holder, lets_go=lets_go)
         # The path counts from its start, which the task's own leaves out.
         still = np.repeat(path.waypoints[at : at + 1], len(acts), axis=0)
-        way = np.vstack([path.path[:at], still, path.path[at:]])
+        waypoints = np.vstack([path.path[:at], still, path.path[at:]])
         change_at = None if path.change_at is None else path.change_at + len(acts)
         handlings: tuple[Handling, ...] = ()
         if pose is not None and item is not None and change_at is not None:
             change = Handling(item, change_at, holder, read_only_copy(pose))
             handlings = (change,)
         if refill is not None:
-            coming = Handling(refill.name, len(way), None, refill.start)
+            coming = Handling(refill.name, len(waypoints), None, refill.start)
             handlings = (*handlings, coming)
             self._objects.append(refill)
         actuations = tuple(
@@ -116,7 +116,7 @@ class StepWriter:
         )
         robot, kind = path.robot, path.skill
         return self._append(
-            robot, kind, label, way, handlings, item, actuations=actuations
+            robot, kind, label, waypoints, handlings, item, actuations=actuations
         )
 
     def _acts(
@@ -223,7 +223,7 @@ class StepWriter:
         goal: bool = False,
         actuations: tuple[Actuation, ...] = (),
     ) -> int:
-        index, way = self.first + len(self._tasks), read_only_copy(path)
-        about = index, robot, kind, self.step, label, way, handlings, item, goal
+        index, waypoints = self.first + len(self._tasks), read_only_copy(path)
+        about = index, robot, kind, self.step, label, waypoints, handlings, item, goal
         self._tasks.append(Task(*about, actuations))
         return index

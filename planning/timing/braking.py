@@ -149,10 +149,10 @@ def _stopped(
     )
     if count == 0:
         return piece, None
-    way = float(controls[count - 1])
-    if float(path.at[-1]) - way < _THERE * float(path.at[-1]):
+    progress = float(controls[count - 1])
+    if float(path.at[-1]) - progress < _THERE * float(path.at[-1]):
         return piece, None
-    rest = quickest_piece(limits, path, FOLLOWED, way)
+    rest = quickest_piece(limits, path, FOLLOWED, progress)
     if rest is None:
         return piece, None
     slow = PathPiece(path, rest.lengths, rest.step * slower)

@@ -386,8 +386,8 @@ def smooth_path(
 
 def _rests(points: Array, stops: Collection[int]) -> list[int]:
     """Return the inner corners at which a robot must be at rest."""
-    ways = np.diff(points, axis=0)
-    unit = ways / np.linalg.norm(ways, axis=1)[:, None]
+    displacements = np.diff(points, axis=0)
+    unit = displacements / np.linalg.norm(displacements, axis=1)[:, None]
     sharp = np.sum(unit[1:] * unit[:-1], axis=1) < np.cos(_SHARP)
     return [k for k in range(1, len(points) - 1) if sharp[k - 1] or k in stops]
 
@@ -401,10 +401,10 @@ def _motions_between(
     """
     whole = _in_one_go(limits, points[begin : end + 1])
     if end - begin > 1:
-        ways = np.diff(points[begin : end + 1], axis=0)
-        unit = ways / np.linalg.norm(ways, axis=1)[:, None]
+        displacements = np.diff(points[begin : end + 1], axis=0)
+        unit = displacements / np.linalg.norm(displacements, axis=1)[:, None]
         middle = begin + 1 + int(np.argmin(np.sum(unit[1:] * unit[:-1], axis=1)))
-        sides = np.array_split(ways, [middle - begin])
+        sides = np.array_split(displacements, [middle - begin])
         # Along the straight lines to the corner and from it the parts do not take much longer.
         least = sum(
             float(line_times(limits, side.sum(axis=0))[0].sum()) for side in sides

@@ -211,11 +211,11 @@ class ArmDynamics:
 
     def along_legs(self, path: BlendedPath) -> EffortRows:
         """Return the joint efforts along the straight legs of a path with rounded corners."""
-        ways = np.diff(path.points, axis=0)
-        turns = np.abs(ways).sum(axis=1)
+        displacements = np.diff(path.points, axis=0)
+        turns = np.abs(displacements).sum(axis=1)
         counts = np.maximum(np.ceil(turns / _TURN).astype(np.int64), _FEWEST)
         piece, share = _samples(counts)
-        q = path.points[piece] + share[:, None] * ways[piece]
+        q = path.points[piece] + share[:, None] * displacements[piece]
         return self._rows(q, path.velocity[piece], np.zeros_like(q), piece)
 
     def _rows(

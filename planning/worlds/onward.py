@@ -244,10 +244,10 @@ def _back_before(
 
 
 def _without_absent_objects(
-    scrap: RemovalPlan, ways: Callable[[int], Iterator[StepTasks]], first: int
+    scrap: RemovalPlan, alternatives: Callable[[int], Iterator[StepTasks]], first: int
 ) -> Iterator[StepTasks]:
     """Yield the expansions of a step in which only present objects leave the cell."""
-    yield from map(scrap.without_absent_objects, ways(first))
+    yield from map(scrap.without_absent_objects, alternatives(first))
 
 
 def _fresh(again: StepExpansions, step: int, brought: tuple[Task, ...]) -> _Item:

@@ -102,9 +102,9 @@ class PlanRater:
         nodes = build_nodes(motions)
         relations = TaskRelations(DerivedTpg(nodes), self._conflicts)
         blocks = find_blocks(nodes.chains, relations)
-        way = TaskOrderSearch(relations, blocks).best_path(_WIDTH)
-        by_home = max(way.clocks, default=0.0)
-        order = [blocks[b] for b in way.order()]
+        best = TaskOrderSearch(relations, blocks).best_path(_WIDTH)
+        by_home = max(best.clocks, default=0.0)
+        order = [blocks[b] for b in best.order()]
         chains = put_in_order(nodes.chains, relations, order)
         graph = DerivedTpg(connect_in_order(chains, relations, order))
         if self._shortcuts:

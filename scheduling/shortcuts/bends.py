@@ -170,8 +170,8 @@ def _runs_of(
     ends = node_ends(chain, low, high)
     length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     points = ends[[b - low for b in begins]]
-    ways = zip(begins, points, np.diff(points, axis=0), strict=False)
-    cruise = [pace.full_speed_seconds(*path) for path in ways]
+    legs = zip(begins, points, np.diff(points, axis=0), strict=False)
+    cruise = [pace.full_speed_seconds(*path) for path in legs]
     still = [k for k, seconds in enumerate(cruise) if seconds < _LEAST]
     for before, b in pairwise([-1, *still, len(cruise)]):
         a = before + 1

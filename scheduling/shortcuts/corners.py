@@ -210,9 +210,9 @@ class _Choice:
         Args:
             most: longest windows at the ends of legs, 0 where nothing can be rounded [s].
         """
-        ways = len(self._run.at) - 1
-        least, came = np.zeros(ways + 1), np.zeros(ways + 1, dtype=np.int64)
-        for stop in range(1, ways + 1):
+        count = len(self._run.at) - 1
+        least, came = np.zeros(count + 1), np.zeros(count + 1, dtype=np.int64)
+        for stop in range(1, count + 1):
             least[stop] = np.inf
             for begin in range(stop - 1, max(stop - 1 - _MOST_WAYS, -1), -1):
                 if begin + 1 < stop and most[begin + 1] <= 0.0:
@@ -221,7 +221,7 @@ class _Choice:
                 seconds = least[begin] + self._seconds(begin, stop, most)
                 if seconds < least[stop] - gain:
                     least[stop], came[stop] = seconds, begin
-        rests = [ways]
+        rests = [count]
         while rests[-1] > 0:
             rests.append(int(came[rests[-1]]))
         return rests[::-1]

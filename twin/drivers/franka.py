@@ -290,9 +290,9 @@ class FrankaDriver:
             self._hand.begin(stop.act, stop.seconds)
             return
         self._end = self._path.leg_end(self._at)
-        way = self._path.stops[self._end].q - self._path.stops[self._at].q
-        longest = float(np.abs(way).max())
-        self._unit = way / longest
+        leg = self._path.stops[self._end].q - self._path.stops[self._at].q
+        longest = float(np.abs(leg).max())
+        self._unit = leg / longest
         share = np.maximum(np.abs(self._unit), _LEAST_SHARE)
         (speeds, speed), (rates, rate), (jerks, jerk) = self._limits
         self._speed = float(np.min(speed / share))

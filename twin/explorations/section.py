@@ -76,8 +76,8 @@ class VarySection(Section):
     def _one_way(self) -> VarySection:
         if (self.low is None) != (self.high is None):
             raise ValueError("give both of low and high")
-        ways = (self.low is not None, self.values is not None, self.order)
-        if sum(ways) != 1:
+        variants = (self.low is not None, self.values is not None, self.order)
+        if sum(variants) != 1:
             raise ValueError("give low and high, or values, or order: true")
         if self.low is not None and self.high is not None and self.low >= self.high:
             raise ValueError(f"low {self.low:g} is not below high {self.high:g}")

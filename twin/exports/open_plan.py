@@ -38,7 +38,9 @@ def open_plan_files(run: RunResult) -> Mapping[str, bytes]:
     Args:
         run: the run.
     """
-    release = next((way for way in POLICIES if run.policy.startswith(way)), None)
+    release = next(
+        (policy for policy in POLICIES if run.policy.startswith(policy)), None
+    )
     if release is None or "TPG" in run.policy:
         release = "asynchronous"
     document = open_plan_of(run.plan, release)

@@ -186,8 +186,10 @@ class FailureTriage:
         offset = self.section.failures[task.kind].offset
         far, around, turned = (self._draw(task, "offset", k) for k in range(3))
         angle = 2.0 * np.pi * around
-        way = offset.m * np.sqrt(far) * np.array([np.cos(angle), np.sin(angle)])
-        pose = offset_on_surface(lay, way, offset.rad * (2.0 * turned - 1.0))
+        displacement = (
+            offset.m * np.sqrt(far) * np.array([np.cos(angle), np.sin(angle)])
+        )
+        pose = offset_on_surface(lay, displacement, offset.rad * (2.0 * turned - 1.0))
         found = Handling(name, 1, None, pose)
         who = tpg.chains[failure.chain].robot
         committed = committed_subgraph(tpg, cut_at(tpg, trigger))

@@ -137,8 +137,8 @@ def remaining_graph(
 def _done_steps(world: World) -> Iterator[int]:
     """Yield the steps that are done except for final transits."""
     for number, step in sorted(world.begun().items()):
-        ways = (TRANSIT, STRAIGHT, *SUPPLY_KINDS)
-        skills = {task.index for task in step.tasks if task.kind not in ways}
+        transit_kinds = (TRANSIT, STRAIGHT, *SUPPLY_KINDS)
+        skills = {task.index for task in step.tasks if task.kind not in transit_kinds}
         if skills <= world.complete:
             yield number
 

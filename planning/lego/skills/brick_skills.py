@@ -331,7 +331,8 @@ class BrickSkills:
             world.cell, {}, self.home, contacts, standing=standing, tool=self._tool
         )
         further = (
-            _drawn_back(way, back) for back, way in product(_DRAWN_BACK, alternatives)
+            _drawn_back(targets, back)
+            for back, targets in product(_DRAWN_BACK, alternatives)
         )
         return resolve_skill(world.cell.robot(robot), further, scene, world.loose_stock)
 

@@ -133,12 +133,12 @@ class BrickCollector(CandidateCollector):
     def add(self, step: int) -> None:
         """Add the candidates of a step: primary robot, giver for a place-up, brick and grip."""
         supports = self._add_supports(step)
-        ways: Iterable[tuple[str, str | None]] = (
+        transfers: Iterable[tuple[str, str | None]] = (
             permutations(self.home, 2)
             if self.world.step(step).up
             else product(self.home, [None])
         )
-        for robot, giver in ways:
+        for robot, giver in transfers:
             count, picker = 0, giver or robot
             proven: dict[
                 str, float

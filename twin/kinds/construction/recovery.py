@@ -280,9 +280,9 @@ class ConstructionRecovery(Planner[_Built]):
 
     def _alike(self, part: ModelPart) -> object:
         """Return the key of interchangeable parts."""
-        ways = {own.name: own.insertion for own in self.kind.section.parts}
+        insertions = {own.name: own.insertion for own in self.kind.section.parts}
         about = part.size.tobytes(), part.mass, part.faces
-        return *about, ways.get(part.name)
+        return *about, insertions.get(part.name)
 
     def _above(self, ledger: OperationLedger, step: int) -> int:
         """Return the number of remaining steps that depend on a step."""

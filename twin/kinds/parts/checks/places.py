@@ -148,8 +148,8 @@ def _nearest(
     """Yield the nearest thing to a robot's tool at each pose of its path, with distance [m]."""
     body = Shape((), tuple(tool_bodies(robot.model)))
     tip = inverse(frame_in_last_joint(robot.model, process.frame))
-    way = process_targets(process, known.place, process.turns[0])
-    for goal in way.targets.subgoals[way.first : way.last + 1]:
+    execution = process_targets(process, known.place, process.turns[0])
+    for goal in execution.targets.subgoals[execution.first : execution.last + 1]:
         pose: Transform = goal.pose @ tip
         found = nearest_entity((Fixture("tool", body, pose), pose), there)
         if found is not None:
