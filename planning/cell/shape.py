@@ -306,12 +306,14 @@ def _bodies(name: str, element: Element) -> list[ConvexBody]:
 
 
 def _placed(body: ConvexBody, pose: Transform) -> ConvexBody:
-    def there(points: Array) -> Array:
+    def transformed(points: Array) -> Array:
         return read_only_copy(points @ pose[:3, :3].T + pose[:3, 3])
 
     covers = body.capsules
-    capsules = Capsules(there(covers.start), there(covers.end), covers.radius)
-    return ConvexBody(body.name, there(body.vertices), capsules)
+    capsules = Capsules(
+        transformed(covers.start), transformed(covers.end), covers.radius
+    )
+    return ConvexBody(body.name, transformed(body.vertices), capsules)
 
 
 def _centre(element: Element) -> Array:

@@ -315,8 +315,8 @@ def _cup(
     near = max(least, TO_CUP) + _TOUCHES
     touching = [b.vertices for b, gap in zip(bodies, gaps, strict=True) if gap <= near]
     across = ((np.vstack(touching) - tip[:3, 3]) @ tip[:3, :3])[:, :2]
-    beside = np.maximum(0.0, np.maximum(across.min(axis=0), -across.max(axis=0)))
-    return Cup(least, beside)
+    offset = np.maximum(0.0, np.maximum(across.min(axis=0), -across.max(axis=0)))
+    return Cup(least, offset)
 
 
 def explain_not_held(

@@ -211,12 +211,12 @@ class SkillTrial:
         if tool is None:
             return None
         hand = entity_name(self.path.robot, "tool")
-        beside = {
+        touchable = {
             name for pair in scene.contacts.during if hand in pair for name in pair
         }
         checker = self._checker(Phase.UNTIL_CHANGE)
         there = frozenset(self._near.names[self._near.fixtures :])
-        for name in sorted(beside & there - frozenset(self.gone)):
+        for name in sorted(touchable & there - frozenset(self.gone)):
             if checker.tool_comes_within(self.path.waypoints, name, -tool.pressing):
                 deep = f"more than {tool.pressing * 1e3:g} mm"
                 return Obstruction(f"the tool would press {deep} into {name}", name)

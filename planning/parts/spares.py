@@ -64,7 +64,7 @@ def with_spares(
             found = collector.paths
             paths = replace(
                 paths,
-                alone={**paths.alone, **found.alone},
+                unpaired={**paths.unpaired, **found.unpaired},
                 tries={**paths.tries, **found.tries},
                 relays={**paths.relays, **found.relays},
             )

@@ -176,12 +176,12 @@ def _add_neighbour_contacts(
         thing = change.event.object
         own = work.around(change.owner, change.motion, change.event.t_s)
         if change.before is None and change.event.verb != "appear":
-            beside = set(neighbours.of(thing, change.pose))
+            touched = set(neighbours.of(thing, change.pose))
         elif change.rests is not None:
-            beside = set(neighbours.of(thing, change.rests))
+            touched = set(neighbours.of(thing, change.rests))
         else:
-            beside = set()
-        for other in beside:
+            touched = set()
+        for other in touched:
             tasks[frozenset((thing, other))] |= own
         neighbours.leave(thing)
         if change.rests is not None:

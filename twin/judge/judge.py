@@ -203,8 +203,8 @@ def named_scenario(content: OpenPlan, path: Path) -> Path:
             f"{path}: names no scenario; give one with --scenario",
             choices=tuple(shipped_scenarios()),
         )
-    beside = path.parent / named
-    return beside if beside.is_file() else Path(named)
+    sibling = path.parent / named
+    return sibling if sibling.is_file() else Path(named)
 
 
 class JudgedPlan:

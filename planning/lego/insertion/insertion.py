@@ -290,15 +290,15 @@ class InsertionSite:
     def _onto(self) -> tuple[str | None, ...]:
         """The brick that it is pressed onto, None for the plate."""
         structures = self.design.structures
-        beside = structures.above if self.up else structures.below
-        return beside(self.names, self.item.name)
+        blocking = structures.above if self.up else structures.below
+        return blocking(self.names, self.item.name)
 
     @property
     def _over(self) -> tuple[str | None, ...]:
         """The bricks on the side of its approach, which block it."""
         structures = self.design.structures
-        beside = structures.below if self.up else structures.above
-        return beside(self.names, self.item.name)
+        blocking = structures.below if self.up else structures.above
+        return blocking(self.names, self.item.name)
 
     def _blocker(self, press: Press) -> str | None:
         """Return the first brick that blocks a press, or the plate, or NO_ARM."""

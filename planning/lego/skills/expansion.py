@@ -171,16 +171,16 @@ class _ChosenBrickStep:
         held = inverse(self._flange(robot, option.path.contact)) @ start
         item = self.world.stock[source]
         near = self.world.cells_near_stock(source, self.choice.step)
-        beside = self._standing(near)
+        neighbours = self._standing(near)
         if self.refill is not None:
-            beside.pop(self.refill.name)
+            neighbours.pop(self.refill.name)
         touched, grazed = self._touched(option)
         return PlannedSkill(
             option.path,
             f"to {brick}",
             f"pick {brick}",
             held,
-            self._at_rest(robot, item, start, beside) | touched,
+            self._at_rest(robot, item, start, neighbours) | touched,
             grazed,
             self.refill,
         )

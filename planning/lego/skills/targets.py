@@ -367,10 +367,10 @@ def resting_contacts(
     name, span = item.name, item.span
     around = [other for other in _bordering(span, others, levels=1) if other != name]
     under = [one.name for one in fixtures if _carries(one, item.brick, pose)]
-    beside = _bordering(span, others, levels=0)
+    neighbours = _bordering(span, others, levels=0)
     if lever_reaches_below(item.brick):
         lever = PlacedBrick("", BRICKS["1x2"], lever_cell(item, press)).span
-        beside += [
+        neighbours += [
             other
             for other in _bordering(lever, others, levels=1)
             if not lever.shares_studs(others[other].span)
@@ -378,7 +378,7 @@ def resting_contacts(
     return (
         grip_contact(robot, name)
         | contacts_with(name, [*around, *under])
-        | contacts_with(entity_name(robot, "tool"), beside)
+        | contacts_with(entity_name(robot, "tool"), neighbours)
     )
 
 

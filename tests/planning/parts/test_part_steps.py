@@ -98,7 +98,7 @@ def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
 ) -> None:
     assert plan_violations(found.problem, plan) == []
     assert {c.robot for c in plan.choices} == {"west", "east"}
-    for item, (pick, place) in found.paths.alone.items():
+    for item, (pick, place) in found.paths.unpaired.items():
         robot, step = found.cell.robot(item.robot), found.steps[item.step - 1]
         grip = step.grips[item.grasp].pose
         for path, lying in ((pick, step.part.start), (place, step.place)):

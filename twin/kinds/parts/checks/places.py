@@ -143,7 +143,7 @@ def _nearest(
     robot: PlacedRobot,
     known: KnownStep,
     process: Process,
-    there: Mapping[str, PlacedObject],
+    others: Mapping[str, PlacedObject],
 ) -> Iterator[tuple[str, float]]:
     """Yield the nearest thing to a robot's tool at each pose of its path, with distance [m]."""
     body = Shape((), tuple(tool_bodies(robot.model)))
@@ -151,7 +151,7 @@ def _nearest(
     execution = process_targets(process, known.place, process.turns[0])
     for goal in execution.targets.subgoals[execution.first : execution.last + 1]:
         pose: Transform = goal.pose @ tip
-        found = nearest_entity((Fixture("tool", body, pose), pose), there)
+        found = nearest_entity((Fixture("tool", body, pose), pose), others)
         if found is not None:
             yield found
 
