@@ -266,7 +266,7 @@ class SubproblemSolver:
         """Return the effort for an attempt."""
         if attempt.low_effort:
             return self.settings.low_effort()
-        return self.settings.harder(attempt.effort)
+        return self.settings.with_more_effort(attempt.effort)
 
     def earliest_times(self, building: BuildState, part: Part) -> EarliestTimes:
         """Return the earliest times at which a part may be picked and placed.

@@ -243,7 +243,7 @@ class StepPrecedence:
         comes before it in the order of numbers; but while a part is held, what leads to
         letting go of it.
         """
-        done = self._doable()
+        done = self._greedy_schedule()
         return done if len(done) == len(self.before) else None
 
     def explained(self, lacks: Callable[[Collection[int]], str] | None = None) -> str:
@@ -252,7 +252,7 @@ class StepPrecedence:
         Args:
             lacks: says what keeps steps, which need one of each other, from what stands.
         """
-        done = set(self._doable())
+        done = set(self._greedy_schedule())
         stuck = [k for k in range(len(self.before)) if k not in done]
         chain = [stuck[0]]
         while chain[-1] not in chain[:-1]:
@@ -276,7 +276,7 @@ class StepPrecedence:
             for then, first in pairwise(circle)
         )
 
-    def _doable(self) -> tuple[int, ...]:
+    def _greedy_schedule(self) -> tuple[int, ...]:
         """Return the steps of a greedy schedule, as far as it is feasible."""
         out: list[int] = []
         done: set[int] = set()

@@ -100,13 +100,13 @@ class _Places:
         solid = resting_solid(body.name, body, pose)
         corners = solid.vertices
         if row == len(self.pose):
-            self.pose, self.half = _grown(self.pose), _grown(self.half)
-            self.bounds, self.joint = _grown(self.bounds), np.tile(self.joint, 2)
+            self.pose, self.half = _doubled(self.pose), _doubled(self.half)
+            self.bounds, self.joint = _doubled(self.bounds), np.tile(self.joint, 2)
             none = np.zeros(row, dtype=np.int64)
             self.corner_first = np.append(self.corner_first, none)
             self.capsule_first = np.append(self.capsule_first, none)
         while used + len(corners) > len(self.corners):
-            self.corners = _grown(self.corners)
+            self.corners = _doubled(self.corners)
         half = body.half
         if body.middle is not None:
             pose = pose @ translation(*body.middle.tolist())
@@ -124,7 +124,7 @@ class _Places:
         return row
 
 
-def _grown(values: Array) -> Array:
+def _doubled(values: Array) -> Array:
     return np.concatenate([values, np.empty_like(values)])
 
 

@@ -123,7 +123,7 @@ class SkillTrial:
             if k == change:
                 phase = Phase.SINCE_CHANGE
             while not self._checker(phase).motion_free(q_a, q_b):
-                yield self._on_the_way(phase, q_a, q_b)
+                yield self._path_obstruction(phase, q_a, q_b)
         while found := self._at(-1, Phase.AFTER):
             yield found
 
@@ -138,7 +138,7 @@ class SkillTrial:
         words = f"{contact} {phase.value}"
         return Obstruction(words, contact.obstacle, phase, contact.moving)
 
-    def _on_the_way(self, phase: Phase, q_a: Array, q_b: Array) -> Obstruction:
+    def _path_obstruction(self, phase: Phase, q_a: Array, q_b: Array) -> Obstruction:
         for t in np.linspace(0.0, 1.0, 9)[::-1]:
             contact = self._checker(phase).contact(q_a + t * (q_b - q_a))
             if contact is not None:
@@ -154,10 +154,10 @@ class SkillTrial:
             found = next(self._obstructions, None)
         found = self._pressed_into() if found is None else self._explained(found)
         if found is not None and found.phase is None:
-            self.hindrance = self._deep_in(found.by)
+            self.hindrance = self._overlap_obstacle(found.by)
         return found
 
-    def _deep_in(self, name: str | None) -> PathObstacle | None:
+    def _overlap_obstacle(self, name: str | None) -> PathObstacle | None:
         """Return a waypoint at which the tool goes deeper into an object than ever allowed."""
         tool, path = self._scene.tool, self.path.waypoints
         if tool is None or name not in self._near.names[self._near.fixtures :]:
@@ -296,7 +296,7 @@ def resolve_skill(
     hindrances: list[PathObstacle] = []
     reason: Obstruction | None = None
     for targets in alternatives:
-        found = _in_a_posture(
+        found = _resolve_posture(
             robot, targets, scene, loose, hindrances, whether=reason is not None
         )
         if not isinstance(found, Obstruction):
@@ -306,7 +306,7 @@ def resolve_skill(
     return reason
 
 
-def _in_a_posture(
+def _resolve_posture(
     robot: PlacedRobot,
     targets: SkillTargets,
     scene: SkillScene,

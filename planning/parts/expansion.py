@@ -45,7 +45,7 @@ from planning.tasks.task import (
     StepTasks,
     Task,
     TimeWindow,
-    is_done_to_a_product,
+    is_product_task,
 )
 from planning.transforms import Transform
 
@@ -314,7 +314,7 @@ def _waits_of_supply(
                 yield before[-1 - buffer], task
         elif task.kind == _PICK and task.object is not None:
             yield from history.before(task, _THERE, task.object)
-        if is_done_to_a_product(task):
+        if is_product_task(task):
             history.add(_BUILT, "", task)
             if task.step not in supply.elsewhere:
                 yield from history.before(task, _LEFT, "")

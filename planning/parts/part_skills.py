@@ -70,7 +70,9 @@ def pick_targets(frame: str, grip: Transform, handling: PartHandling) -> SkillTa
     """
     back, lifted = grip @ translation(0.0, 0.0, -handling.approach), grip.copy()
     lifted[:3, 3] += handling.leave * np.asarray(handling.extraction)
-    return _in_and_out("pick", frame, grip, ("approach", back), ("lift", lifted))
+    return _approach_and_leave(
+        "pick", frame, grip, ("approach", back), ("lift", lifted)
+    )
 
 
 def place_targets(frame: str, grip: Transform, handling: PartHandling) -> SkillTargets:
@@ -83,7 +85,9 @@ def place_targets(frame: str, grip: Transform, handling: PartHandling) -> SkillT
     """
     above, back = grip.copy(), grip @ translation(0.0, 0.0, -handling.leave)
     above[:3, 3] += -handling.approach * np.asarray(handling.insertion)
-    return _in_and_out("place-down", frame, grip, ("above", above), ("leave", back))
+    return _approach_and_leave(
+        "place-down", frame, grip, ("above", above), ("leave", back)
+    )
 
 
 def hold_targets(frame: str, grip: Transform, handling: PartHandling) -> SkillTargets:
@@ -161,10 +165,12 @@ def handover_targets(
     before = grip.copy()
     before[:3, 3] -= coming
     back = grip @ translation(0.0, 0.0, -leave)
-    return _in_and_out("handover", frame, grip, ("bring", before), ("leave", back))
+    return _approach_and_leave(
+        "handover", frame, grip, ("bring", before), ("leave", back)
+    )
 
 
-def _in_and_out(
+def _approach_and_leave(
     kind: str,
     frame: str,
     grip: Transform,

@@ -188,7 +188,7 @@ class Equilibrium:
         """
         used = self._used(case)
         limits = self._limits.copy()
-        limits[self._loosened(case), 0] = 0.0
+        limits[self._pulling_contacts(case), 0] = 0.0
         bounds = np.zeros_like(limits)
         bounds[used] = limits[used]
         rows = self._balance(case)
@@ -216,7 +216,7 @@ class Equilibrium:
         if not len(used):
             first = min(self._index[n] for n in case.present if n not in case.held)
             return StabilityReport(math.inf, self._names[first])
-        pulls = np.where(self._loosened(case), 0.0, self._pulls)[used]
+        pulls = np.where(self._pulling_contacts(case), 0.0, self._pulls)[used]
         low, high = self._limits[used].T
         low = np.where(self._pushing[used], 0.0, low)
         contacts = hstack(self._blocks, "csc")[:, used]
@@ -248,7 +248,7 @@ class Equilibrium:
         own = np.flatnonzero(there[self._on[: self._own]].all(axis=1))
         return np.array([*own, *(self._columns[c] for c in extra)], dtype=np.intp)
 
-    def _loosened(self, case: LoadCase) -> Array:
+    def _pulling_contacts(self, case: LoadCase) -> Array:
         """Return the contacts that do not pull because of a body that is being inserted."""
         if case.loose is None:
             return np.zeros(len(self._on), dtype=bool)

@@ -217,7 +217,7 @@ def cell_with_steps(cell: Workcell, steps: Iterable[StepTasks]) -> Workcell:
     return replace(cell, objects=(*cell.objects, *new)) if new else cell
 
 
-def is_done_to_a_product(task: Task) -> bool:
+def is_product_task(task: Task) -> bool:
     """Tell whether a robot or a machine does a task on a product."""
     return task.kind not in (TRANSIT, "pick", *SUPPLY_KINDS)
 

@@ -57,7 +57,7 @@ class StoppedPath:
     planned: Array
     ends: Array
 
-    def when(self, own: float) -> float:
+    def stopped_times(self, own: float) -> float:
         """Return the times at which the states of the motion without stops are reached [s].
 
         Args:

@@ -399,7 +399,7 @@ def _motions_between(
 
     They are one, or more where stops at the sharpest corners save time.
     """
-    whole = _in_one_go(limits, points[begin : end + 1])
+    whole = _without_rests(limits, points[begin : end + 1])
     if end - begin > 1:
         displacements = np.diff(points[begin : end + 1], axis=0)
         unit = displacements / np.linalg.norm(displacements, axis=1)[:, None]
@@ -421,7 +421,7 @@ def _motions_between(
     yield begin, end, whole
 
 
-def _in_one_go(limits: MotionLimits, points: Array) -> PathPiece | None:
+def _without_rests(limits: MotionLimits, points: Array) -> PathPiece | None:
     """Return a motion without intermediate rests, None where it would take too many rows."""
     path = rounded_path(points, _ROUNDED * STRAY)
     return quickest_piece(limits, path, FOLLOWED)

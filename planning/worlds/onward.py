@@ -129,13 +129,15 @@ def plan_onward(
     again = StepExpansions(replace(work, problem=problem), plan)
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
     gone = {task.robot for item in left if item.ends for task in item.tasks}
-    away = (*_away(cell, world, left, gone), *sorted(now.evading))
+    away = (*_idle_robots_away(cell, world, left, gone), *sorted(now.evading))
     for name in away:
         home = cell.robot(name).home
         items.append(_Item(_to(cell, world, name, home, stands=name not in gone)))
-    burdens = _burdens(world, left)
+    burdens = _unplaceable_loads(world, left)
     for robot, name in burdens.items():
-        items.append(_Item(_once(partial(find_removal, cell, world, robot, name))))
+        items.append(
+            _Item(_only_alternative(partial(find_removal, cell, world, robot, name)))
+        )
     undone = frozenset(plan[step].object for step in now.given_up if step in kept)
     scrap = RemovalPlan(world, work.passing, undone)
     continued = {item.step.step: item for item in left if not item.ends}
@@ -274,8 +276,8 @@ def _remaining_tasks(
 def _of_leftover(left: UnfinishedStep, now: ReplanningState) -> _Item:
     number = left.step.step
     if number in now.reopened:
-        return _Item(_once(left.numbered))
-    return _Item(_once(left.numbered), number, left.with_done)
+        return _Item(_only_alternative(left.numbered))
+    return _Item(_only_alternative(left.numbered), number, left.with_done)
 
 
 def fix_choices(
@@ -372,7 +374,7 @@ def _busy_until(
     return until
 
 
-def _once(
+def _only_alternative(
     numbered: Callable[[int], StepTasks],
 ) -> Callable[[int], Iterator[StepTasks]]:
     def alternatives(first: int) -> Iterator[StepTasks]:
@@ -381,7 +383,7 @@ def _once(
     return alternatives
 
 
-def _away(
+def _idle_robots_away(
     cell: Workcell, world: World, left: list[UnfinishedStep], gone: Collection[str]
 ) -> Iterator[str]:
     """Yield the robots that stand away from HOME without unfinished work, and not at a goal.
@@ -400,7 +402,7 @@ def _away(
             yield robot.name
 
 
-def _burdens(world: World, left: list[UnfinishedStep]) -> dict[str, str]:
+def _unplaceable_loads(world: World, left: list[UnfinishedStep]) -> dict[str, str]:
     """Return the objects in hands that have no placement any more, by robot."""
     going = {task.robot for item in left if not item.ends for task in item.tasks}
     # Also in a step that was then restarted, if another plan came before the hand was emptied.
@@ -439,7 +441,7 @@ def _to(
             ]
         return StepTasks(number, (task,), (), tuple(allowed))
 
-    return _once(numbered)
+    return _only_alternative(numbered)
 
 
 def _touches(

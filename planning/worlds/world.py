@@ -139,7 +139,7 @@ class UnfinishedStep:
     ends: bool
 
     @property
-    def _itself(self) -> dict[int, int]:
+    def _own_indices(self) -> dict[int, int]:
         """The completed tasks, by their own indices."""
         return {index: index for index in self.complete}
 
@@ -150,7 +150,7 @@ class UnfinishedStep:
             numbered,
             tasks=tuple(new.get(task.index, task) for task in self.step.tasks),
             allowed=(
-                *renumber_contacts(self.step.allowed, self._itself),
+                *renumber_contacts(self.step.allowed, self._own_indices),
                 *numbered.allowed,
             ),
         )
@@ -164,7 +164,7 @@ class UnfinishedStep:
                 touches, may have other names than when it was planned.
         """
         new = {task.index: first + k for k, task in enumerate(self.tasks)}
-        known = {**self._itself, **new}
+        known = {**self._own_indices, **new}
         tasks = tuple(replace(task, index=new[task.index]) for task in self.tasks)
         objects = self.step.objects
         waits = tuple(

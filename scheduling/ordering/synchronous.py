@@ -103,11 +103,11 @@ class TaskConflicts:
             [relations.stretch(self._unit[t]) for t in skills if t in self._unit],
         )
 
-    def left_behind(self, first: int, task: int) -> bool:
+    def meets_left_object(self, first: int, task: int) -> bool:
         """Tell whether a task collides with an object where the task ``first`` leaves it."""
         return self._rests_in_the_way(self._relations.left_by, first, task)
 
-    def not_yet_taken(self, task: int, later: int) -> bool:
+    def meets_untaken_object(self, task: int, later: int) -> bool:
         """Tell whether a task collides with an object that the task ``later`` picks up."""
         return self._rests_in_the_way(self._relations.taken_by, later, task)
 
@@ -317,7 +317,7 @@ class _Planner:
         task, conflicts = self.tasks[index], self.conflicts
         earlier = self._earlier(index, slot)
         for later in earlier | (slot.motions.keys() & self.handles):
-            if conflicts.not_yet_taken(index, later):
+            if conflicts.meets_untaken_object(index, later):
                 return f"it runs into an object that task {later} takes away"
         moving = {self.tasks[other].robot for other in slot.motions}
         for robot in self.queue:
@@ -327,7 +327,7 @@ class _Planner:
                 return f"robot {robot!r} stands in its way"
         for other in earlier:
             if conflicts.hold(task.robot, index, other) or (
-                index in self.handles and conflicts.left_behind(index, other)
+                index in self.handles and conflicts.meets_left_object(index, other)
             ):
                 return f"it would block task {other}"
         if self.always_jointly:

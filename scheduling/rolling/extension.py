@@ -177,7 +177,10 @@ def extend_graph(
         cell,
         (
             *committed.tasks,
-            *(_with_hands(task, hands) for task in new.tasks[len(committed.tasks) :]),
+            *(
+                _without_repeated_pick(task, hands)
+                for task in new.tasks[len(committed.tasks) :]
+            ),
         ),
         chains,
         *NO_EDGES,
@@ -242,7 +245,7 @@ def _moved(h: NodeHandling, chain: int, count: Sequence[int]) -> NodeHandling:
     return replace(h, robot=chain, node=h.node + count[chain])
 
 
-def _with_hands(task: Task, hands: Mapping[str, str | None]) -> Task:
+def _without_repeated_pick(task: Task, hands: Mapping[str, str | None]) -> Task:
     """Return a task of a robot that already holds what the task would pick up first."""
 
     def taken(h: Handling) -> bool:

@@ -112,7 +112,9 @@ def _meet(one: Carried, other: Carried) -> bool:
     return one.start < other.end and other.start < one.end
 
 
-def touching_itself(robot: VerifiedRobot, reference: WitnessRobot) -> Iterator[Problem]:
+def self_contact_problems(
+    robot: VerifiedRobot, reference: WitnessRobot
+) -> Iterator[Problem]:
     """Yield nodes with self-collision of a robot, or contact with its load.
 
     Parts of neighbouring joints touch by design, and those that overlap at HOME only do so because

@@ -76,7 +76,7 @@ class CheckContext:
         return found(self)
 
     @cached_property
-    def unlike_robots(self) -> tuple[PlacedRobot, ...]:
+    def distinct_robots(self) -> tuple[PlacedRobot, ...]:
         """One robot of each model, for checks of descriptions."""
         first: dict[RobotModel, PlacedRobot] = {}
         for robot in self.cell.robots:

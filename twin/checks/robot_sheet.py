@@ -128,7 +128,7 @@ def _draw_frames(
     area: Axes, thing: PicturedThing, view: Viewpoint, length: float
 ) -> None:
     named: list[tuple[float, float]] = []
-    for pose, names in _together(thing.frames):
+    for pose, names in _group_frames(thing.frames):
         draw_axes(area, view, pose, length)
         at = float(pose[view.right, 3]), float(pose[view.up, 3])
         # Frames that are in one place in this view have their names one below the other.
@@ -146,7 +146,7 @@ def _draw_frames(
         )
 
 
-def _together(
+def _group_frames(
     frames: Mapping[str, Transform],
 ) -> Iterator[tuple[Transform, list[str]]]:
     """Yield poses with the names of all frames that have them."""

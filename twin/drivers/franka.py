@@ -208,7 +208,7 @@ class FrankaDriver:
             try:
                 state = self._robot.state
                 with self._lock:
-                    self._look(state)
+                    self._record(state)
                     if self._mode != "fault":
                         self._step(state)
                         self._mode = self._doing()
@@ -244,7 +244,7 @@ class FrankaDriver:
             return "held"
         return "standing" if self._end < 0 else "moving"
 
-    def _look(self, state: Any) -> None:
+    def _record(self, state: Any) -> None:
         """Record a measurement."""
         self._q, self._dq = np.array(state.q), np.array(state.dq)
         end = self._at if self._end < 0 else self._end

@@ -182,7 +182,7 @@ class DrivenRobots(RobotPort):
         stopped = self._stopped[chain, node]
         if stopped is None:
             return self._at_rest.motion_time(chain, node, begin_ns, offset_ns)
-        return round(stopped.when(offset_ns / NANOSECONDS) * NANOSECONDS)
+        return round(stopped.stopped_times(offset_ns / NANOSECONDS) * NANOSECONDS)
 
     def _cleared(self, chain: int, node: int) -> int:
         """Return the last node that a robot is cleared for, by its messages so far."""

@@ -286,7 +286,7 @@ class Execution:
             while queue and queue[-1] >= count:
                 self._withdrawn[chain, queue.pop()] -= 1
 
-    def dispatch_again(self) -> None:
+    def redispatch(self) -> None:
         """Let the dispatcher release safe nodes now."""
         if not self._report_arrived.triggered:
             self._report_arrived.succeed()
@@ -383,7 +383,7 @@ class Execution:
         # It may be an edge of a graph that has been replaced.
         if any(to == target for to, _ in self.impatient.get(source, ())):
             self._lifts.append((source, target))
-            self.dispatch_again()
+            self.redispatch()
 
     def enqueue(self, chain: int, node: int) -> None:
         """Let a released node arrive at its robot."""

@@ -139,7 +139,7 @@ class Audience(Recorder, Protocol):
         """Execute orders given since the last call."""
         ...
 
-    def look(self, now_s: float) -> None:
+    def show_progress(self, now_s: float) -> None:
         """Show the progress at the robots' time [s]; called some times a second."""
         ...
 

@@ -265,7 +265,7 @@ def _run(
         exploration.search(crew, most, seconds or section.seconds)
         finalists = finals.race()
         if finalists and len(section.goals) == 1:
-            worths = finals.worths(finalists[0], crew)
+            worths = finals.change_values(finalists[0], crew)
     found = summary_of(
         scenario.name, exploration, finalists, worths, scenario.seed, singles
     )

@@ -146,11 +146,11 @@ class Crew:
             for worker in busy:
                 task = worker.task
                 assert task is not None
-                if (done := self._look(worker)) is not None:
+                if (done := self._poll_worker(worker)) is not None:
                     found.append((task, done))
         yield from sorted(found, key=lambda item: item[0].number)
 
-    def _look(self, worker: _DesignWorker) -> Evaluation | None:
+    def _poll_worker(self, worker: _DesignWorker) -> Evaluation | None:
         """Return the result of a worker, or its failure; None while it works."""
         try:
             while worker.pipe.poll():

@@ -221,7 +221,9 @@ class Finals:
             return 0
         return None if None in signs else (1 if 1 in signs else -1)
 
-    def worths(self, best: Finalist, crew: Evaluators) -> tuple[ChangeValue, ...]:
+    def change_values(
+        self, best: Finalist, crew: Evaluators
+    ) -> tuple[ChangeValue, ...]:
         """Return the gain of all changes of a design, then of each, the greatest first.
 
         Each change is undone alone, planned, and replicated with the same draws.
@@ -334,7 +336,7 @@ class Finals:
                 own: dict[str, Any] = {"confidence": confidence}
                 own |= {"seed": self._setting.scenario.seed}
                 base = PairedQuantiles(first[both], _PERCENTILES[about], **own)
-                found = base.fall(second[both])
+                found = base.reduction(second[both])
             return found if found is None or section.sign > 0 else _turned(found)
         value, against = self._judge(one, goal), self._judge(other, goal)
         estimate = value(first) - against(second)

@@ -43,7 +43,7 @@ class UnacknowledgedSamples:
         while len(self._samples) > _MOST:
             self._drop()
 
-    def heard(self, count: int) -> None:
+    def acknowledge(self, count: int) -> None:
         """Drop acknowledged samples; without an acknowledgement all kept ones are sent.
 
         Args:
@@ -116,7 +116,7 @@ class DriverEnd:
             self._session, self._have = command.session, command.done
             self._driver.begin(np.asarray(command.start), command.done)
         self._seen = command.number
-        self._samples.heard(command.heard)
+        self._samples.acknowledge(command.heard)
         self._take(command)
         if command.tool is not None and command.tool.name != self._ordered:
             self._ordered = command.tool.name
@@ -130,7 +130,7 @@ class DriverEnd:
 
     def _take(self, command: Command) -> None:
         """Accept new nodes, if none is missing before them."""
-        failed = self._look().failed
+        failed = self._sample_state().failed
         if failed >= 0:
             # What was to come after it is of a graph that is not executed any more.
             if command.version <= self._version:
@@ -142,7 +142,7 @@ class DriverEnd:
             self._have += len(fresh)
             self._version = max(self._version, command.version)
 
-    def _look(self) -> DriverState:
+    def _sample_state(self) -> DriverState:
         """Return the state of the robot; its samples go into the next report."""
         state = self._driver.state()
         if self._session:
@@ -156,7 +156,7 @@ class DriverEnd:
             return self._report()
 
     def _report(self) -> Report:
-        now_s, state = self._clock(), self._look()
+        now_s, state = self._clock(), self._sample_state()
         self._number += 1
         first, samples = self._samples.to_send(now_s)
         state = replace(state, samples=samples)

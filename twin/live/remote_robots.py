@@ -224,7 +224,7 @@ class RemoteRobots(RobotPort):
                 # All that has come while something was planned is heard before anybody counts as silent.
                 self._take(self._inbox.get(timeout=0.0))
                 continue
-            self._look_at_links(self._wall_s())
+            self._service_links(self._wall_s())
             self._end_without_progress(due, self._wall_s())
             wait = min((due - now) / NANOSECONDS / self._pace, _TICK_S)
             with suppress(queue.Empty):
@@ -326,7 +326,7 @@ class RemoteRobots(RobotPort):
         news.succeed()
         if name in self.silent:
             self.silent.discard(name)
-            self._cell.dispatch_again()
+            self._cell.redispatch()
 
     def _stop_off_path(self, name: str, state: DriverState) -> None:
         """Stop all robots if one is too far off its path; one at fault is excluded with its own cause."""
@@ -341,14 +341,14 @@ class RemoteRobots(RobotPort):
         for link in self._links.values():
             link.hold(True)
 
-    def _look_at_links(self, now_s: float) -> None:
+    def _service_links(self, now_s: float) -> None:
         """Execute orders of people, send commands to drivers, and check their heartbeats."""
         audience = self._cell.audience
         if audience is not None:
             audience.obey()
         for name, link in self._links.items():
             self._send(name)
-            trouble = out = self._why_out(name, now_s)
+            trouble = out = self._find_trouble(name, now_s)
             if not link.alive(now_s):
                 self.silent.add(name)
                 trouble = trouble or _Trouble("silent", "no sign of life")
@@ -358,9 +358,9 @@ class RemoteRobots(RobotPort):
                 if out:
                     self.now(self._give_up_driver, name, out.words)
         if audience is not None:
-            audience.look(now_s)
+            audience.show_progress(now_s)
 
-    def _why_out(self, name: str, now_s: float) -> _Trouble | None:
+    def _find_trouble(self, name: str, now_s: float) -> _Trouble | None:
         """Return why a driver cannot be relied on, None if it can."""
         link, state = self._links[name], self._states.get(name)
         if state is not None and state.mode == "fault":
@@ -420,7 +420,7 @@ class RemoteRobots(RobotPort):
             yield self._cell.env.timeout(round(_TICK_S * self._pace * NANOSECONDS))
         self._settled = True
         # Robots whose plan depends on an open question continue to the end of their plan.
-        self._cell.dispatch_again()
+        self._cell.redispatch()
         return made.result()
 
     def _may_release(self, chain: int) -> bool:

@@ -155,7 +155,7 @@ class FailureTriage:
         said = self.section.failures.get(task.kind)
         return "again" if said is None else said.then
 
-    def _fate(self, task: Task, *, held: bool) -> ObjectOutcome:
+    def _object_outcome(self, task: Task, *, held: bool) -> ObjectOutcome:
         """Return the outcome for the object of a failed skill."""
         said = self.section.failures.get(task.kind)
         if said is None:
@@ -223,7 +223,7 @@ class FailureTriage:
             if task.kind == "pick":
                 self.ledger.unpickable.add(self.ledger.lost(name))
             return (), ""
-        fate = self._fate(task, held=at.holder is not None)
+        fate = self._object_outcome(task, held=at.holder is not None)
         words = fate.value
         if fate is ObjectOutcome.BESIDE:
             if found := self._found(tpg, trigger, failure, task):
@@ -232,7 +232,7 @@ class FailureTriage:
             words = f"{words}, where nobody can pick it"
         self.ledger.gone.add(self.ledger.lost(name))
         # A station presents the next one, whatever has become of this one.
-        coming = () if at.holder else _brought(task)
+        coming = () if at.holder else _appearing_objects(task)
         if fate is not ObjectOutcome.LOST and not coming:
             return (), words  # it is still where it was
         if at.holder is None:
@@ -241,7 +241,7 @@ class FailureTriage:
         return (Handling(name, 1, None, pose), Handling(name, 1, GONE, pose)), words
 
 
-def _brought(task: Task) -> tuple[Handling, ...]:
+def _appearing_objects(task: Task) -> tuple[Handling, ...]:
     """Return the objects that appear once an object has been picked."""
     return tuple(
         replace(h, waypoint=1) for h in task.handlings if h.object != task.object

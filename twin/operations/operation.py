@@ -157,7 +157,7 @@ def operate(
     late = scenario.execution.late
     require_picked(motions, [item.part for item in late])
     first, plan = len(tpg.chains), tpg
-    tpg = _with_late(tpg, [item.part for item in late])
+    tpg = _with_late_deliveries(tpg, [item.part for item in late])
     if late and keep is not None:
         keep(1, tpg)
     asked = scenario.execution.recovery.ask or (AskSection() if answer else None)
@@ -295,7 +295,9 @@ def require_picked(motions: PlannedMotions, late: Sequence[str]) -> None:
             raise RequestError(words)
 
 
-def _with_late(tpg: TemporalPlanGraph, late: Sequence[str]) -> TemporalPlanGraph:
+def _with_late_deliveries(
+    tpg: TemporalPlanGraph, late: Sequence[str]
+) -> TemporalPlanGraph:
     """Return a graph with late parts, each delivered by a machine of its own."""
     if not late:
         return tpg

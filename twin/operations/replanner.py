@@ -259,7 +259,7 @@ class RollingReplanner(Replanner):
             self._set_limits()
         revised, self._revised = self._revised, cell.env.event()
         revised.succeed()
-        cell.dispatch_again()
+        cell.redispatch()
         self._plan_more()
 
     def _version(self) -> Generator[simpy.Event, Any, tuple[Any, PlanRevision]]:

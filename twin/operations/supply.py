@@ -37,7 +37,7 @@ class LateSupply(SupplyPort):
         def arrive() -> Steps:
             yield cell.env.timeout(at_ns)
             del self.arriving[chain]
-            cell.dispatch_again()
+            cell.redispatch()
 
         self.arriving[chain] = str(cell.tpg.tasks[cell.task[chain][0]].object)
         self.lift_unknown()

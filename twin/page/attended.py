@@ -117,7 +117,7 @@ class Attendance(Audience):
                 break
             self._robots.now(self._obey, order)
 
-    def look(self, now_s: float) -> None:
+    def show_progress(self, now_s: float) -> None:
         """Show the progress at the robots' time [s]; called some times a second."""
         robots = self._robots
         for name, link in robots.nodes.links.items():

@@ -307,7 +307,7 @@ def _audits(
     for cell, (policy, variant) in enumerate(experiment.cells):
         tpg = plans[plan_key(variant, NAMED_POLICIES[policy].plan)]
         load = replace(loads[cell], tpg=tpg)  # with the shapes that work goes without
-        if policy == OPEN_LOOP or _drawn_off(load):
+        if policy == OPEN_LOOP or _describe_pose_errors(load):
             drawn[cell] = load
     count = experiment.audited
     if experiment.replications is not None:
@@ -325,7 +325,7 @@ def _audits(
     return found
 
 
-def _drawn_off(load: Workload) -> str:
+def _describe_pose_errors(load: Workload) -> str:
     """Return a description of pose errors: of bases, or of tools in skills."""
     disturbances, cell = load.execution.disturbances, load.tpg.cell
     what = {
@@ -359,7 +359,7 @@ def _audit_cell(
             replay.mkdir()
             save_plan(load.tpg, replay)
         write_motion(replay, load.tpg, run)
-        if _drawn_off(load):
+        if _describe_pose_errors(load):
             disturbances, cell = load.execution.disturbances, load.tpg.cell
             how = {"seed": load.seed, "replication": replication}
             known = disturbances.deviations_in(cell)

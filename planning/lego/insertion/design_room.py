@@ -104,7 +104,9 @@ class DesignRoom:
         self._touching = cache(self._find_touching)
         self._supports: dict[Support, SupportPlace] = {}
 
-    def in_the_way(self, brick: str, press: Press, names: Names, *, up: bool) -> Names:
+    def press_obstacles(
+        self, brick: str, press: Press, names: Names, *, up: bool
+    ) -> Names:
         """Return which of the present bricks, or the plate, block a press.
 
         A brick that goes in from above may come from either side, low or high over its
@@ -161,7 +163,7 @@ class DesignRoom:
                     found[name].append(place)
         return found
 
-    def holds_anywhere(
+    def possible_holds(
         self,
         brick: str,
         touchable: Iterable[str],
@@ -312,7 +314,7 @@ class SupportSpots:
 
         yield from sorted(filter(None, map(self._spot, nearby)), key=order)
         tried = set(nearby)
-        for support in self._anywhere(at, from_above=top):
+        for support in self._touching_positions(at, from_above=top):
             if support not in tried:
                 spot = self._spot(support)
                 if spot is not None and spot.away(at) >= approach.apart:
@@ -331,7 +333,7 @@ class SupportSpots:
         holds = tuple(chain.from_iterable(place.touches[n] for n in touched))
         return SupportSpot(support, holds, not place.near.isdisjoint(self.names))
 
-    def _anywhere(self, at: Point, *, from_above: bool) -> list[Support]:
+    def _touching_positions(self, at: Point, *, from_above: bool) -> list[Support]:
         """Return the tool positions that touch bricks, nearest first."""
         found = {
             place.support

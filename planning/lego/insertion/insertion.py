@@ -154,7 +154,7 @@ class InsertionSite:
 
     def insertion(self, method: InsertionMethod) -> Insertion | None:
         """Return the first sufficient insertion, by the order of presses and spots."""
-        if method.held and not self._might(method):
+        if method.held and not self._bears_all_presses(method):
             return None
         for press in self.roomy_presses:
             found = next(self.insertions(press, method), None)
@@ -191,7 +191,7 @@ class InsertionSite:
         whole = replace(self, names=frozenset(design.structures.bricks))
         if self._over or not whole._onto or not self.roomy:
             return None
-        holds = self._holds_anywhere(method, whole.names)
+        holds = self._possible_holds(method, whole.names)
         if method.held and not holds:
             return None
         question = (name, method, self.roomy, holds)
@@ -303,23 +303,23 @@ class InsertionSite:
     def _blocker(self, press: Press) -> str | None:
         """Return the first brick that blocks a press, or the plate, or NO_ARM."""
         room, arms = self.design.room, self.design.rules.arms
-        found = room.in_the_way(self.item.name, press, self.names, up=self.up)
+        found = room.press_obstacles(self.item.name, press, self.names, up=self.up)
         if arms is not None and not found:
             return arms.blocker(self.item, press, self.names, up=self.up)
         return PLATE if PLATE in found else min(found, default=None)
 
-    def _holds_anywhere(
+    def _possible_holds(
         self, method: InsertionMethod, touchable: Names
     ) -> tuple[ToolHold, ...]:
         """Return all pushes by which the other arm may support some bricks, none without it."""
         if not method.held:
             return ()
         room, name = self.design.room, self.item.name
-        return room.holds_anywhere(name, sorted(touchable), self.names, method)
+        return room.possible_holds(name, sorted(touchable), self.names, method)
 
-    def _might(self, method: InsertionMethod) -> bool:
+    def _bears_all_presses(self, method: InsertionMethod) -> bool:
         """Tell whether the structure bears all presses together, supported wherever possible."""
-        holds = self._holds_anywhere(method, self.names) if self.roomy else ()
+        holds = self._possible_holds(method, self.names) if self.roomy else ()
         load = self.load(*self.roomy_presses)
         pressed = self.design.structures.pressed
         return bool(holds) and pressed(self.names, load, holds).stable

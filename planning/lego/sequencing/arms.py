@@ -146,7 +146,7 @@ def sequence_for_arms(
         undone = len(candidates.problem.impossible)
         since = 0 if undone < fewest else since + 1
         fewest = min(fewest, undone)
-        learnt = _learnt(now, reach)
+        learnt = _refined_rules(now, reach)
         if learnt is None or since == _PATIENCE:
             break
         rules = learnt
@@ -154,7 +154,7 @@ def sequence_for_arms(
     return first
 
 
-def _learnt(now: ArmSequence, reach: GripReach) -> SequencingRules | None:
+def _refined_rules(now: ArmSequence, reach: GripReach) -> SequencingRules | None:
     """Return rules that exclude what the arms cannot do, None where nothing is learnt."""
     rules, names = now.rules, [item.name for item in now.found.sequence]
     impossible = now.candidates.problem.impossible

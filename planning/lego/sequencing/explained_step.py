@@ -43,14 +43,14 @@ class ExplainedStep:
     temporary: frozenset[str]
 
     @property
-    def strain(self) -> dict[str, float]:
+    def friction_shares(self) -> dict[str, float]:
         """The largest share of friction that any joint of each brick uses."""
-        strain = dict.fromkeys((item.name for item in self.bricks), 0.0)
+        friction_shares = dict.fromkeys((item.name for item in self.bricks), 0.0)
         for first, second, share in self.report.pulled:
             for name in (first, second):
                 if name is not None:
-                    strain[name] = max(strain[name], share)
-        return strain
+                    friction_shares[name] = max(friction_shares[name], share)
+        return friction_shares
 
 
 def explain_step(

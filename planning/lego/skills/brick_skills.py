@@ -64,7 +64,7 @@ _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 """How far behind the pre-pose a support may start [m]."""
 
 
-def _once(
+def _cached(
     find: Callable[Concatenate[BrickSkills, Key], Answer],
 ) -> Callable[Concatenate[BrickSkills, Key], Answer]:
     """Cache the results of a method per arguments."""
@@ -107,7 +107,7 @@ class BrickSkills:
         numbers = self.world.goal_numbers
         return min((numbers[k] for k in skill.gone if k in numbers), default=None)
 
-    @_once
+    @_cached
     def pick(self, robot: str, stock: str, grasp: int) -> Found:
         """Return the pick of a brick of the stock (name) by a robot (name), with a grip (number)."""
         world = self.world
@@ -213,7 +213,7 @@ class BrickSkills:
         frames = self.world.cell.robot(robot).model.frames
         return BrickGrip(frames, kind, top, press_from_number(grasp))
 
-    @_once
+    @_cached
     def place(
         self, robot: str, step: int, grasp: int, supporter: SupportCandidate | None
     ) -> Found:
@@ -252,12 +252,12 @@ class BrickSkills:
             world.cell.robot(robot), alternatives, scene, world.loose_stock
         )
 
-    @_once
+    @_cached
     def least_pick(self, robot: str, stock: str, grasp: int) -> float:
         """Return the least joint distance from HOME to the grasp of a pick, ignoring obstacles."""
         return self._least(robot, [self.pick_targets(robot, stock, grasp)])
 
-    @_once
+    @_cached
     def near_place(self, robot: str, step: int, grasp: int) -> float:
         """Return a cheap lower bound of ``least_place``: the joint distance to the pose alone.
 
@@ -267,7 +267,7 @@ class BrickSkills:
         found = inverse_kinematics(placed, goal.frame, goal.pose, placed.home)
         return joint_distance(placed.home, found[0]) - _ALIKE if found else 0.0
 
-    @_once
+    @_cached
     def least_place(self, robot: str, step: int, grasp: int) -> float:
         """Return the least joint distance from HOME to the release of a place, ignoring obstacles."""
         alternatives = product(*self._approach_options(step, grasp))
@@ -311,7 +311,7 @@ class BrickSkills:
         own = {goal_name(step): world.step(step)}
         return support_contacts(robot, support, {**bricks, **own})
 
-    @_once
+    @_cached
     def support(self, robot: str, step: int, choice: int) -> Found:
         """Return the support of a step by a robot, by its number, see ``LegoStep.supports``.
 
@@ -336,7 +336,7 @@ class BrickSkills:
         )
         return resolve_skill(world.cell.robot(robot), further, scene, world.loose_stock)
 
-    @_once
+    @_cached
     def handover(
         self, giver: str, receiver: str, step: int, grasp: int
     ) -> Handover | Obstruction:

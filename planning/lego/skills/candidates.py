@@ -150,7 +150,9 @@ class BrickCollector(CandidateCollector):
                 if count >= _SPARE:
                     for bound in (self.skills.near_place, self.skills.least_place):
                         least = bound(robot, step, grasp) if stocks else math.inf
-                        stocks = self._promising(picker, grasp, stocks, least, proven)
+                        stocks = self._competitive_bricks(
+                            picker, grasp, stocks, least, proven
+                        )
                     if not stocks:
                         continue
                 place = self._place(robot, step, grasp, supports)
@@ -167,7 +169,9 @@ class BrickCollector(CandidateCollector):
                     cost += joint_distance(self.home[robot], handover.receive)
                 first = len(self.primaries)
                 if count >= _SPARE:
-                    stocks = self._promising(picker, grasp, stocks, cost, proven)
+                    stocks = self._competitive_bricks(
+                        picker, grasp, stocks, cost, proven
+                    )
                 for stock in stocks:
                     pick = self._pick(step, picker, stock, grasp)
                     if pick is not None:
@@ -186,7 +190,7 @@ class BrickCollector(CandidateCollector):
                         known = proven.get(item.object, math.inf)
                         proven[item.object] = min(item.cost, known)
 
-    def _promising(
+    def _competitive_bricks(
         self,
         picker: str,
         grasp: int,
@@ -257,7 +261,7 @@ class BrickCollector(CandidateCollector):
                 item
                 for item in supports.values()
                 if item.robot != robot
-                and self.world.go_together(step, grasp, item.pose)
+                and self.world.are_compatible(step, grasp, item.pose)
             ]
         found = [self.skills.place(robot, step, grasp, support) for support in choices]
         places = [option for option in found if isinstance(option, ResolvedSkill)]
@@ -294,7 +298,7 @@ class BrickCollector(CandidateCollector):
         for index, item in supports.items():
             if item.robot == robot or not newest:
                 continue
-            if self.world.go_together(step, grasp, item.pose):
+            if self.world.are_compatible(step, grasp, item.pose):
                 option = self.skills.place(robot, step, grasp, item)
                 words = f"{robot} places beside {item.robot}, {_grip(grasp)}"
                 if self.accept(step, words, option, robot) is not None:

@@ -438,11 +438,11 @@ def test_nobody_else_is_told_with_why() -> None:
     found.reject(
         2, "right grips, 8 mm wide", "the tool would be 4.0 mm in screw", "right"
     )
-    why = pairing._nobody(item, 2, None)
+    why = pairing._holding_rejection(item, 2, None)
     assert why.words == (
         "no other robot can do step 2 (screw) at all: right grips, 8 mm wide: the tool would be 4.0 mm"
         " in screw"
     )
     hit = Obstruction("right/arm and left/arm overlap by 3.0 mm", "left/arm")
-    why = pairing._nobody(item, 2, hit)
+    why = pairing._holding_rejection(item, 2, hit)
     assert why.words.endswith("meanwhile: right/arm and left/arm overlap by 3.0 mm")

@@ -184,7 +184,7 @@ def _objects(run: RunResult) -> Iterator[Message]:
     shown: frozenset[str] | None = None
     for state in object_states(run):
         if there is not None:
-            yield from _again(there, state.t_ns, seconds)
+            yield from _repeated_poses(there, state.t_ns, seconds)
         there = state
         full_second = state.t_ns % NANOSECONDS == 0
         names = state.frames if full_second else state.changed
@@ -199,10 +199,12 @@ def _objects(run: RunResult) -> Iterator[Message]:
             ]
             yield Message(state.t_ns, _OBJECTS, marker_array(markers))
     if there is not None:
-        yield from _again(there, run.makespan_ns + 1, seconds)
+        yield from _repeated_poses(there, run.makespan_ns + 1, seconds)
 
 
-def _again(objects: ObjectState, end_ns: int, seconds: Indices) -> Iterator[Message]:
+def _repeated_poses(
+    objects: ObjectState, end_ns: int, seconds: Indices
+) -> Iterator[Message]:
     """Yield where all objects are at full seconds before a time [ns]: some, and those soon after a change."""
     poses: list[FramePose] = list(objects.frames.values())
     soon = objects.t_ns // NANOSECONDS + np.arange(_REPEATED_NS // NANOSECONDS + 1)

@@ -100,7 +100,7 @@ def check_brick_tools(subject: CheckContext) -> Findings:
     Beyond what the audit allows it is an error.
     """
     lego = lego_kind(subject)
-    for robot in subject.unlike_robots:
+    for robot in subject.distinct_robots:
         model, tool = robot.model, robot.tool or "its tool"
         if not {"tool", "alt"} <= set(model.frames):
             continue  # the planner names those that it needs

@@ -266,11 +266,11 @@ def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
     new = {"kind": "lego", **kept, "structure": structure_content(model, corner)}
     content: dict[str, Any] = {"cell": data["cell"], "assembly": new}
     for robot in content["cell"]["robots"]:
-        _mend_path(robot, path.parent, output.parent)
+        _relocate_path(robot, path.parent, output.parent)
     return content
 
 
-def _mend_path(robot: dict[str, Any], old: Path, new: Path) -> None:
+def _relocate_path(robot: dict[str, Any], old: Path, new: Path) -> None:
     """Adapt the path of a robot's description to another folder."""
     import os
 

@@ -116,7 +116,7 @@ class PartKind(AssemblyKind):
         """Return the names of the machines that may be disturbed, without unattended processes."""
         return disturbed_machines(self.section)
 
-    def lies_as_given(self) -> bool:
+    def has_given_starts(self) -> bool:
         """Return whether no part comes from a source or belongs to one of several products."""
         return not (self.section.sources or self.section.products)
 

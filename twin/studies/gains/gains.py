@@ -176,7 +176,7 @@ def _gains(
             mean = mean_interval(
                 base - changed, confidence=confidence, antithetic=mirrored
             )
-            savings.append(Saving(mean_s=mean, p90_s=p90.fall(changed)))
+            savings.append(Saving(mean_s=mean, p90_s=p90.reduction(changed)))
         yield Gain(intervention, *savings)
 
 

@@ -316,7 +316,7 @@ def test_three_arms_around_a_plate_take_turns() -> None:
 def test_an_arm_that_reaches_no_brick_leaves_the_others_as_they_were() -> None:
     found = _three_arms(("a", Cell(3, 40, 1)), ("b", Cell(43, 40, 1)))
     problem = found.problem
-    assert problem.able == ("left", "right")
+    assert problem.capable_robots == ("left", "right")
     two = replace(problem, robots=("left", "right"))
     assert assign_steps(problem) == assign_steps(two)
     robots = [choice.robot for choice in assign_steps(problem).choices]

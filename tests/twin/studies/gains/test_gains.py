@@ -77,7 +77,7 @@ def test_quantiles_are_resampled_in_pairs(antithetic: bool) -> None:
         np.sort(np.repeat(base, own))[53] - np.sort(np.repeat(changed, own))[53]
         for own in weights
     ]
-    interval = paired.fall(changed)
+    interval = paired.reduction(changed)
     # Ranks of the 0.9 quantile of 60 values, at most 5 % beyond either.
     shifts = [np.sort(base)[k - 1] - np.sort(changed)[k - 1] for k in range(50, 60)]
     assert stats.binom.cdf(49, 60, 0.9) <= 0.05 < stats.binom.cdf(50, 60, 0.9)
@@ -92,7 +92,7 @@ def test_small_samples_leave_the_difference_of_quantiles_open() -> None:
     base = np.random.default_rng(4).gamma(4.0, 2.0, 36)
     for count, needed in ((35, 36), (36, None)):
         paired = PairedQuantiles(base[:count], 0.9, confidence=0.95, seed=0)
-        found = paired.fall(base[:count] - 1.0)
+        found = paired.reduction(base[:count] - 1.0)
         assert found.replications_needed == needed
         assert np.isfinite(found.half_width) == (needed is None)
         assert found.estimate == pytest.approx(1.0)
@@ -106,7 +106,9 @@ def test_intervals_of_quantiles_cover() -> None:
     for k in range(150):
         changed = rng.normal(size=300)
         base = changed + rng.normal(1.0, 0.5, size=300)
-        interval = PairedQuantiles(base, 0.9, confidence=0.95, seed=k).fall(changed)
+        interval = PairedQuantiles(base, 0.9, confidence=0.95, seed=k).reduction(
+            changed
+        )
         hits += interval.low <= truth <= interval.high
     assert hits >= 0.88 * 150
 

@@ -131,7 +131,7 @@ def check_room(subject: CheckContext, parts: OrderedParts) -> Findings:
             if key == "goal" and len(group) > 1:
                 continue
             found = [
-                _lack(
+                _missing_clearance(
                     parts,
                     robots,
                     (cell.object(own), at),
@@ -144,7 +144,7 @@ def check_room(subject: CheckContext, parts: OrderedParts) -> Findings:
                 break
 
 
-def _lack(
+def _missing_clearance(
     parts: OrderedParts,
     robots: Sequence[PlacedRobot],
     part: PlacedObject,

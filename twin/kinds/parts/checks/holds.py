@@ -125,7 +125,7 @@ def check_friction(subject: CheckContext, parts: OrderedParts) -> Findings:
 @for_part_assemblies
 def check_pads(subject: CheckContext, _: OrderedParts) -> Findings:
     """Yield tools with fingers whose pads cannot be identified by shape."""
-    for robot in subject.unlike_robots:
+    for robot in subject.distinct_robots:
         model = robot.model
         if model.grip is None or model.grip.opening in (None, (0.0, 0.0)):
             continue
