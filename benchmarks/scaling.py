@@ -25,6 +25,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import yaml
@@ -48,7 +49,7 @@ from twin.kinds.lego.section import LegoSection
 from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import default_shortcuts, motion_settings
 from twin.reading.scenario_file import load_scenario
-from twin.trial import executor
+from twin.trial import executor, simulation
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import given_plan
 from twin.trial.run_plan import run_plan_to_folder
@@ -246,6 +247,7 @@ def _go_through(bricks: int, clock: Clock, *, shortcuts: bool) -> Measurement:
         else:
             loaded = LoadedScenario(scenario, file.parent)
             done = _executed(loaded, tpg, clock, Path(name))
+            assert done.record is not None
             makespan = float(done.record.makespan_s)
             violations = len(done.summary["audit"]["violations"])
     seconds, load = clock.seconds, (0.0, 0.0)
@@ -256,15 +258,15 @@ def _executed(
     scenario: LoadedScenario, tpg: TemporalPlanGraph, clock: Clock, folder: Path
 ) -> RunResult:
     """Execute, write and audit a plan."""
-    originals = executor.execute, run_auditor.audit_execution
-    executor.execute = clock.timed("execution", executor.execute)
-    run_auditor.audit_execution = clock.timed("audit", run_auditor.audit_execution)
+    executing = clock.timed("execution", simulation.execute)
+    auditing = clock.timed("audit", run_auditor.audit_execution)
     (folder / "run").mkdir()
-    try:
-        with clock.stage("files"):
-            done = run_plan_to_folder(given_plan(scenario, tpg), folder / "run")
-    finally:
-        executor.execute, run_auditor.audit_execution = originals
+    with (
+        patch.object(executor, "execute", executing),
+        patch.object(run_auditor, "audit_execution", auditing),
+        clock.stage("files"),
+    ):
+        done = run_plan_to_folder(given_plan(scenario, tpg), folder / "run")
     clock.seconds["files"] -= clock.seconds["execution"] + clock.seconds["audit"]
     return done
 

@@ -5,15 +5,19 @@ From the top of the repository: ``python docs/python_reference.py``.
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from functools import cached_property
+from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import twin
+import twin.registry
 
 PAGE = Path(__file__).parent / "reference" / "python.md"
 
@@ -48,6 +52,26 @@ ERRORS = (
     *("ResumeError", "CircularWaitsError", "TooManyPiecesError", "UnknownEntryError"),
 )
 
+GROUPS = (
+    *("DURATIONS", "PLANNERS", "POLICIES", "RECORDERS", "EXPORTS", "DRIVERS"),
+    "COMMANDS",
+)
+"""Groups of ``twin.registry`` that others may add to."""
+
+PARTS = {
+    "twin.durations.model": ("DurationModel", "Seconds", "PositiveSeconds", "Factor"),
+    "planning.motion.transit": ("TransitPlanner", "MotionChecker"),
+    "twin.engine.dispatch_policies": ("DispatchPolicy",),
+    "scheduling.graph.temporal_plan_graph": ("TemporalPlanGraph", "NodeChain"),
+    "twin.runs.execution_record": ("ExecutionRecord",),
+    "twin.runs.events": ("Event",),
+    "twin.exports.formats": ("export_run",),
+    "twin.drivers.driver": (
+        *("Driver", "DriverState", "ClearedNode", "ToolOrder", "Sample"),
+    ),
+}
+"""Names by module that parts of one's own are made of, or get."""
+
 _SECTION = re.compile(r"^(Args|Returns|Raises|Attributes):$")
 _ENTRY = re.compile(r"^    (\w[\w, ]*): (.*)$")
 
@@ -58,6 +82,9 @@ def page() -> str:
         "# Python",
         "Names of the package `twin`; how to use them is told in [From Python](../guides/python.md). This page is"
         " made of their docstrings by `docs/python_reference.py`.",
+        "Public are the names on this page: those of `twin`, and those that [parts of your own](#parts-of-your-own) are"
+        " made of. Everything else, in every module, may change with each release, whether it begins with an underscore or"
+        " not; an underscore marks what only its own module or folder uses.",
         "## Functions",
         "`AnyScenario` is a scenario, the path of its file, or the name of one that comes with the program; `AnyPlan` is"
         " that or a plan; `PathOrName` a path; `Report` a function that is called with the name of a stage, how much of it is"
@@ -71,7 +98,39 @@ def page() -> str:
     parts += ["## Errors", "`twin.TwinError` is the base class of all errors."]
     head = ["| error | of | when | attributes |", "|---|---|---|---|"]
     parts.append("\n".join([*head, *map(_error, ERRORS)]))
+    parts += ["## Parts of your own", *_parts()]
     return "\n\n".join(parts) + "\n"
+
+
+def _parts() -> Iterator[str]:
+    """Yield the groups of the registry that others may add to, and the names that their entries need."""
+    yield "Groups of `twin.registry`; `GROUP.add(name, entry)` adds an entry for the process."
+    said = _assigned("twin.registry")
+    rows = ["| group | entry points | entries are |", "|---|---|---|"]
+    for name in GROUPS:
+        points = f"assembly_twin.{getattr(twin.registry, name).name}"
+        rows.append(f"| `{name}` | `{points}` | {said[name]} |")
+    yield "\n".join(rows)
+    yield "Names that they need:"
+    rows = ["| name | module | |", "|---|---|---|"]
+    for module, names in PARTS.items():
+        found, said = import_module(module), _assigned(module)
+        for name in names:
+            words = said.get(name) or _first(getattr(found, name))
+            rows.append(f"| `{name}` | `{module}` | {words} |")
+    yield "\n".join(rows)
+
+
+def _assigned(module: str) -> dict[str, str]:
+    """Return the docstrings of the constants of a module, in one line of a table each."""
+    body = ast.parse(inspect.getsource(import_module(module))).body
+    return {
+        ast.unparse(one.targets[0]): _line(ast.literal_eval(other.value))
+        for one, other in pairwise(body)
+        if isinstance(one, ast.Assign)
+        and isinstance(other, ast.Expr)
+        and isinstance(other.value, ast.Constant)
+    }
 
 
 def _error(name: str) -> str:
@@ -122,8 +181,11 @@ def _class(cls: type) -> Iterator[str]:
 
 def _first(member: Any) -> str:
     """Return the first paragraph of a docstring, in one line of a table."""
-    text = " ".join((inspect.getdoc(member) or "").split("\n\n")[0].split())
-    return text.replace("``", "`").replace("|", "\\|")
+    return _line((inspect.getdoc(member) or "").split("\n\n")[0])
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split()).replace("``", "`").replace("|", "\\|")
 
 
 def _markdown(docstring: str) -> Iterator[str]:

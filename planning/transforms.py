@@ -46,7 +46,7 @@ def rotation(axis: str, angle: float) -> Transform:
     return out
 
 
-def from_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> Transform:
+def from_rpy(xyz: Sequence[float] | Array, rpy: Sequence[float] | Array) -> Transform:
     """Return translation ``xyz`` [m] after R = Rz(yaw) Ry(pitch) Rx(roll) [rad]."""
     out = rotation("z", rpy[2]) @ rotation("y", rpy[1]) @ rotation("x", rpy[0])
     out[:3, 3] = xyz

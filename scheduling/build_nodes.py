@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task import TRANSIT, Task, still_borders
+from planning.tasks.task import Task, TaskKind, still_borders
 from planning.transforms import Array, Indices, read_only_copy
 from scheduling.graph.temporal_plan_graph import (
     NO_EDGES,
@@ -77,7 +77,7 @@ def _nodes_of_robot(
                 f"{_name(task)} starts {np.max(np.abs(path[0] - end)):.3g} away from where"
                 f" task {'before it' if last is None else last.index} ended"
             )
-        as_nodes = _poses if task.kind == TRANSIT else _skill
+        as_nodes = _poses if task.kind == TaskKind.TRANSIT else _skill
         nodes, where = as_nodes(task, path, time)
         for h in task.handlings:
             node, waypoint = where[h.waypoint]
@@ -171,7 +171,7 @@ def _nodes(
         fraction,
         first,
         np.full(len(start), task.index),
-        np.full(len(start), task.kind != TRANSIT),
+        np.full(len(start), task.kind != TaskKind.TRANSIT),
         end - start,
         start,
     )

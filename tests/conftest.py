@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import faulthandler
+import functools
 import gc
 import os
 import signal
+import time
 from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,8 +20,8 @@ from xdist.scheduler import LoadScopeScheduling
 # Tests run side by side: threads of linear algebra would only be in each other's way.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-FEW_EXAMPLES = 6
-"""Property tests that try no more than these try them all by day, others half of what they say."""
+FEW_EXAMPLES = 3
+"""Property tests that try no more than these try them all by day, others a third of what they say."""
 
 SETTINGS = "_hypothesis_internal_use_settings"
 """Attribute in which hypothesis keeps the settings of a property test."""
@@ -50,6 +52,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="FACTOR",
         help="with --nightly: examples of a property test, as a multiple of what it states (3)",
     )
+    parser.addoption(
+        "--examples-time",
+        type=float,
+        default=float("inf"),
+        metavar="SECONDS",
+        help="with --nightly: time after which a property test begins no further round of examples",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -72,7 +81,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(
     config: pytest.Config, items: list[pytest.Item]
 ) -> None:
-    """Put the longest files first; leave what is for the night to it, half of the examples, too."""
+    """Put the longest files first; leave what is for the night to it, most examples, too."""
     from tests.longest import ranks
 
     known = ranks()
@@ -83,19 +92,50 @@ def pytest_collection_modifyitems(
         _deselect(config, items, lambda item: not _tries_more_at_night(item))
     elif not nightly:
         _deselect(config, items, lambda item: bool(item.get_closest_marker("nightly")))
-    factor = config.getoption("--examples")
-    for test in {getattr(item, "function", None) for item in items}:
-        own = getattr(test, SETTINGS, None)
-        if own is not None:
-            many = own.max_examples
-            by_day = max(min(many, FEW_EXAMPLES), many // 2)
-            changed = hypothesis.settings(
-                own, max_examples=factor * many if nightly else by_day
-            )
-            setattr(test, SETTINGS, changed)
+    rounds = {
+        test: _set_examples_of_day(test, config.getoption("--examples"))
+        for test in {getattr(item, "function", None) for item in items}
+        if hasattr(test, SETTINGS)
+    }
     for item in items if nightly else ():
         if item.get_closest_marker("timeout") is None:
             item.add_marker(pytest.mark.timeout(NIGHTLY_S))
+        if isinstance(item, pytest.Function) and item.function in rounds:
+            limit_s = config.getoption("--examples-time")
+            item.obj = _in_rounds(item.obj, rounds[item.function], limit_s)
+
+
+def _set_examples_of_day(test: Any, factor: int) -> int:
+    """Let a property test try as many examples as by day; return how often it does at night.
+
+    Args:
+        test: the test, with settings of hypothesis.
+        factor: examples at night, as a multiple of what the test states.
+    """
+    own = getattr(test, SETTINGS)
+    many: int = own.max_examples
+    by_day = max(min(many, FEW_EXAMPLES), many // 3)
+    setattr(test, SETTINGS, hypothesis.settings(own, max_examples=by_day))
+    return -(-factor * many // by_day)
+
+
+def _in_rounds(
+    test: Callable[..., None], rounds: int, limit_s: float
+) -> Callable[..., None]:
+    """Return a property test that is tried several times, with other examples each.
+
+    Hypothesis has no limit of time: a test that is slow begins no further round after it.
+    """
+
+    @functools.wraps(test)
+    def repeated(**given: Any) -> None:
+        end = time.monotonic() + limit_s
+        for _ in range(rounds):
+            test(**given)
+            if time.monotonic() > end:
+                break
+
+    return repeated
 
 
 def _deselect(
@@ -148,7 +188,7 @@ def pytest_sessionfinish() -> None:
     gc.unfreeze()
 
 
-class _Scopes(LoadScopeScheduling):
+class _Scopes(LoadScopeScheduling):  # type: ignore[misc]  # xdist has no types
     """Keeps a file's tests in one process, as they share what they plan; commands of docs do not."""
 
     def _split_scope(self, nodeid: str) -> str:
@@ -166,15 +206,9 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeSch
 
 @pytest.fixture(scope="session")
 def shipped(tmp_path_factory: pytest.TempPathFactory) -> ShippedRuns:
-    """Return the runs of the shipped scenarios, which all processes of a session share.
-
-    Sessions that name the same folder in TWIN_TEST_RUNS share them, too.
-    """
+    """Return the runs of the shipped scenarios, which all processes of a session share."""
     from tests.shipped_runs import ShippedRuns
 
-    kept = os.environ.get("TWIN_TEST_RUNS")
-    if kept is not None:
-        return ShippedRuns(Path(kept))
     folder = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent

@@ -45,4 +45,5 @@ def compile_once(folder: Path) -> None:
                 if not depth[byte]:
                     fcntl.lockf(file, fcntl.LOCK_UN, 1, byte)
 
-    Dispatcher.compile = compile_locked
+    # Numba has no hook of its own for this.
+    Dispatcher.compile = compile_locked  # type: ignore[method-assign,assignment]

@@ -1,6 +1,6 @@
 """Files of tests by how long they take, so that the longest begin first.
 
-    pytest -m 'not expensive' -n 2 --junitxml=times.xml && python -m tests.longest times.xml
+    pytest -n 2 --junitxml=times.xml && python -m tests.longest times.xml
 
 writes tests/longest_first.txt. A file that is not in it comes after those that are.
 """

@@ -253,6 +253,39 @@ PLANNERS = Group("planners", {"rrt-connect": "planning.motion.transit:RrtConnect
 """Transit planners, by ``planning.planner`` of a scenario: called with lower and upper joint limits of a robot, shape
 (n,), and its speed model; return a ``planning.motion.transit.TransitPlanner``."""
 
+DURATIONS = Group(
+    "durations",
+    {
+        "fixed": "twin.durations.bounded:Fixed",
+        "uniform": "twin.durations.bounded:Uniform",
+        "triangular": "twin.durations.bounded:Triangular",
+        "pert": "twin.durations.bounded:Pert",
+        "normal": "twin.durations.normal:TruncatedNormal",
+        "lognormal": "twin.durations.normal:Lognormal",
+        "exponential": "twin.durations.lifetimes:Exponential",
+        "gamma": "twin.durations.lifetimes:Gamma",
+        "weibull": "twin.durations.lifetimes:Weibull",
+        "empirical": "twin.durations.measured:Empirical",
+        "packaged": "twin.durations.measured:Packaged",
+        "shifted": "twin.durations.composed:Shifted",
+        "retries": "twin.durations.composed:Retries",
+    },
+)
+"""Distributions of durations, by the ``kind`` of a duration in a scenario: subclasses of
+``twin.durations.model.DurationModel``, whose attributes are the keys of the section."""
+
+POLICIES = Group(
+    "policies",
+    {
+        "asynchronous": "twin.engine.dispatch_policies:no_edges",
+        "sequential": "scheduling.graph.task_edges:turn_edges",
+        "synchronous": "scheduling.graph.barriers:barrier_edges",
+        "open-loop": "twin.engine.dispatch_policies:no_edges",
+    },
+)
+"""Dispatch policies, by ``execution.policy`` of a scenario: called with a temporal plan graph; return the further edges
+of a ``twin.engine.dispatch_policies.DispatchPolicy``."""
+
 DRIVERS = Group("drivers", {"franka": "twin.drivers.franka:franka_driver"})
 """Drivers of robots within this process, by ``kind`` or by ``name`` of the kind ``registered`` in a drivers file: called
 with that section and a placed robot; return a ``twin.drivers.driver.Driver``."""

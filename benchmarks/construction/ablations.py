@@ -32,6 +32,7 @@ from benchmarks.construction.case import (
 from benchmarks.machine import load_line
 from benchmarks.store import Row, RowStore
 from planning.construction.paths import rrt
+from planning.construction.paths.bidirectional_search import grow_forests
 from planning.construction.planner import plan_construction
 from planning.construction.problem.settings import PlannerSettings, RrtSettings
 from planning.errors import ConstructionError
@@ -69,18 +70,17 @@ def measure(model: str, seed: int, settings: RrtSettings) -> Row:
     start, load = time.process_time(), os.getloadavg()[0]
     row: Row = {"model": model, "seed": seed, "grown": 0, "load": load}
 
-    def watch(done: int, total: int) -> None:
+    def watch(done: float, total: float) -> None:
         if time.process_time() > start + LIMIT and done < total:
             raise OutOfTimeError(f"{done} of {total} parts placed in {LIMIT:.0f} s")
 
     def grow(*args: Any) -> Any:
-        found = own(*args)
+        found = grow_forests(*args)
         row["grown"] += int(found[2] >= 0)
         return found
 
-    own = rrt.grow
     try:
-        with patch.object(rrt, "grow", grow):
+        with patch.object(rrt, "grow_forests", grow):
             plan = plan_construction(problem, effort, watch)
     except (ConstructionError, OutOfTimeError) as error:
         spent = time.process_time() - start

@@ -193,11 +193,11 @@ def _failed(error: TwinError, start: tuple[float, float]) -> Row:
     return {"ok": False, "reason": str(error), **totals}
 
 
-def _watched(limit: float, progress: Report) -> Callable[[int, int], None]:
+def _watched(limit: float, progress: Report) -> Callable[[float, float], None]:
     """Return what is told of every part, and stops planning when its time is over."""
     end = time.process_time() + limit
 
-    def watch(done: int, total: int) -> None:
+    def watch(done: float, total: float) -> None:
         progress(PARTS, done, total)
         if time.process_time() > end and done < total:
             raise OutOfTimeError(

@@ -14,6 +14,7 @@ import shutil
 import warnings
 import zipfile
 from collections.abc import Callable
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -199,8 +200,8 @@ def _repeated(path: Path, rng: random.Random, outside: Path) -> None:
 def _text(path: Path, rng: random.Random, outside: Path) -> None:
     """Replace a text of a document by one that is too long, nested too deeply, or leads elsewhere."""
     content = path.read_bytes()
-    found = list(re.finditer(rb'"[^"\\\n]*"(?!:)', content)) or [None]
-    at = rng.choice(found)
+    found: list[re.Match[bytes] | None] = [*re.finditer(rb'"[^"\\\n]*"(?!:)', content)]
+    at = rng.choice(found or [None])
     text = rng.choice((
         *(b"../" * 8 + b"tmp/x", b"/etc/passwd", b"..", b"a\\u0000b", b"x" * (4 << 20)),
         *(str(outside / "x.urdf").encode(), b"package://os/x.urdf", b"\\u001b[31m"),
@@ -237,8 +238,7 @@ KINDS: dict[str, Mutation] = {
 def _made_good(folder: Path) -> None:
     """Make sums fit what the files of a folder hold now, where they are files of this kind still."""
     for plan in folder.rglob("plan.json"):
-        arrays = plan.with_suffix(".npz")
-        _edit(plan, lambda c, arrays=arrays: c | {"arrays_sha256": _sum(arrays)})
+        _edit(plan, partial(_with_arrays_sum, plan.with_suffix(".npz")))
     for manifest in folder.rglob("manifest.json"):
         _edit(manifest, _with_scenario_sum)
     for summary in folder.rglob("summary.json"):
@@ -253,6 +253,10 @@ def _edit(path: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> Non
             path.write_text(json.dumps(change(json.loads(path.read_text()))))
     except (ValueError, KeyError, TypeError, OSError, RecursionError, AttributeError):
         return
+
+
+def _with_arrays_sum(arrays: Path, content: dict[str, Any]) -> dict[str, Any]:
+    return content | {"arrays_sha256": _sum(arrays)}
 
 
 def _with_scenario_sum(content: dict[str, Any]) -> dict[str, Any]:
@@ -402,7 +406,7 @@ def exploration_folders(folder: Path, seed: int) -> Case:
     def crew(setting: Any, workers: int, limit_s: float) -> OwnProcess:
         return OwnProcess(setting)
 
-    own = {"Crew": crew, "write_report": lambda *_: None}
+    own: dict[str, Any] = {"Crew": crew, "write_report": lambda *_: None}
     source, copied = folder / "source", folder / "design.yaml"
     jitter = "execution: {jitter: {kind: uniform, low_s: 0, high_s: 0.02}}\n"
     file = _sliders(folder, jitter + EXPLORE)

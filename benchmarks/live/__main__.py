@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.live.driven import Driven, drive, latencies_s
 from benchmarks.machine import machine_line
-from planning.tasks.task import STRAIGHT, TRANSIT
+from planning.tasks.task import TaskKind
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.engine import Simulator
 from twin.trial.loaded_scenario import load
@@ -100,7 +100,7 @@ def _durations(
             nodes = np.flatnonzero(chain.task == task)
             about = tpg.tasks[int(task)]
             own = float((end[nodes] - start[nodes]).sum())
-            if about.kind in (TRANSIT, STRAIGHT):
+            if about.kind in (TaskKind.TRANSIT, TaskKind.STRAIGHT):
                 took, planned = took + own, planned + float(chain.duration[nodes].sum())
             else:
                 skills[f"{about.kind}/{chain.robot}"].append(own)

@@ -79,10 +79,10 @@ def bodies_of(cell: Workcell) -> list[Body]:
     Raises:
         ValueError: one of them is something else.
     """
-    given = [(f.name, f.pose, f.shape, None, f.colour) for f in cell.fixtures]
-    given += [(o.name, o.start, o.shape, o.mass, o.colour) for o in cell.objects]
+    fixed = [(f.name, f.pose, f.shape, None, f.colour) for f in cell.fixtures]
+    movable = [(o.name, o.start, o.shape, o.mass, o.colour) for o in cell.objects]
     found = []
-    for name, pose, shape, mass, colour in given:
+    for name, pose, shape, mass, colour in (*fixed, *movable):
         boxes = []
         for element in shape.elements:
             size = getattr(element.form, "size", None)

@@ -36,15 +36,15 @@ class MotionLimits:
     tool_speed: float = np.inf
     loaded_tool_speed: float = np.inf
 
-
-def limits_of(model: RobotModel) -> MotionLimits:
-    """Return the motion limits of a robot type, with defaults where its description has none."""
-    usual = np.where(
-        model.chain.prismatic, SLIDING_ACCELERATION, TURNING_ACCELERATION
-    ).astype(np.float64)
-    drives = model.drives
-    given = usual if drives is None else drives.acceleration
-    acceleration = np.where(np.isfinite(given), given, usual)
-    known = acceleration * np.inf if drives is None else drives.jerk
-    jerk = np.where(np.isfinite(known), known, acceleration / BUILD_UP_S)
-    return MotionLimits(model.velocity, acceleration, jerk)
+    @classmethod
+    def of(cls, model: RobotModel) -> MotionLimits:
+        """Return the motion limits of a robot type, with defaults where its description has none."""
+        usual = np.where(
+            model.chain.prismatic, SLIDING_ACCELERATION, TURNING_ACCELERATION
+        ).astype(np.float64)
+        drives = model.drives
+        given = usual if drives is None else drives.acceleration
+        acceleration = np.where(np.isfinite(given), given, usual)
+        known = acceleration * np.inf if drives is None else drives.jerk
+        jerk = np.where(np.isfinite(known), known, acceleration / BUILD_UP_S)
+        return cls(model.velocity, acceleration, jerk)

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.body import ConvexBody
-from planning.transforms import Array, Transform
+from planning.errors import RobotModelError
+from planning.transforms import Array, Transform, identity
 
 
 @dataclass(frozen=True)
@@ -162,3 +163,28 @@ class RobotModel:
             and bool(np.allclose(axis, np.eye(3)))
             and bool(np.allclose(self.chain.placement[:3], np.eye(4)))
         )
+
+    def frame_in_last_joint(self, frame: str) -> Transform:
+        """Return the pose of the flange or of a tool frame in the last joint's frame.
+
+        Raises:
+            RobotModelError: the robot has no such frame.
+        """
+        if frame == "flange":
+            return self.flange
+        return np.asarray(self.flange @ self.frame_in_flange(frame))
+
+    def frame_in_flange(self, frame: str) -> Transform:
+        """Return the pose of the flange or of a tool frame in the flange's frame.
+
+        Raises:
+            RobotModelError: the robot has no such frame.
+        """
+        if frame == "flange":
+            return identity()
+        if frame not in self.frames:
+            raise RobotModelError(
+                f"robot {self.name!r} has no frame {frame!r}",
+                choices=("flange", *self.frames),
+            )
+        return self.frames[frame]

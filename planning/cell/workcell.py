@@ -231,6 +231,16 @@ class Workcell:
                 return item
         raise KeyError(f"no object {name!r}")
 
+    def start_state(self) -> WorldState:
+        """Return the state in which every robot is at HOME and every object at its start.
+
+        Objects that come up later are not part of it.
+        """
+        return WorldState(
+            {r.name: r.home for r in self.robots},
+            {o.name: Attachment(None, o.start) for o in self.objects if not o.later},
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Attachment:
@@ -257,13 +267,6 @@ class WorldState:
     configurations: Mapping[str, Array]
     attachments: Mapping[str, Attachment]
 
-
-def start_state(cell: Workcell) -> WorldState:
-    """Return the state in which every robot is at HOME and every object at its start.
-
-    Objects that come up later are not part of it.
-    """
-    return WorldState(
-        {r.name: r.home for r in cell.robots},
-        {o.name: Attachment(None, o.start) for o in cell.objects if not o.later},
-    )
+    def with_robot(self, name: str, q: Array) -> WorldState:
+        """Return the state with one robot at ``q``, shape (n,)."""
+        return WorldState({**self.configurations, name: q}, self.attachments)

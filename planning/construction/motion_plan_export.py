@@ -35,7 +35,7 @@ from planning.construction.world.tracks import build_tracks, sweep_track
 from planning.errors import PlanInvariantError
 from planning.handling.skill_contacts import NOTHING, grip_contact
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task import TRANSIT, AllowedContact, Task
+from planning.tasks.task import AllowedContact, Task, TaskKind
 from planning.transforms import Array, Indices
 
 _FINER = 3
@@ -105,7 +105,7 @@ def _in_hand(building: BuildState, robot: str) -> str | None:
 def _nothing(building: BuildState, robot: str) -> PlannedTask:
     """Return the placeholder task of a robot that has only moved out of the others' way."""
     line = building.world.robots[robot]
-    return PlannedTask(robot, TRANSIT, line.time[:1], line.path[:1], 1, "HOME")
+    return PlannedTask(robot, TaskKind.TRANSIT, line.time[:1], line.path[:1], 1, "HOME")
 
 
 def _transit(
@@ -130,7 +130,14 @@ def _transit(
         part = str(work.object)
         touching |= grip_contact(line.robot, part) | grip_contact(work.robot, part)
     yield PlannedTask(
-        line.robot, TRANSIT, time, path, work.step, label, carried, touching=touching
+        line.robot,
+        TaskKind.TRANSIT,
+        time,
+        path,
+        work.step,
+        label,
+        carried,
+        touching=touching,
     )
 
 
@@ -204,7 +211,7 @@ def export_motion_plan(
         moves = (
             k
             for k, task in enumerate(tasks)
-            if task.kind == TRANSIT
+            if task.kind == TaskKind.TRANSIT
             and (task.robot, task.object) == (keeping.robot, name)
             and task.start >= since - SAME
         )
@@ -220,7 +227,9 @@ def export_motion_plan(
                 task.kind,
                 task.step,
                 task.label,
-                motions[k].path[-1:] if task.kind == TRANSIT else motions[k].path[1:],
+                motions[k].path[-1:]
+                if task.kind == TaskKind.TRANSIT
+                else motions[k].path[1:],
                 task.handlings,
                 task.object,
             )
@@ -349,7 +358,7 @@ def _motions(
     out = []
     last = {name: line.path[0] for name, line in world.robots.items()}
     for task in tasks:
-        if task.kind != TRANSIT:
+        if task.kind != TaskKind.TRANSIT:
             path, time = np.array(task.path), np.array(task.time)
             path[0] = last[task.robot]
         else:

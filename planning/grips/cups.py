@@ -12,7 +12,6 @@ from planning.cell.workcell import PlacedRobot
 from planning.grips.grip import USUAL_CUP, CupPoints, GripRules
 from planning.grips.pads import TO_CUP, finger_sides, own_bodies
 from planning.grips.shape_grips import part_grips
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.transforms import Array, Transform
 
 _ROUND = float(np.cos(np.pi / 24))
@@ -36,7 +35,7 @@ def with_cup(rules: GripRules, robot: PlacedRobot) -> GripRules:
     if not rules.suction or robot.model.grip is None or explicit:
         return rules
     # Of fingers that are said to hold as a cup does, the position of the cup is unknown.
-    tip = frame_in_last_joint(robot.model, rules.frame)
+    tip = robot.model.frame_in_last_joint(rules.frame)
     fingers = finger_sides(robot.model, tip) is not None
     return rules if fingers else replace(rules, lips=_cup_points(robot.model, tip))
 

@@ -28,7 +28,6 @@ from planning.cell.workcell import CellObject, PlacedRobot, Workcell, WorldState
 from planning.geometry.scene_checker import SceneChecker
 from planning.grips.grip import Grip
 from planning.grips.pads import finger_sides, pads_at
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.motion.sequential import MARGIN
 from planning.statics.contact_patch import contact_patch
 from planning.statics.equilibrium import STANDARD_GRAVITY
@@ -179,7 +178,7 @@ def load_on_pads(
     force = None if model.grip is None else model.grip.force
     if force is None or part.mass <= 0.0:
         return None
-    tip = frame_in_last_joint(model, frame)
+    tip = model.frame_in_last_joint(frame)
     up = pose[2, :3]
 
     def find() -> PadLoad | Literal[""]:
@@ -285,7 +284,7 @@ def finger_obstacles(
         scene: the cell, the poses of all else in it, and the allowed contacts.
     """
     item, grip = held
-    tip = frame_in_last_joint(robot.model, frame)
+    tip = robot.model.frame_in_last_joint(frame)
     cell, state, allowed = scene
     short = cell.clearances.robot_object + MARGIN + _ROUNDING
     model = swept_fingers(robot.model, tip, item.shape, grip, short)

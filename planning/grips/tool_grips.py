@@ -18,7 +18,6 @@ from planning.grips.cups import describe_too_wide_cups, with_cup
 from planning.grips.grip import Grip, GripRules
 from planning.grips.pads import explain_not_held, own_bodies
 from planning.grips.shape_grips import part_grips
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.steps.skill import Obstruction
 from planning.transforms import Array, Transform, inverse, translation
 
@@ -138,7 +137,7 @@ def describe_tool_overhang(
     Returns:
         Empty where the tool does not reach farther along its z axis.
     """
-    tip = frame_in_last_joint(robot.model, frame)
+    tip = robot.model.frame_in_last_joint(frame)
     ahead = float(tool_heights(robot.model, tip).max())
     corners = np.vstack([piece.vertices for piece in shape.pieces])
     along = (corners - grip.pose[:3, 3]) @ grip.pose[:3, 2]
@@ -220,7 +219,7 @@ def explain_tool_misfit(
     """
     if part.shape.is_box and robot.model.grip is None:
         return None
-    tip, model = frame_in_last_joint(robot.model, frame), robot.model
+    tip, model = robot.model.frame_in_last_joint(frame), robot.model
     about = tip, part.shape, grip.pose, approach
     key = (model, tip.tobytes(), part.shape, grip.pose.tobytes(), approach)
     depth = _FITS.get(key, lambda: _depth(model, *about))
@@ -249,7 +248,7 @@ def describe_missed_contact(
     """
     own, tip = (
         tool_rules(rules, robot.model.grip),
-        frame_in_last_joint(robot.model, rules.frame),
+        robot.model.frame_in_last_joint(rules.frame),
     )
     about = robot.model, tip, part.name, part.shape, grip.pose
     return explain_not_held(*about, suction=own.suction)

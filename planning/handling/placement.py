@@ -15,7 +15,7 @@ from planning.handling.handovers import Handover
 from planning.handling.skill_contacts import NOTHING
 from planning.steps.skill import Pairs, SkillPath
 from planning.steps.step_writer import StepWriter
-from planning.tasks.task import STRAIGHT
+from planning.tasks.task import TaskKind
 from planning.tasks.work import Refill
 from planning.transforms import Transform
 
@@ -157,7 +157,7 @@ def write_release(
     path = support.skill.path
     waypoints = path.waypoints[-2::-1]
     if support.straight:
-        straight = SkillPath(STRAIGHT, path.robot, path.path[-1:], waypoints)
+        straight = SkillPath(TaskKind.STRAIGHT, path.robot, path.path[-1:], waypoints)
         back = [build.skill(straight, support.leaving, support.item, lets_go=True)]
     else:
         back = [build.transit(path.robot, q, support.leaving) for q in waypoints]

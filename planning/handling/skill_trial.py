@@ -14,7 +14,6 @@ from planning.geometry.robot_bodies import entity_name
 from planning.geometry.scene_checker import BodyPair, SceneChecker
 from planning.handling.skill_scene import SkillScene
 from planning.handling.skill_targets import SkillTargets, skill_postures
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.steps.skill import Obstruction, Phase, SkillPath, contacts_with
 from planning.transforms import Array, inverse
 
@@ -63,7 +62,7 @@ class PathObstacle:
         if mine.joint != robot.model.dof - 1 or other.carrier is not None:
             return False
         goal = goals[self.at]
-        joint = goal.pose @ inverse(frame_in_last_joint(robot.model, goal.frame))
+        joint = goal.pose @ inverse(robot.model.frame_in_last_joint(goal.frame))
         there = Solid(mine.name, mine.body, joint @ mine.local)
         return hull_distance_at(there, _NO_JOINTS, other, _NO_JOINTS) < limit - _SURELY
 

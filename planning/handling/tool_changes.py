@@ -39,7 +39,7 @@ from planning.steps.skill import (
 )
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import NO_TOOLS, Tools
-from planning.tasks.task import LEAVE_TOOL, STRAIGHT, TAKE_TOOL, Handling
+from planning.tasks.task import Handling, TaskKind
 from planning.transforms import Transform, inverse, translation
 
 _RACK_TOUCH = 0.002
@@ -173,7 +173,10 @@ class ToolChanges:
 
     def change(self, build: StepWriter, robot: str, old: str, new: str) -> None:
         """Write the tasks by which a robot leaves one tool and takes another."""
-        for name, kind, verb in ((old, LEAVE_TOOL, "leave"), (new, TAKE_TOOL, "take")):
+        for name, kind, verb in (
+            (old, TaskKind.LEAVE_TOOL, "leave"),
+            (new, TaskKind.TAKE_TOOL, "take"),
+        ):
             rack = self.paths[robot, name]
             path, stop = rack.path, rack.path.path[-1:]
             holder, pose = (
@@ -183,7 +186,7 @@ class ToolChanges:
             into = build.skill(path, f"into the rack of {name}", name)
             change = SkillPath(kind, robot, stop, stop, 1)
             done = build.skill(change, f"{verb} {name}", name, holder, pose)
-            back = SkillPath(STRAIGHT, robot, stop, path.waypoints[-2::-1])
+            back = SkillPath(TaskKind.STRAIGHT, robot, stop, path.waypoints[-2::-1])
             out = build.skill(back, f"out of the rack of {name}", name)
             build.allow(rack.contacts, into, done, out)
         build.transit(robot, self.cell.robot(robot).home, f"HOME with {new}")
@@ -284,7 +287,7 @@ def _rack_path(
     far = near @ translation(0.0, 0.0, -tool.approach)
     subgoals = straight_subgoals("flange", "rack", far, near)
     targets = SkillTargets(
-        STRAIGHT, (*subgoals, Subgoal("rack", "flange", near)), len(subgoals)
+        TaskKind.STRAIGHT, (*subgoals, Subgoal("rack", "flange", near)), len(subgoals)
     )
     on_it = contacts_with(entity_name(robot.name, "tool"), [tool.name])
     scene = SkillScene(

@@ -13,10 +13,9 @@ import numpy as np
 from planning.caches import BoundedCache
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
-from planning.errors import RobotModelError
 from planning.kinematics.chain import joint_table, placed_joints, pose_joints
 from planning.kinematics.damped_least_squares import follow_targets, solve_from
-from planning.transforms import Array, Transform, identity, inverse
+from planning.transforms import Array, Transform, inverse
 
 _SOLVED: BoundedCache[list[Array]] = BoundedCache(20_000)
 """Cache capacity: the same poses recur while candidates are searched."""
@@ -37,7 +36,7 @@ def frame_pose(robot: PlacedRobot, q: Array, frame: str = "flange") -> Transform
         RobotModelError: the robot has no such frame.
     """
     poses = joint_poses_of(robot, q)
-    return np.asarray(poses[-1] @ frame_in_last_joint(robot.model, frame))
+    return np.asarray(poses[-1] @ robot.model.frame_in_last_joint(frame))
 
 
 def joint_poses_of(robot: PlacedRobot, q: Array) -> Array:
@@ -46,33 +45,6 @@ def joint_poses_of(robot: PlacedRobot, q: Array) -> Array:
     # A writable copy: numba recompiles for read-only arrays.
     pose_joints(placed_joints(robot), np.array(q, dtype=np.float64), poses)
     return poses
-
-
-def frame_in_last_joint(model: RobotModel, frame: str) -> Transform:
-    """Return the pose of the flange or of a tool frame in the last joint's frame.
-
-    Raises:
-        RobotModelError: the robot has no such frame.
-    """
-    if frame == "flange":
-        return model.flange
-    return np.asarray(model.flange @ frame_in_flange(model, frame))
-
-
-def frame_in_flange(model: RobotModel, frame: str) -> Transform:
-    """Return the pose of the flange or of a tool frame in the flange's frame.
-
-    Raises:
-        RobotModelError: the robot has no such frame.
-    """
-    if frame == "flange":
-        return identity()
-    if frame not in model.frames:
-        raise RobotModelError(
-            f"robot {model.name!r} has no frame {frame!r}",
-            choices=("flange", *model.frames),
-        )
-    return model.frames[frame]
 
 
 def inverse_kinematics(
@@ -165,8 +137,8 @@ def follow_poses(
 
 @cache
 def _tip(model: RobotModel, frame: str) -> Transform:
-    """Return ``frame_in_last_joint`` as a writable copy: kernels are recompiled for read-only arrays."""
-    return np.array(frame_in_last_joint(model, frame))
+    """Return ``model.frame_in_last_joint`` as a writable copy: kernels are recompiled for read-only arrays."""
+    return np.array(model.frame_in_last_joint(frame))
 
 
 @cache

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.tasks.task import TRANSIT, StepTasks, Task
+from planning.tasks.task import StepTasks, Task, TaskKind
 from planning.transforms import Array
 
 _SAME = 1e-9
@@ -42,7 +42,7 @@ def take_near_turns(
     for robot in cell.robots:
         excursion: list[Task] = []
         for task in [t for t in step.tasks if t.robot == robot.name]:
-            transit = task.kind == TRANSIT
+            transit = task.kind == TaskKind.TRANSIT
             if not transit or np.max(np.abs(task.path[-1] - robot.home)) >= _SAME:
                 excursion.append(task)
                 continue

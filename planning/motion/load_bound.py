@@ -19,7 +19,7 @@ from planning.cell.workcell import Workcell
 from planning.motion.sequential import MotionSettings
 from planning.silence import QuietHighs
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
-from planning.tasks.task import SUPPLY_KINDS, TRANSIT, StepTasks, Task, cell_with_steps
+from planning.tasks.task import StepTasks, Task, TaskKind, cell_with_steps
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array
 
@@ -98,14 +98,14 @@ def busy_seconds(
     for task in step.tasks:
         if not cell.is_machine(task.robot):
             own[task.robot].append(task)
-        elif task.kind not in SUPPLY_KINDS:
+        elif task.kind not in TaskKind.SUPPLY:
             found[task.robot] += settings.seconds_of(here, task) or 0.0
     for robot, tasks in own.items():
         speed = settings.speeds[robot]
         turning = ~cell.robot(robot).model.chain.prismatic
         total, ended, at = 0.0, None, None
         for task in tasks:
-            if task.kind == TRANSIT and not task.goal:
+            if task.kind == TaskKind.TRANSIT and not task.goal:
                 at = task.path[-1]
                 continue
             start = at if at is not None else ended

@@ -10,7 +10,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from planning.cell.workcell import Workcell, WorldState, start_state
+from planning.cell.workcell import Workcell, WorldState
 from planning.errors import TransitError
 from planning.geometry.scene_checker import Contact, SceneChecker
 from planning.motion.full_turns import take_near_turns
@@ -20,17 +20,16 @@ from planning.motion.speed import SpeedModel, cut_path
 from planning.motion.transit import TransitPlanner
 from planning.progress import Progress, no_progress
 from planning.tasks.task import (
-    TRANSIT,
     ActuationKey,
     AllowedContact,
     ExceptionKey,
     StepTasks,
     Task,
+    TaskKind,
     TimeWindow,
     allowed_pairs,
     apply_handlings,
     cell_with_steps,
-    move_robot,
     still_borders,
     strongest_exception,
 )
@@ -141,7 +140,7 @@ def plan_motions_sequentially(
         TransitError: no expansion of a step has a collision-free plan; names the task, the
             robot and the step.
     """
-    first = begins or StartConfiguration(start_state(cell))
+    first = begins or StartConfiguration(cell.start_state())
     now = _Progress(first.state, first.last_task, 0.0)
     steps: list[StepTasks] = []
     motions: list[TaskMotion] = []
@@ -184,7 +183,7 @@ def _plan_step(
         motions.append(TaskMotion(waypoints, now.clock + times))
         state = apply_handlings(now.state, task.handlings)
         now = _Progress(
-            move_robot(state, task.robot, waypoints[-1]),
+            state.with_robot(task.robot, waypoints[-1]),
             {**now.last_task, task.robot: task.index},
             now.clock + float(times[-1]),
         )
@@ -207,7 +206,7 @@ def _way_of(
     phases = _phases(cell, task, allowed, now)
 
     def work_out() -> CachedPath:
-        if task.kind == TRANSIT:
+        if task.kind == TaskKind.TRANSIT:
             path = _plan_transit(cell, task, phases[0], settings, seed)
             speed = settings.speeds[task.robot]
             cut = cut_path(path, speed, settings.step)
@@ -221,7 +220,7 @@ def _way_of(
         return work_out().path
     pairs = [phase.pairs for phase in phases]
     scene = known.scenes.scene(cell, now.state, pairs, task.handlings)
-    seconds = None if task.kind == TRANSIT else settings.seconds_of(cell, task)
+    seconds = None if task.kind == TaskKind.TRANSIT else settings.seconds_of(cell, task)
     stands = settings.still_seconds(task)
     moving = task.robot, task.kind, task.path.tobytes(), seconds, stands
     return known.path(moving, scene, seed, work_out)
@@ -248,10 +247,10 @@ def _phases(
     """Return the phases of a task in order."""
     found: list[_Phase] = []
     state = now.state
-    handlings = () if task.kind == TRANSIT else task.handlings
+    handlings = () if task.kind == TaskKind.TRANSIT else task.handlings
     for k in sorted({0, *(h.waypoint for h in handlings)}):
         if k > 0:
-            state = move_robot(state, task.robot, task.path[k - 1])
+            state = state.with_robot(task.robot, task.path[k - 1])
         state = apply_handlings(state, [h for h in handlings if h.waypoint == k])
         pairs = allowed_pairs(
             cell, state, task.robot, task.index, now.last_task, allowed

@@ -33,17 +33,10 @@ from planning.steps.skill import SkillPath, contacts_with, handled_contact, tool
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import (
-    ARRIVE,
-    GONE,
-    HOLD,
-    LAG,
-    LEAVE,
-    PRESENT,
-    STRAIGHT,
-    SUPPLY_KINDS,
     Handling,
     StepTasks,
     Task,
+    TaskKind,
     TimeWindow,
     is_product_task,
 )
@@ -124,10 +117,12 @@ class _Expansion:
                 self._let_go(earlier, done)
         for lag in self._candidates.assembly.lags_after(step.name):
             words = f"{lag.least:g} s after {lag.step}"
-            build.machine_task(str(lag.machine), LAG, words, None)
+            build.machine_task(str(lag.machine), TaskKind.LAG, words, None)
         if (leaving := supply.leaves.get(number)) is not None:
-            gone = tuple(Handling(part, 1, GONE, pose) for part, pose in leaving.parts)
-            build.machine_task(leaving.machine, LEAVE, "leaves", None, gone)
+            gone = tuple(
+                Handling(part, 1, Handling.GONE, pose) for part, pose in leaving.parts
+            )
+            build.machine_task(leaving.machine, TaskKind.LEAVE, "leaves", None, gone)
         changes.allow_mounted(build, before)
         return self._with_depths(build.build())
 
@@ -232,9 +227,9 @@ class _Expansion:
                 part,
             )
             for kind, begin, end, label in (
-                (STRAIGHT, 0, first, f"approach to {words}"),
+                (TaskKind.STRAIGHT, 0, first, f"approach to {words}"),
                 (step.process.name, first, last, words),
-                (STRAIGHT, last, len(waypoints) - 1, f"back from {words}"),
+                (TaskKind.STRAIGHT, last, len(waypoints) - 1, f"back from {words}"),
             )
         )
         build.allow(contacts_with(tool_entity(robot), known.touched), begun, done, back)
@@ -290,7 +285,7 @@ def waiting_tasks(
 
 def _is_done(step: StepTasks) -> bool:
     """Tell whether a step is done; for one that is not, machines may continue."""
-    return any(task.kind not in SUPPLY_KINDS for task in step.tasks)
+    return any(task.kind not in TaskKind.SUPPLY for task in step.tasks)
 
 
 def _waits_of_supply(
@@ -298,15 +293,15 @@ def _waits_of_supply(
 ) -> Iterator[tuple[Task, Task]]:
     """Yield the precedence pairs of machines that supply and remove parts."""
     for task in step.tasks:
-        if task.kind == LEAVE:
+        if task.kind == TaskKind.LEAVE:
             yield from history.before(task, _BUILT, "")
             history.forget(_BUILT, "")
             history.put(_LEFT, "", task)
-        elif task.kind == PRESENT:
+        elif task.kind == TaskKind.PRESENT:
             history.add(_CAME, task.robot, task)
             for handling in task.handlings:
                 history.put(_THERE, handling.object, task)
-        elif task.kind == ARRIVE and task.robot in supply.buffers:
+        elif task.kind == TaskKind.ARRIVE and task.robot in supply.buffers:
             # The part that comes next waits behind the others that are still to be taken.
             machine, buffer = supply.buffers[task.robot]
             before = [first for first, _ in history.before(task, _CAME, machine)]
@@ -338,11 +333,11 @@ def _waits_of_step(
     yield from history.before(begins, _DONE, *step.step.after)
     for lag in step.step.lags:
         yield from history.before(begins, _PASSED, str(lag.machine))
-    for passes in (task for task in tasks.tasks if task.kind == LAG):
+    for passes in (task for task in tasks.tasks if task.kind == TaskKind.LAG):
         yield ends, passes
         history.put(_PASSED, passes.robot, passes)
     yield from history.before(begins, _MACHINED, *step.touched)
-    for hold in (task for task in tasks.tasks if task.kind == HOLD):
+    for hold in (task for task in tasks.tasks if task.kind == TaskKind.HOLD):
         assert step.held is not None
         held = step.held.part.name
         yield from history.before(hold, _PLACED, held)
@@ -426,4 +421,4 @@ def shut_door_handlings(door: str, pose: Transform) -> tuple[Handling, Handling]
 
     So no robot may be there for as long as the task may last, and it rests nowhere in between.
     """
-    return Handling(door, 0, None, pose), Handling(door, 1, GONE, pose)
+    return Handling(door, 0, None, pose), Handling(door, 1, Handling.GONE, pose)

@@ -34,13 +34,12 @@ from planning.handling.skill_scene import SkillScene
 from planning.handling.skill_targets import SkillTargets, Subgoal, straight_subgoals
 from planning.handling.skill_trial import find_obstruction, resolve_skill
 from planning.handling.tool_changes import with_each_tool, with_tools
-from planning.kinematics.kinematics import frame_in_flange
 from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PartAssembly, PartHandling, Process
 from planning.parts.part_steps import KnownStep, PartStep
 from planning.steps.skill import Obstruction, Phase, SkillPath, contacts_with
 from planning.tasks.assignment import Tools
-from planning.tasks.task import HOLD
+from planning.tasks.task import TaskKind
 from planning.transforms import (
     Array,
     Transform,
@@ -94,7 +93,7 @@ def hold_targets(frame: str, grip: Transform, handling: PartHandling) -> SkillTa
     """Return the subgoals of gripping a part at rest: straight to it, hold."""
     back = grip @ translation(0.0, 0.0, -handling.approach)
     path = straight_subgoals(frame, "approach", back, grip)
-    return SkillTargets(HOLD, (*path, Subgoal(HOLD, frame, grip)))
+    return SkillTargets(TaskKind.HOLD, (*path, Subgoal(TaskKind.HOLD, frame, grip)))
 
 
 @dataclass(frozen=True)
@@ -195,7 +194,7 @@ def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
         frame: name of the tool frame.
         grip: pose of that frame in the frame of the part.
     """
-    tool = frame_in_flange(robot.model, frame)
+    tool = robot.model.frame_in_flange(frame)
     return read_only_copy(tool @ inverse(grip))
 
 

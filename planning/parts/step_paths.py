@@ -24,7 +24,7 @@ from planning.tasks.assignment import (
     TaskPlan,
     Tools,
 )
-from planning.tasks.task import STRAIGHT
+from planning.tasks.task import TaskKind
 from planning.transforms import Array
 
 _ENOUGH = 4
@@ -132,7 +132,7 @@ class StepPaths:
         """Return the retreat of the robot that held its placed part."""
         assert place.change_at is not None
         rest = place.waypoints[place.change_at :]
-        return SkillPath(STRAIGHT, place.robot, rest[:1], rest[1:])
+        return SkillPath(TaskKind.STRAIGHT, place.robot, rest[:1], rest[1:])
 
     def blocks_release(self, item: PrimaryCandidate) -> Obstruction | None:
         """Return the obstruction of a release once the step that it waited for is done."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from planning.cell.workcell import Workcell, start_state
+from planning.cell.workcell import Workcell
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.motion.sequential import MARGIN
@@ -54,7 +54,7 @@ def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
     for step, goal in enumerate(goals, start=1):
         name = goal.robot
         alone = replace(cell, robots=(cell.robot(name),))
-        checker = SceneChecker(alone, name, start_state(alone), margin=MARGIN)
+        checker = SceneChecker(alone, name, alone.start_state(), margin=MARGIN)
         configurations = _configurations(cell, goal, at[name])
         if not configurations:
             collector.reject(step, name, "the pose is out of reach", name)

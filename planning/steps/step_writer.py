@@ -10,18 +10,13 @@ import numpy as np
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.steps.skill import Pairs, SkillPath, handled_contact
 from planning.tasks.task import (
-    ARRIVE,
-    CLOSE,
-    HOLD,
-    OPEN,
-    PRESENT,
     STILL,
-    TRANSIT,
     Actuation,
     AllowedContact,
     Handling,
     StepTasks,
     Task,
+    TaskKind,
 )
 from planning.tasks.work import Refill
 from planning.transforms import Array, Transform, read_only_copy
@@ -60,7 +55,9 @@ class StepWriter:
     ) -> int:
         """Append a transit and return its index; with ``goal`` it may not be shortened."""
         path = np.atleast_2d(to)
-        return self._append(robot, TRANSIT, label, path, (), carries, goal=goal)
+        return self._append(
+            robot, TaskKind.TRANSIT, label, path, (), carries, goal=goal
+        )
 
     def home(self, robot: str, carries: str | None = None) -> int:
         """Append the transit of a robot to HOME, with its load."""
@@ -70,7 +67,7 @@ class StepWriter:
     def stand(self, robot: PlacedRobot, label: str, handling: Handling) -> int:
         """Append a task in which something changes hands while the robot stays at HOME."""
         path = robot.home[None]
-        return self._append(robot.name, TRANSIT, label, path, (handling,))
+        return self._append(robot.name, TaskKind.TRANSIT, label, path, (handling,))
 
     def skill(
         self,
@@ -128,15 +125,15 @@ class StepWriter:
         if not self.actuated:
             return at, ()
         if lets_go:
-            return 0, ((OPEN, own),)
-        if path.skill in ("pick", HOLD):
-            return at, ((CLOSE, own),)
+            return 0, ((Actuation.OPEN, own),)
+        if path.skill in ("pick", TaskKind.HOLD):
+            return at, ((Actuation.CLOSE, own),)
         if path.skill == "handover":
             assert holder is not None
-            return at, ((CLOSE, holder), (OPEN, own))
+            return at, ((Actuation.CLOSE, holder), (Actuation.OPEN, own))
         # A robot that stays where it put something down keeps holding it.
         opens = path.skill == "place-down" and at < last
-        return at, ((OPEN, own),) if opens else ()
+        return at, ((Actuation.OPEN, own),) if opens else ()
 
     def machine_task(
         self,
@@ -153,10 +150,14 @@ class StepWriter:
         """Append the tasks of machines that refill a source after a task has emptied it."""
         name = refill.parts[0][0]
         if refill.arrivals is not None:
-            come = self.machine_task(refill.arrivals, ARRIVE, f"{name} arrives", name)
+            come = self.machine_task(
+                refill.arrivals, TaskKind.ARRIVE, f"{name} arrives", name
+            )
             self.depend(come, come + 1)
         up = tuple(Handling(part, 1, None, pose) for part, pose in refill.parts)
-        there = self.machine_task(refill.machine, PRESENT, f"{name} comes up", name, up)
+        there = self.machine_task(
+            refill.machine, TaskKind.PRESENT, f"{name} comes up", name, up
+        )
         self.depend(emptied, there)
 
     def lead_in(self, path: SkillPath, label: str, carries: str | None = None) -> None:

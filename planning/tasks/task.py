@@ -11,75 +11,68 @@ import numpy as np
 from planning.cell.workcell import Attachment, CellObject, Workcell, WorldState
 from planning.transforms import Array, Transform, read_only_copy
 
-TRANSIT = "transit"
-SKILLS = ("pick", "place-down", "place-up", "handover", "support-bottom", "support-top")
-"""Skills with timings of their own in the package; further ones have any other name."""
-
-HANDLING = ("pick", "place-down", "place-up", "handover")
-"""Skills in which an object changes hands, so that it can be lost."""
-
-STRAIGHT = "straight"
-"""Kind of a motion on a given path that takes as long as the robot's speed lets it, such as the
-way to where a process begins."""
-
-HOLD = "hold"
-"""Skill of gripping a part where it lies while another robot works at it."""
-
-LEAVE_TOOL, TAKE_TOOL = "leave-tool", "take-tool"
-"""Skills of letting go of a tool in its rack, and of locking one on the flange."""
-
-FAILED = "failed-attempt"
-"""Kind of a skill of which all attempts have failed: its robot stands where it began."""
-
-TAKEN_OUT = "taken-out"
-"""Kind of a task in which a robot waits at HOME until a person has removed its load."""
-
-LEFT_OUT = "left-out"
-"""Kind of a planned task that is omitted because its purpose is achieved by other tasks."""
-
-CLOSE, OPEN = "close", "open"
-"""Actuations that grip and release: fingers close and open, suction goes on and off."""
-
 ActuationKey = tuple[str, str, str | None]
 """What is done, by whose tool, and the name of that."""
 
 STILL = read_only_copy(np.zeros((1, 1)))
 """Path of a machine, which does not move."""
 
-ARRIVE = "arrive"
-"""Kind of the task that waits until the next part has come along a conveyor."""
-
-PRESENT = "present"
-"""Kind of the task after which the next part, or a full tray, is where it is picked."""
-
-LEAVE = "leave"
-"""Kind of the task after which a finished product is gone."""
-
-LAG = "lag"
-"""Kind of the task that lets the least time between two steps pass, see ``TimeWindow``."""
-
-BROUGHT = "brought"
-"""Kind of the task after which something is there that was late, or that a person brings or sees to."""
-
-GOES_ON = "goes-on"
-"""Kind of the task of a machine that was at work when a plan began in the middle: what is left of that."""
-
-SUPPLY_KINDS = (ARRIVE, PRESENT, LEAVE, LAG, BROUGHT, GOES_ON)
-"""Kinds of the tasks of machines that work at no part."""
-
 DOOR = "door"
 """Kind of the object that is the door of a machine while that works."""
-
-GONE = "(gone)"
-"""Placeholder for the holder of an object that has left the cell; no robot can have this name."""
 
 T = TypeVar("T")
 
 ExceptionKey = tuple[str, str | None, str | None]
 """Skill, robot and type of object of an exception; None means any."""
 
-EARLIER = -1
-"""In place of the index of a task that was done before the plan begins."""
+
+class TaskKind:
+    """Kinds of tasks that the planner knows; the name of a process of a scenario is a kind, too.
+
+    Attributes:
+        TRANSIT: a motion to a goal, on a path that the planner finds.
+        SKILLS: skills with timings of their own in the package; further ones have any other name.
+        HANDLING: skills in which an object changes hands, so that it can be lost.
+        STRAIGHT: a motion on a given path that takes as long as the robot's speed lets it, such as
+            the approach to a process.
+        HOLD: the skill of gripping a part where it lies while another robot works at it.
+        LEAVE_TOOL, TAKE_TOOL: letting go of a tool in its rack, and locking one on the flange.
+        FAILED: a skill of which all attempts have failed: its robot stands where it began.
+        TAKEN_OUT: a robot waits at HOME until a person has removed its load.
+        LEFT_OUT: a planned task that is omitted because its purpose is achieved by other tasks.
+        ARRIVE: until the next part has come along a conveyor.
+        PRESENT: after it the next part, or a full tray, is where it is picked.
+        LEAVE: after it a finished product is gone.
+        LAG: the least time between two steps passes, see ``TimeWindow``.
+        BROUGHT: after it something is there that was late, or that a person brings or sees to.
+        GOES_ON: the remaining work of a machine that was at work when a plan began in the middle.
+        SUPPLY: tasks of machines that work at no part.
+    """
+
+    TRANSIT = "transit"
+    SKILLS = (
+        "pick",
+        "place-down",
+        "place-up",
+        "handover",
+        "support-bottom",
+        "support-top",
+    )
+    HANDLING = ("pick", "place-down", "place-up", "handover")
+    STRAIGHT = "straight"
+    HOLD = "hold"
+    LEAVE_TOOL = "leave-tool"
+    TAKE_TOOL = "take-tool"
+    FAILED = "failed-attempt"
+    TAKEN_OUT = "taken-out"
+    LEFT_OUT = "left-out"
+    ARRIVE = "arrive"
+    PRESENT = "present"
+    LEAVE = "leave"
+    LAG = "lag"
+    BROUGHT = "brought"
+    GOES_ON = "goes-on"
+    SUPPLY = (ARRIVE, PRESENT, LEAVE, LAG, BROUGHT, GOES_ON)
 
 
 @dataclass(frozen=True)
@@ -87,12 +80,16 @@ class Actuation:
     """An interval of a skill in which its robot stands while a tool closes or opens.
 
     Attributes:
+        CLOSE, OPEN: acts that grip and release: fingers close and open, suction goes on and off.
         waypoint: index into the task's path (0 = the configuration the task starts from) at which it
             is over; the waypoint before it is the same configuration.
-        act: ``"close"`` or ``"open"``.
+        act: CLOSE or OPEN.
         robot: whose tool it is; the receiver's, where that takes what the robot of the task gives it.
         tool: its name in the cell, None where it has none.
     """
+
+    CLOSE = "close"
+    OPEN = "open"
 
     waypoint: int
     act: str
@@ -110,6 +107,7 @@ class Handling:
     """A change of hands within a task: an object is picked up, put down or handed over.
 
     Attributes:
+        GONE: in place of the holder of an object that has left the cell; no robot can have this name.
         object: its name.
         waypoint: index into the task's path (0 = the configuration the task starts from) at
             which it happens.
@@ -117,6 +115,8 @@ class Handling:
             next brick of a feeding station is there once the one before it has been picked.
         pose: of the object's centre in the holder's flange frame, or in the world.
     """
+
+    GONE = "(gone)"
 
     object: str
     waypoint: int
@@ -131,8 +131,7 @@ class Task:
     Attributes:
         index: position in the sequential plan; the task's identity everywhere.
         robot: the robot.
-        kind: ``"transit"``, ``"straight"``, or the name of a skill: one of SKILLS, ``"hold"``,
-            ``"leave-tool"``, ``"take-tool"``, or a process that the scenario names.
+        kind: one of ``TaskKind``, or a process that the scenario names.
         step: assembly step it serves, counted from 1.
         label: short text for people, such as ``"pick b2_4"``.
         path: joint waypoints after the start, shape (w, n): the goal alone for a transit, the
@@ -219,7 +218,7 @@ def cell_with_steps(cell: Workcell, steps: Iterable[StepTasks]) -> Workcell:
 
 def is_product_task(task: Task) -> bool:
     """Tell whether a robot or a machine does a task on a product."""
-    return task.kind not in (TRANSIT, "pick", *SUPPLY_KINDS)
+    return task.kind not in (TaskKind.TRANSIT, "pick", *TaskKind.SUPPLY)
 
 
 def strongest_exception(
@@ -243,16 +242,11 @@ def apply_handlings(state: WorldState, handlings: Iterable[Handling]) -> WorldSt
         return state
     attachments = dict(state.attachments)
     for handling in handlings:
-        if handling.holder == GONE:
+        if handling.holder == Handling.GONE:
             attachments.pop(handling.object, None)
             continue
         attachments[handling.object] = Attachment(handling.holder, handling.pose)
     return WorldState(state.configurations, attachments)
-
-
-def move_robot(state: WorldState, robot: str, q: Array) -> WorldState:
-    """Return the state with one robot at ``q``, shape (n,)."""
-    return WorldState({**state.configurations, robot: q}, state.attachments)
 
 
 def allowed_pairs(
@@ -298,6 +292,7 @@ class TimeWindow:
     that lasts as long, so by the graph. The greatest one is not: it is planned for, held back for, and reported.
 
     Attributes:
+        EARLIER: in place of the index of a task that was done before the plan begins.
         begun: index of the task with which the work of the earlier step begins; EARLIER where that was before
             the plan.
         done: index of the task with which that step is complete: its end opens the window; EARLIER likewise.
@@ -307,6 +302,8 @@ class TimeWindow:
         words: the two steps, for people.
         ago: how long before the begin of the plan the window was opened, where that is so [s].
     """
+
+    EARLIER = -1
 
     begun: int
     done: int
@@ -319,13 +316,13 @@ class TimeWindow:
     @property
     def own(self) -> frozenset[int]:
         """The tasks of the plan that it refers to."""
-        return frozenset({self.begun, self.done, self.due} - {EARLIER})
+        return frozenset({self.begun, self.done, self.due} - {self.EARLIER})
 
     def moved(self, new: Callable[[int], int]) -> TimeWindow:
         """Return the window with other task indices."""
 
         def index(task: int) -> int:
-            return task if task == EARLIER else new(task)
+            return task if task == self.EARLIER else new(task)
 
         begun, done, due = map(index, (self.begun, self.done, self.due))
         return replace(self, begun=begun, done=done, due=due)

@@ -32,7 +32,7 @@ from planning.tasks.assignment import (
     TaskPlan,
 )
 from planning.tasks.highs_solver import assign_steps
-from planning.tasks.task import STRAIGHT, TRANSIT, AllowedContact, StepTasks, Task
+from planning.tasks.task import AllowedContact, StepTasks, Task, TaskKind
 from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import Array, Indices, read_only_copy
 from planning.worlds.supplied import (
@@ -240,7 +240,7 @@ def _back_before(
             back += own.tasks
             continue
         for b, task in product(back, own.tasks):
-            if task.kind != TRANSIT and task.robot != b.robot:
+            if task.kind != TaskKind.TRANSIT and task.robot != b.robot:
                 yield b.index, task.index
         back = []
 
@@ -357,7 +357,7 @@ def _carriers(left: list[UnfinishedStep]) -> Iterator[Task]:
     """Yield the tasks in which robots put down, or hand over, their loads."""
     for item in left:
         if not item.ends:
-            yield from (task for task in item.tasks if task.kind != TRANSIT)
+            yield from (task for task in item.tasks if task.kind != TaskKind.TRANSIT)
 
 
 def _busy_until(
@@ -391,7 +391,11 @@ def _idle_robots_away(
     Of those that have gone a way by then, the ones that go no farther than out of where they were.
     """
     alternatives = {task.robot: task.kind for item in left for task in item.tasks}
-    going = {k for k, kind in alternatives.items() if kind != STRAIGHT or k not in gone}
+    going = {
+        k
+        for k, kind in alternatives.items()
+        if kind != TaskKind.STRAIGHT or k not in gone
+    }
     last = set(world.beginning.last_task.values())
     tasks = (task for step in world.steps for task in step.tasks)
     going |= {task.robot for task in tasks if task.goal and task.index in last}
@@ -427,7 +431,9 @@ def _to(
     number = steps[0].step if steps else 1
 
     def numbered(first: int) -> StepTasks:
-        task = Task(first, robot, TRANSIT, number, "aside", read_only_copy(q[None]))
+        task = Task(
+            first, robot, TaskKind.TRANSIT, number, "aside", read_only_copy(q[None])
+        )
         # What it touches where it stands, and may, it may touch on its way from and to there.
         allowed: Sequence[AllowedContact] = ()
         if last is not None and stands:

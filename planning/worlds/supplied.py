@@ -15,15 +15,12 @@ import numpy as np
 from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import frame_pose
 from planning.tasks.task import (
-    GONE,
-    LAG,
     STILL,
-    SUPPLY_KINDS,
-    TAKEN_OUT,
     AllowedContact,
     Handling,
     StepTasks,
     Task,
+    TaskKind,
 )
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, read_only_copy
@@ -35,7 +32,7 @@ REMOVAL = "removal"
 
 def brings_parts(task: Task) -> bool:
     """Tell whether a machine delivers or removes parts in a task."""
-    return task.kind in SUPPLY_KINDS and task.kind != LAG
+    return task.kind in TaskKind.SUPPLY and task.kind != TaskKind.LAG
 
 
 def supplied_tasks_by_step(world: World) -> dict[int, tuple[Task, ...]]:
@@ -113,8 +110,8 @@ class RemovalPlan:
         pose = self._lies(name)
         if pose is not None:
             words = f"{name} is taken away"
-            gone = (Handling(name, 1, GONE, pose),)
-            about = first, REMOVAL, TAKEN_OUT, step, words, STILL, gone, name
+            gone = (Handling(name, 1, Handling.GONE, pose),)
+            about = first, REMOVAL, TaskKind.TAKEN_OUT, step, words, STILL, gone, name
             tasks.append(Task(*about))
             self.removed[name] = first
         left = without_supplied_tasks(fresh, delivered)
@@ -136,7 +133,7 @@ class RemovalPlan:
         """Return a step in which only present objects leave the cell, and record their final poses."""
 
         def stays(h: Handling) -> bool:
-            return h.holder == GONE and h.object in self.given_up
+            return h.holder == Handling.GONE and h.object in self.given_up
 
         tasks = tuple(
             replace(t, handlings=tuple(h for h in t.handlings if not stays(h)))
@@ -184,10 +181,10 @@ def find_removal(
     pose = frame_pose(placed, placed.home) @ world.state.attachments[name].pose
     gone = (
         Handling(name, 1, None, read_only_copy(pose)),
-        Handling(name, 1, GONE, read_only_copy(pose)),
+        Handling(name, 1, Handling.GONE, read_only_copy(pose)),
     )
     path, label = read_only_copy(placed.home[None]), f"{name} is taken out"
-    task = Task(first, robot, TAKEN_OUT, 1, label, path, gone, name)
+    task = Task(first, robot, TaskKind.TAKEN_OUT, 1, label, path, gone, name)
     # As it is let go of, it is still where the tool touches it.
     touches = AllowedContact(f"{robot}/tool", name, frozenset({first}))
     return StepTasks(1, (task,), (), (touches,))

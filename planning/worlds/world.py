@@ -15,15 +15,11 @@ from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import StartConfiguration
 from planning.tasks.task import (
-    EARLIER,
-    HOLD,
-    STRAIGHT,
-    SUPPLY_KINDS,
-    TRANSIT,
     AllowedContact,
     Handling,
     StepTasks,
     Task,
+    TaskKind,
     TimeWindow,
 )
 from planning.transforms import Transform, read_only_copy
@@ -81,7 +77,7 @@ class World:
             step.step: step
             for step in self.steps
             if any(
-                (t.kind not in (TRANSIT, *SUPPLY_KINDS) or t.goal)
+                (t.kind not in (TaskKind.TRANSIT, *TaskKind.SUPPLY) or t.goal)
                 and t.index in self.complete
                 for t in step.tasks
             )
@@ -108,7 +104,9 @@ def pending_windows(
         if window.due < world.tasks:
             continue
         ago = world.ago.get(window.done, 0.0) if window.done < world.tasks else 0.0
-        known = window.moved(lambda task: EARLIER if task < world.tasks else task)
+        known = window.moved(
+            lambda task: TimeWindow.EARLIER if task < world.tasks else task
+        )
         yield replace(known, ago=ago)
 
 
@@ -244,7 +242,7 @@ def unfinished_steps(
             done = {
                 task.robot
                 for task in step.tasks
-                if task.kind not in (TRANSIT, *SUPPLY_KINDS)
+                if task.kind not in (TaskKind.TRANSIT, *TaskKind.SUPPLY)
                 and task.index in world.complete
             }
             brings = {task.robot for task in left if task.handlings}
@@ -255,7 +253,11 @@ def unfinished_steps(
         left = [task for task in left if task.robot not in world.out]
         if left:
             own = frozenset(t.index for t in step.tasks if t.index in world.complete)
-            kinds = (TRANSIT, STRAIGHT) if number in reopened else (TRANSIT,)
+            kinds = (
+                (TaskKind.TRANSIT, TaskKind.STRAIGHT)
+                if number in reopened
+                else (TaskKind.TRANSIT,)
+            )
             ends = all(task.kind in kinds for task in left)
             found.append(UnfinishedStep(step, tuple(left), own, ends))
     return sorted(found, key=lambda item: (not item.ends, item.step.step))
@@ -269,9 +271,9 @@ def _retreat_path(step: StepTasks, robot: str, world: World) -> Iterator[Task]:
     if not done or not left or done[-1].index != world.beginning.last_task.get(robot):
         return
     *before, last = done
-    if left[0].kind == STRAIGHT and last.kind != TRANSIT:
+    if left[0].kind == TaskKind.STRAIGHT and last.kind != TaskKind.TRANSIT:
         yield left[0]
-    elif left[0].kind != TRANSIT and last.kind == STRAIGHT and before:
+    elif left[0].kind != TaskKind.TRANSIT and last.kind == TaskKind.STRAIGHT and before:
         # It has its number: what touches on the way there touches on the retreat.
         back = np.concatenate([last.path[-2::-1], before[-1].path[-1:]])
         yield replace(last, label=f"back: {last.label}", path=read_only_copy(back))
@@ -296,8 +298,8 @@ def _keeps(left: UnfinishedStep, robot: str) -> bool:
     then = next((task for task in left.tasks if task.robot == robot), None)
     if then is None:
         return False
-    lets_go = then.kind == STRAIGHT and then.object is not None
-    return lets_go or (bool(done) and done[-1].kind == HOLD)
+    lets_go = then.kind == TaskKind.STRAIGHT and then.object is not None
+    return lets_go or (bool(done) and done[-1].kind == TaskKind.HOLD)
 
 
 def as_start_of(cell: Workcell, world: World, busy: frozenset[str]) -> Workcell:

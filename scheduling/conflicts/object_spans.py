@@ -14,7 +14,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.kinematics.kinematics import frame_pose
-from planning.tasks.task import FAILED, GONE
+from planning.tasks.task import Handling, TaskKind
 from planning.transforms import Indices, Transform
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 from scheduling.graph.total_order import NodeOrder
@@ -152,7 +152,7 @@ class _Trace:
             place, (_, *events) = taken, events
         for event in events:
             self._until(place, event)
-            if event.holder == GONE:
+            if event.holder == Handling.GONE:
                 self._leave(place, event, events)
                 return
             place = self._after(place, event)
@@ -203,7 +203,7 @@ class _Trace:
         chain = self._tpg.chains[event.robot]
         node, here = (event.robot, event.node), (event.node, event.waypoint)
         if event.holder is None:
-            tried = self._tpg.task_of(event).kind == FAILED
+            tried = self._tpg.task_of(event).kind == TaskKind.FAILED
             found = place.holder is None and tried
             # A robot that failed to pick it has measured its pose.
             if place.holder != event.robot and not found:

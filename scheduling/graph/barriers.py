@@ -11,21 +11,39 @@ from __future__ import annotations
 import numpy as np
 
 from planning.errors import PlanInvariantError
+from planning.transforms import Indices
 from scheduling.graph.task_edges import add_edges
-from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import (
+    NO_EDGES,
+    TASK_DEPENDENCY,
+    TemporalPlanGraph,
+)
 
 
 def with_barriers(
     tpg: TemporalPlanGraph, cause: int = TASK_DEPENDENCY
 ) -> TemporalPlanGraph:
-    """Return the graph with barriers: no robot enters a slot before all have left the earlier ones.
+    """Return the graph with barriers between its slots, see ``barrier_edges``.
+
+    Args:
+        tpg: of a plan made in slots.
+        cause: of the waits that are added.
+
+    Raises:
+        PlanInvariantError: the plan was not made in slots, or a robot goes back to an earlier
+            slot.
+    """
+    return add_edges(tpg, [barrier_edges(tpg)], cause)
+
+
+def barrier_edges(tpg: TemporalPlanGraph) -> Indices:
+    """Return the edges by which no robot enters a slot before all have left the earlier ones.
 
     Every node that is the first of its robot in a slot waits for the last node of each other
     robot in any earlier slot.
 
     Args:
         tpg: of a plan made in slots.
-        cause: of the waits that are added.
 
     Raises:
         PlanInvariantError: the plan was not made in slots, or a robot goes back to an earlier
@@ -41,7 +59,7 @@ def with_barriers(
     for chain, own in zip(tpg.chains, slots, strict=True):
         if np.any(np.diff(own) < 0):
             raise PlanInvariantError(f"robot {chain.robot!r} goes back to a slot")
-    edges = []
+    edges = [NO_EDGES[0]]
     for k, own in enumerate(slots):
         entries = np.flatnonzero(np.diff(own, prepend=-1) > 0)
         for i, other in enumerate(slots):
@@ -53,4 +71,4 @@ def with_barriers(
             rows[:, 0], rows[:, 1] = i, last[new]
             rows[:, 2], rows[:, 3] = k, entries[new]
             edges.append(rows)
-    return add_edges(tpg, edges, cause)
+    return np.concatenate(edges)

@@ -18,15 +18,7 @@ from pydantic import (
 from planning.bounds import DEEPEST_M, LATEST_S, LONGEST_NAME
 from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError, format_names
-from planning.tasks.task import (
-    EARLIER,
-    GONE,
-    Actuation,
-    AllowedContact,
-    Handling,
-    Task,
-    TimeWindow,
-)
+from planning.tasks.task import Actuation, AllowedContact, Handling, Task, TimeWindow
 from scheduling.graph.columns import (
     Arrays,
     Column,
@@ -104,8 +96,8 @@ class _Allowed(Entry):
 
 
 class _Window(Entry):
-    begun: Annotated[int, Field(ge=EARLIER)]
-    done: Annotated[int, Field(ge=EARLIER)]
+    begun: Annotated[int, Field(ge=TimeWindow.EARLIER)]
+    done: Annotated[int, Field(ge=TimeWindow.EARLIER)]
     due: Index
     least: Seconds = Field(alias="least_s")
     most: Seconds | None = Field(alias="most_s")
@@ -159,7 +151,7 @@ class PlanDocument(Entry):
                 _check_name(f"tasks.{k}.actuations", act.robot, robots & chains)
         for place, handling in handlings:
             _check_name(f"{place}.object", handling.object, objects)
-            if handling.holder not in (None, GONE):
+            if handling.holder not in (None, Handling.GONE):
                 _check_name(f"{place}.holder", str(handling.holder), robots & chains)
 
 

@@ -40,7 +40,7 @@ from planning.files import (
 )
 from planning.json_files import parse_json
 from planning.robots.descriptions.description_files import copy_description
-from planning.tasks.task import EARLIER, Handling, Task
+from planning.tasks.task import Handling, Task, TimeWindow
 from scheduling.graph.columns import require_values
 from scheduling.graph.document import (
     PlanDocument,
@@ -170,7 +170,7 @@ def _check_edges(tpg: TemporalPlanGraph) -> None:
     require_values(tpg.cause <= 1, "cause", tpg.cause, "must be 0 or 1")
     done = {int(task) for chain in tpg.chains for task in np.unique(chain.task)}
     for k, window in enumerate(tpg.windows):
-        if not window.own <= done or window.due == EARLIER:
+        if not window.own <= done or window.due == TimeWindow.EARLIER:
             raise OutputError(f"windows.{k}: is of a task that has no node")
     needs = tpg.dependencies
     ok = (needs >= 0) & (needs < len(tpg.tasks))

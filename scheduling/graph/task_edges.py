@@ -13,7 +13,6 @@ from planning.errors import PlanInvariantError
 from planning.tasks.work import TaskGraph, task_graph
 from planning.transforms import Indices
 from scheduling.graph.dispatcher import Dispatcher
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     NodeChain,
@@ -125,7 +124,7 @@ def sequential_order(tpg: TemporalPlanGraph) -> Iterator[int]:
     Of the nodes that are safe, that of the earliest task comes first. Machines do what they can at
     once: robots take their turns in the same order however long they wait for them.
     """
-    machines = machine_chains(tpg)
+    machines = tpg.machine_chains()
     first = np.cumsum([0, *(len(chain) for chain in tpg.chains)]).tolist()
     dispatcher = Dispatcher(tpg)
     task = [
@@ -146,7 +145,7 @@ def turn_edges(tpg: TemporalPlanGraph) -> Indices:
     first = np.cumsum([0, *(len(chain) for chain in tpg.chains)])
     order = np.fromiter(sequential_order(tpg), dtype=np.int64)
     chain = np.searchsorted(first, order, side="right") - 1
-    robots = ~np.isin(chain, list(machine_chains(tpg)))
+    robots = ~np.isin(chain, list(tpg.machine_chains()))
     chain, node = chain[robots], (order - first[chain])[robots]
     rows = np.stack([chain[:-1], node[:-1], chain[1:], node[1:]], axis=1)
     return np.asarray(rows[rows[:, 0] != rows[:, 2]])
@@ -165,7 +164,7 @@ def turn_order(tpg: TemporalPlanGraph) -> list[int]:
 
     It is fixed beforehand: what a machine takes for its tasks must not change it.
     """
-    machines = machine_chains(tpg)
+    machines = tpg.machine_chains()
     first = np.cumsum([0, *(len(chain) for chain in tpg.chains)])
     order = np.fromiter(sequential_order(tpg), dtype=np.int64)
     chains = np.searchsorted(first, order, side="right") - 1

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from planning.bounds import LATEST_S
 from planning.cell.workcell import Workcell
-from planning.tasks.task import AllowedContact, Task, TimeWindow
+from planning.tasks.task import AllowedContact, Task, TaskKind, TimeWindow
 from planning.transforms import Array, Indices, Transform
 from scheduling.graph.columns import Column
 
@@ -364,3 +364,25 @@ class TemporalPlanGraph:
         """Tell whether a handling picks up what its robot holds before its first node."""
         begins = (h.node, h.waypoint) == (0, 0)
         return begins and h.holder == self.chains[h.robot].robot
+
+    def machine_chains(self) -> frozenset[int]:
+        """Return the indices of the chains of machines."""
+        machines = {item.name for item in self.cell.machines}
+        return frozenset(
+            k for k, chain in enumerate(self.chains) if chain.robot in machines
+        )
+
+    def working_machines(self) -> tuple[int, ...]:
+        """Return the indices of the chains of machines that process parts, and do not supply or remove any."""
+        kind = {task.robot: task.kind for task in self.tasks}
+        return tuple(
+            k
+            for k in sorted(self.machine_chains())
+            if kind.get(self.chains[k].robot) not in TaskKind.SUPPLY
+        )
+
+    def idle_robots(self) -> tuple[str, ...]:
+        """Return the robots of the cell without nodes in the graph that are not out of service."""
+        out = () if self.cell.begun is None else self.cell.begun.out
+        working = {*out, *(chain.robot for chain in self.chains if len(chain))}
+        return tuple(r.name for r in self.cell.robots if r.name not in working)

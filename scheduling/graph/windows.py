@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.kernels import kernel
-from planning.tasks.task import EARLIER
+from planning.tasks.task import TimeWindow
 from planning.transforms import Indices
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import sequential_order
@@ -37,7 +37,10 @@ def window_nodes(tpg: TemporalPlanGraph) -> Indices:
     The first node of the work that opens it, the last one, and the one that is due; EARLIER for what was done
     before. That is the same for a contracted graph, whose nodes are of one task each.
     """
-    first, last = {EARLIER: EARLIER}, {EARLIER: EARLIER}
+    first, last = (
+        {TimeWindow.EARLIER: TimeWindow.EARLIER},
+        {TimeWindow.EARLIER: TimeWindow.EARLIER},
+    )
     tasks = [chain.task for chain in tpg.chains]
     for number, task in enumerate(np.concatenate(tasks).tolist() if tasks else ()):
         first.setdefault(task, number)
@@ -59,7 +62,7 @@ def window_opening_times(
     return {
         window.done: int(end[done])
         for window, done in nodes
-        if done != EARLIER and end[done] >= 0
+        if done != TimeWindow.EARLIER and end[done] >= 0
     }
 
 
@@ -79,7 +82,7 @@ def window_gaps(
     since = _NANOSECONDS if np.issubdtype(end.dtype, np.integer) else 1.0
     gaps = np.empty((len(nodes), *end.shape[1:]), dtype=end.dtype)
     for k, (window, (_, done, due)) in enumerate(zip(tpg.windows, nodes, strict=True)):
-        opened = -window.ago * since if done == EARLIER else end[done]
+        opened = -window.ago * since if done == TimeWindow.EARLIER else end[done]
         gaps[k] = start[due] - np.asarray(opened).astype(end.dtype)
     return gaps
 
@@ -98,7 +101,7 @@ def least_gaps(tpg: TemporalPlanGraph, busy: Times) -> Times:
         tpg.windows, window_nodes(tpg).tolist(), strict=True
     ):
         longest = _longest_paths_to(graph, ever, busy, due, -1)
-        if done == EARLIER:
+        if done == TimeWindow.EARLIER:
             rows.append(longest.max(axis=0) + round(window.ago * _NANOSECONDS))
         else:
             rows.append(longest[done] - busy[done])
@@ -137,7 +140,7 @@ def with_window_hold_edges(
     timed = [
         k
         for k, window in enumerate(tpg.windows)
-        if window.most is not None and window.begun != EARLIER
+        if window.most is not None and window.begun != TimeWindow.EARLIER
     ]
     timed.sort(key=lambda k: (int(place[nodes[k, 0]]), k))
     own: dict[int, tuple[Indices, Indices]] = {}

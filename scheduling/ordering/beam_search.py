@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.tasks.task import EARLIER
+from planning.tasks.task import TimeWindow
 from planning.transforms import Array
 from scheduling.ordering.relations import TaskRelations
 
@@ -120,7 +120,9 @@ class TaskOrderSearch:
         for window in relations.graph.tpg.windows:
             if window.most is not None:
                 due = self._windows.setdefault(number[window.due], [])
-                opens = None if window.done == EARLIER else number[window.done]
+                opens = (
+                    None if window.done == TimeWindow.EARLIER else number[window.done]
+                )
                 due.append((opens, window.most - window.ago))
 
     def best_path(self, width: int) -> TaskOrderPath:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from planning.cell.workcell import WorldState, start_state
+from planning.cell.workcell import WorldState
 from planning.errors import TransitError
 from planning.motion.composite import CompositeChecker, without_robots
 from planning.motion.motion_plan import MotionPlan, TaskMotion
@@ -23,7 +23,7 @@ from planning.motion.sequential import MARGIN, MotionSettings
 from planning.motion.speed import path_duration
 from planning.motion.transit import RrtConnect
 from planning.progress import Progress, no_progress
-from planning.tasks.task import TRANSIT, apply_handlings, move_robot
+from planning.tasks.task import TaskKind, apply_handlings
 from planning.tasks.work import task_graph
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
@@ -212,7 +212,7 @@ class _Planner:
         self.out: dict[int, TaskMotion] = {}
         self.slot_of: dict[int, int] = {}
         self.last: dict[str, int] = {}
-        self.state: WorldState = start_state(plan.cell)
+        self.state: WorldState = plan.cell.start_state()
         self.handles = {t.index for t in plan.tasks if t.handlings}
 
     def plan(self, progress: Progress) -> SynchronousPlan:
@@ -244,7 +244,7 @@ class _Planner:
         self.queue[task.robot].pop()
         self.last[task.robot] = index
         self.state = apply_handlings(
-            move_robot(self.state, task.robot, motion.path[-1]), task.handlings
+            self.state.with_robot(task.robot, motion.path[-1]), task.handlings
         )
 
     def _finish_still(self, clock: float, slot: int) -> None:
@@ -261,7 +261,7 @@ class _Planner:
 
     def _is_still(self, index: int) -> bool:
         return (
-            self.tasks[index].kind == TRANSIT
+            self.tasks[index].kind == TaskKind.TRANSIT
             and index not in self.handles
             and not np.any(np.diff(self.motions[index].path, axis=0))
         )
@@ -310,7 +310,7 @@ class _Planner:
         return True
 
     def _is_transit(self, index: int) -> bool:
-        return self.tasks[index].kind == TRANSIT and index not in self.handles
+        return self.tasks[index].kind == TaskKind.TRANSIT and index not in self.handles
 
     def _admit(self, slot: _Slot, index: int) -> str:
         """Add a task to the slot; return the reason if it is refused, empty when added."""

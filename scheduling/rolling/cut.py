@@ -11,20 +11,14 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
-from planning.cell.workcell import WorldState, start_state
+from planning.cell.workcell import WorldState
 from planning.tasks.task import (
-    BROUGHT,
-    FAILED,
-    LAG,
-    LEFT_OUT,
-    TAKEN_OUT,
-    TRANSIT,
     AllowedContact,
     Handling,
     StepTasks,
     Task,
+    TaskKind,
     apply_handlings,
-    move_robot,
 )
 from scheduling.conflicts.object_spans import handlings_in_order
 from scheduling.graph.task_edges import TaskNodes, task_nodes
@@ -143,7 +137,7 @@ class _Commitment:
         """Commit the minimum time lag after a step if it starts automatically."""
         node = self.counts[chain]
         own = self._of_node[chain].get(node)
-        if own is None or self.tpg.tasks[own.task].kind != LAG:
+        if own is None or self.tpg.tasks[own.task].kind != TaskKind.LAG:
             return
         if all(u < self.counts[k] for k, u in self._sources.get((chain, node), ())):
             self.commit(chain, own.stop)
@@ -165,7 +159,7 @@ def complete_tasks(tpg: TemporalPlanGraph, counts: Sequence[int]) -> frozenset[i
         if count < len(chain):
             stop[chain.robot] = int(chain.task[count])
     for task in tpg.tasks:
-        if task.kind == LEFT_OUT or task.robot not in index:
+        if task.kind == TaskKind.LEFT_OUT or task.robot not in index:
             continue
         if task.index < stop.get(task.robot, task.index + 1):
             found.add(task.index)
@@ -179,9 +173,9 @@ def world_state_after(tpg: TemporalPlanGraph, counts: Sequence[int]) -> WorldSta
         tpg: the graph.
         counts: nodes of each chain; what a node of them waits for is among them.
     """
-    state = start_state(tpg.cell)
+    state = tpg.cell.start_state()
     for chain, count in zip(tpg.chains, counts, strict=True):
-        state = move_robot(state, chain.robot, chain.stands_at(count))
+        state = state.with_robot(chain.robot, chain.stands_at(count))
     done = [
         Handling(h.object, h.waypoint, h.holder, h.pose)
         for h in handlings_in_order(tpg, planned_ranks(tpg.chains))
@@ -198,7 +192,12 @@ def planned_steps(tpg: TemporalPlanGraph) -> tuple[StepTasks, ...]:
     by_step: dict[int, list[Task]] = {}
     step_of: dict[int, int] = {}
     for task in tpg.tasks:
-        if task.kind not in (LEFT_OUT, BROUGHT, FAILED, TAKEN_OUT):
+        if task.kind not in (
+            TaskKind.LEFT_OUT,
+            TaskKind.BROUGHT,
+            TaskKind.FAILED,
+            TaskKind.TAKEN_OUT,
+        ):
             by_step.setdefault(task.step, []).append(task)
             step_of[task.index] = task.step
     waits: dict[int, list[tuple[int, int]]] = {}
@@ -250,11 +249,11 @@ def active_holds(
             until[second] = tpg.tasks[first]
     before: dict[str, Task] = {}
     for task in tpg.tasks:
-        if task.kind in (LEFT_OUT, FAILED):
+        if task.kind in (TaskKind.LEFT_OUT, TaskKind.FAILED):
             continue
         put = before.get(task.robot)
         before[task.robot] = task
-        if put is None or task.kind != TRANSIT or put.kind != "place-down":
+        if put is None or task.kind != TaskKind.TRANSIT or put.kind != "place-down":
             continue
         if task.object == put.object is not None and put.index in complete:
             own = until.get(task.index)

@@ -14,18 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.tasks.task import (
-    FAILED,
-    LEFT_OUT,
-    AllowedContact,
-    Handling,
-    Task,
-    TimeWindow,
-)
+from planning.tasks.task import AllowedContact, Handling, Task, TaskKind, TimeWindow
 from planning.transforms import Indices, read_only_copy
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import (
     NO_EDGES,
     Drive,
@@ -100,7 +92,12 @@ def contacts_allowed_during(
 def as_omitted_task(task: Task) -> Task:
     """Return a task marked as omitted."""
     return replace(
-        task, kind=LEFT_OUT, handlings=(), actuations=(), object=None, goal=False
+        task,
+        kind=TaskKind.LEFT_OUT,
+        handlings=(),
+        actuations=(),
+        object=None,
+        goal=False,
     )
 
 
@@ -310,7 +307,7 @@ def with_attempt(
         at, chains = len(committed.chains), [*committed.chains, stood]
     own = tpg.chain_index[robot]
     place = {chain.robot: k for k, chain in enumerate(chains)}
-    brings = machine_chains(tpg) if missing else frozenset[int]()
+    brings = tpg.machine_chains() if missing else frozenset[int]()
     rows = [
         row
         for row, (k, _, i, v) in enumerate(tpg.edges.tolist())
@@ -322,7 +319,7 @@ def with_attempt(
     ]
     task = replace(
         tpg.tasks[index],
-        kind=FAILED,
+        kind=TaskKind.FAILED,
         label=f"{tpg.tasks[index].label}: failed",
         path=q[None],
         handlings=tuple(changes),

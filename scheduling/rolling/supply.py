@@ -14,7 +14,7 @@ import numpy as np
 
 from planning.cell.machine import machine_robot
 from planning.cell.workcell import Begun, CellObject, Workcell
-from planning.tasks.task import BROUGHT, DOOR, GOES_ON, STILL, TRANSIT, Handling, Task
+from planning.tasks.task import DOOR, STILL, Handling, Task, TaskKind
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
@@ -53,7 +53,7 @@ def with_supply(
     index = len(tpg.tasks)
     name = None if item is None else item.name
     brings = () if item is None else (Handling(item.name, 1, None, item.start),)
-    task = Task(index, who, BROUGHT, step, label, STILL, brings, name)
+    task = Task(index, who, TaskKind.BROUGHT, step, label, STILL, brings, name)
     own = pose_nodes(who, STILL[0], STILL, index, seconds, skill=True)
     place = tpg.chain_index.get(who, len(tpg.chains))
     chains = [
@@ -78,7 +78,7 @@ def supply_waits(tasks: Sequence[Task], brought: Iterable[Task]) -> Indices:
         (own.index, task.index)
         for own in brought
         for task in tasks
-        if task.kind not in (BROUGHT, TRANSIT)
+        if task.kind not in (TaskKind.BROUGHT, TaskKind.TRANSIT)
         and (task.step == own.step if own.object is None else task.object == own.object)
     ]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
@@ -86,7 +86,7 @@ def supply_waits(tasks: Sequence[Task], brought: Iterable[Task]) -> Indices:
 
 def deliveries(tasks: Iterable[Task]) -> list[Task]:
     """Return those of some tasks that are deliveries or attendance."""
-    return [task for task in tasks if task.kind == BROUGHT]
+    return [task for task in tasks if task.kind == TaskKind.BROUGHT]
 
 
 def with_pending_objects(
@@ -233,7 +233,14 @@ def resume_machines(
         ]
         more = np.array(waits, dtype=np.int64).reshape(-1, 4)
         why = np.full(len(more), TASK_DEPENDENCY, dtype=np.uint8)
-        about = number, name, GOES_ON, task.step, f"{task.label} goes on", STILL
+        about = (
+            number,
+            name,
+            TaskKind.GOES_ON,
+            task.step,
+            f"{task.label} goes on",
+            STILL,
+        )
         handled = tuple(Handling(h.object, h.waypoint, h.holder, h.pose) for h in doors)
         tasks.append(Task(*about, handled, task.object))
         own = replace(

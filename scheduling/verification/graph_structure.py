@@ -14,15 +14,7 @@ from itertools import pairwise, zip_longest
 
 import numpy as np
 
-from planning.tasks.task import (
-    GONE,
-    LEAVE_TOOL,
-    LEFT_OUT,
-    TAKE_TOOL,
-    TRANSIT,
-    Handling,
-    Task,
-)
+from planning.tasks.task import Handling, Task, TaskKind
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
@@ -50,7 +42,14 @@ _FASTER = 1e-3
 """Share by which a joint may be faster than its limit: what is rounded is far below it."""
 
 HANDLED_IN = frozenset(
-    {"pick", "place-down", "place-up", "handover", LEAVE_TOOL, TAKE_TOOL}
+    {
+        "pick",
+        "place-down",
+        "place-up",
+        "handover",
+        TaskKind.LEAVE_TOOL,
+        TaskKind.TAKE_TOOL,
+    }
 )
 """Kinds of tasks in which the object that they name changes hands."""
 
@@ -106,7 +105,7 @@ def _unordered_handlings(
     for before, after in pairwise(places):
         assert after.put is not None
         here, own = after.put[:2], tpg.chains[after.put[0]].robot
-        for robot in {before.holder, after.holder} - {None, GONE, own}:
+        for robot in {before.holder, after.holder} - {None, Handling.GONE, own}:
             b = tpg.chain_index[str(robot)]
             leaves = stand_during(tpg, b, after.put)[1]
             came, goes = (b, leaves - 1), (b, leaves)
@@ -213,7 +212,9 @@ def not_as_said(
         for index, first, stop in _nodes_of_tasks(chain):
             done.setdefault(index, []).append((k, first, stop))
     for task in tpg.tasks:
-        undone = task.kind not in (TRANSIT, LEFT_OUT) or task.handlings
+        undone = (
+            task.kind not in (TaskKind.TRANSIT, TaskKind.LEFT_OUT) or task.handlings
+        )
         if task.index not in done and undone:
             text = f"task {task.index} ({task.label}) of {task.robot!r} has no node"
             yield Problem("task", text)
@@ -245,7 +246,7 @@ def _of_task(
         yield f"is done by {done.robot!r}, and is a task of {task.robot!r}"
         return
     path = done.waypoints[done.first[nodes[1]] : done.first[nodes[2]]]
-    if task.kind != TRANSIT:
+    if task.kind != TaskKind.TRANSIT:
         if len(path) != len(task.path):
             yield f"its path has {len(path)} waypoints, and that of its task {len(task.path)}"
         elif (away := np.abs(path - task.path).max()) > _SAME:
@@ -282,7 +283,7 @@ def _otherwise(
         return f"{_words(done)}, where its task says that {_words(said)}"
     first = tpg.chains[done.robot].first
     waypoint = int(first[done.node] - first[begins]) + done.waypoint
-    if task.kind != TRANSIT and said.waypoint != waypoint:
+    if task.kind != TaskKind.TRANSIT and said.waypoint != waypoint:
         at = f"at waypoint {waypoint}, where its task says {said.waypoint}"
         return f"{_words(done)} {at}"
     apart = distance_of(tpg.cell.object(done.object), done.pose, said.pose)

@@ -16,7 +16,7 @@ import numpy as np
 
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject
-from planning.tasks.task import FAILED, GONE, TAKEN_OUT
+from planning.tasks.task import Handling, TaskKind
 from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
@@ -155,7 +155,7 @@ def object_histories(
     places = ((name, at) for name, own in object_locations(tpg).items() for at in own)
     for name, at in places:
         shape = tpg.cell.object(name).shape
-        if at.holder == GONE or not at.present:
+        if at.holder == Handling.GONE or not at.present:
             continue
         if at.holder is None:
             resting.append(Resting(name, at.pose, shape, at.put, at.taken))
@@ -261,21 +261,21 @@ def _wrong(
             there = stand_during(tpg, chain, moment)
         return np.asarray(flange(*there) @ at.pose)
 
-    if holder == GONE:
+    if holder == Handling.GONE:
         return "is handled after it has left the cell"
     if not before.present and to is not None:
         return "is handled before it has come up"
     chain, node = moment[:2]
     kind = tpg.tasks[int(tpg.chains[chain].task[node])].kind
-    lost = to == GONE and kind in (FAILED, TAKEN_OUT)
+    lost = to == Handling.GONE and kind in (TaskKind.FAILED, TaskKind.TAKEN_OUT)
     # A robot that failed to pick it has measured its pose.
-    found = kind == FAILED and before.present and holder is None and to is None
+    found = kind == TaskKind.FAILED and before.present and holder is None and to is None
     if found:
         return None
     takes = tpg.cell.is_machine(who) or lost
     if before.present and who not in (holder, to) and not takes:
         return f"changes hands, and {who!r} neither has it nor gets it"
-    if to == GONE:
+    if to == Handling.GONE:
         return None
     apart = distance_of(item, world_pose(before), world_pose(after))
     words = _words(holder, to, before.present)

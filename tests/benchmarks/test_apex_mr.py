@@ -92,7 +92,7 @@ def below(rows: Rows, key: str, policy: str, other: str) -> float:
 
 def shares(rows: Rows, key: str, policy: str, other: str) -> list[float]:
     """Return a row's figures with slots as in the paper, and with ours."""
-    names = (JOINTLY, {})
+    names: tuple[dict[str, str], ...] = (JOINTLY, {})
     return [below(rows, key, n.get(policy, policy), n.get(other, other)) for n in names]
 
 
@@ -111,9 +111,9 @@ def test_averages_are_over_the_structures_of_their_part_alone(
         ("makespan_s", 3, ASYNCHRONOUS_SHORTCUTS, SYNCHRONOUS_SHORTCUTS),
     ):
         both = [shares(compared[name], key, policy, other) for name in names]
-        columns = zip(*both, strict=True)
+        columns = list(zip(*both, strict=True))
         if other == SEQUENTIAL:
-            columns = iter([next(columns)])
+            del columns[1:]
         what = f"{policy}: {key.split('_')[0]} below {other}"
         cells = [
             f"**{np.mean(ours):.1f}** | {min(ours):.1f} | {max(ours):.1f}"

@@ -49,7 +49,7 @@ def driving(plan: ConstructionPlan, robot: str, *to: Array) -> ConstructionPlan:
     """Return the plan in which a robot goes somewhere when it has done its work."""
     line = plan.building.world.robots[robot]
     path = np.vstack([line.path[-1:], *(q[None] for q in to)])
-    time = line.end + 60.0 + 60.0 * np.arange(len(path))
+    time: Array = line.end + 60.0 + 60.0 * np.arange(float(len(path)))
     return with_line(plan, line.then(time, path))
 
 
@@ -109,6 +109,7 @@ def late_hand(plan: ConstructionPlan) -> ConstructionPlan:
     )
     own = {w.object for w in building.work if w.robot == "robot1"}
     for name in own:
+        assert name is not None
         item = plan.building.world.objects[name]
         later = tuple(c._replace(time=c.time + by) for c in item.changes)
         plan = with_object(plan, replace(item, changes=later))

@@ -6,6 +6,8 @@ import pytest
 import yaml
 
 from benchmarks.scaling import exponent, tower_field
+from tests.assembly_section import assembly_section
+from twin.kinds.lego.section import LegoSection
 from twin.reading.scenario_file import load_scenario
 
 
@@ -13,7 +15,7 @@ from twin.reading.scenario_file import load_scenario
 def test_a_field_of_towers_is_a_scenario(tmp_path: Path, bricks: int) -> None:
     file = tmp_path / "towers.yaml"
     file.write_text(yaml.safe_dump(tower_field(bricks)))
-    assembly = load_scenario(file).assembly
+    assembly = assembly_section(load_scenario(file), LegoSection)
     assert len(assembly.steps) == bricks
 
 

@@ -73,9 +73,17 @@ STORIES = {
     for page in dict.fromkeys(c.page for c in TWIN if c.mark == "story")
 }
 
-LONG = ("tutorial-wall", "tutorial-gearbox", "failures", "layout", "studies")
+LONG = (
+    "tutorial-wall",
+    "tutorial-gearbox",
+    "failures",
+    "layout",
+    "studies",
+    "lines",
+    "robots",
+)
 """Pages whose stories are for the night: the wall for three teams, a cell of vendors' files studied, designs of a
-cell, studies of what fails and of the cliff."""
+cell, studies of what fails and of the cliff, a line of ten kits, a cell of drivers operated and fitted."""
 
 
 @pytest.fixture(autouse=True)

@@ -28,7 +28,7 @@ def renew(names: list[str]) -> None:
     with TemporaryDirectory() as folder:
         run_of = ShippedRuns(Path(folder))
         for name in names:
-            found = run_fingerprint(run_of(*SCENARIOS[name]).trial.folder)
+            found = run_fingerprint(run_of(*SCENARIOS[name]).trial.files)
             text = json.dumps(found, indent=1, ensure_ascii=False) + "\n"
             committed(name).write_text(text, encoding="utf-8")
 

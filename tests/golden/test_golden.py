@@ -12,7 +12,7 @@ from tests.shipped_runs import ShippedRuns
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_run_is_the_one_it_was(name: str, shipped: ShippedRuns) -> None:
-    found = run_fingerprint(shipped(*SCENARIOS[name]).trial.folder)
+    found = run_fingerprint(shipped(*SCENARIOS[name]).trial.files)
     changed = differences(found, json.loads(committed(name).read_text()))
     assert not changed, (
         f"{name} is planned or executed otherwise than before:\n  "

@@ -3,6 +3,7 @@
 import json
 import os
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -88,7 +89,7 @@ def test_what_leads_out_of_a_folder_is_refused(tmp_path: Path) -> None:
     require_own_files(folder, names)
     (tmp_path / "link").symlink_to(folder)
     require_own_files(tmp_path / "link", names)
-    bad = {
+    bad: dict[str, Callable[[Path], object]] = {
         "deep/out": lambda p: p.symlink_to(outside / "file"),
         "deep/up": lambda p: p.symlink_to("../../out/file"),
         "deep/other": lambda p: p.symlink_to(outside),

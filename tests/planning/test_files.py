@@ -244,7 +244,7 @@ def test_pairs_of_a_robot_are_those_that_were_found(
 
 
 PLUMBING = {
-    Path(m.__file__) for m in (caches, errors, files, transforms, packed, shape)
+    Path(str(m.__file__)) for m in (caches, errors, files, transforms, packed, shape)
 }
 """Code that hands answers on, and decides none."""
 

@@ -24,15 +24,15 @@ from planning.geometry.exact import (
 )
 from planning.kinematics.chain import placed_joints
 from planning.kinematics.kinematics import frame_pose
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 Node = tuple[int, int]
 
 
-def graph_of(sizes: Iterable[int], edges: Array) -> nx.DiGraph:
+def graph_of(sizes: Iterable[int], edges: Indices) -> "nx.DiGraph[Node]":
     """Chains of so many nodes each, and type-2 edges between them."""
-    graph = nx.DiGraph()
+    graph: nx.DiGraph[Node] = nx.DiGraph()
     for r, size in enumerate(sizes):
         nodes = [(r, n) for n in range(size)]
         graph.add_nodes_from(nodes)
@@ -41,7 +41,7 @@ def graph_of(sizes: Iterable[int], edges: Array) -> nx.DiGraph:
     return graph
 
 
-def order_of(tpg: TemporalPlanGraph) -> nx.DiGraph:
+def order_of(tpg: TemporalPlanGraph) -> "nx.DiGraph[Node]":
     """What precedes what in a graph; it has no cycle."""
     graph = graph_of(map(len, tpg.chains), tpg.edges)
     assert nx.is_directed_acyclic_graph(graph)
@@ -113,7 +113,8 @@ class PlainGraph:
         """Configuration after a node, -1 for the start."""
         if node < 0:
             return self.tpg.chains[robot].start
-        return self.path((robot, node))[-1]
+        last: Array = self.path((robot, node))[-1]
+        return last
 
     def _walk(self) -> None:
         tpg = self.tpg
@@ -230,7 +231,7 @@ class PlainGraph:
                 out.add((u, v))
         return out
 
-    def reduced_edges(self, task_edges: Array) -> set[tuple[int, int, int, int]]:
+    def reduced_edges(self, task_edges: Indices) -> set[tuple[int, int, int, int]]:
         """Type-2 edges of the transitive reduction of the graph with every raw edge."""
         graph = graph_of(map(len, self.tpg.chains), task_edges)
         graph.add_edges_from(self.conflicts)

@@ -8,7 +8,7 @@ from planning.cell.machine import machine_robot
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Clearances, PlacedRobot, Workcell
 from planning.motion.motion_plan import MotionPlan
-from planning.tasks.task import ARRIVE, GONE, LEAVE, PRESENT, AllowedContact, Handling
+from planning.tasks.task import AllowedContact, Handling, TaskKind
 from planning.transforms import Array, rotation, translation
 from scheduling.copies import Pattern
 from tests.scheduling.mini_world import PlanWriter, planar_arm
@@ -61,10 +61,10 @@ def line_plan(
     pick = writer.add("a", "pick", np.stack([LIFT, PICK, LIFT]), (held,), "box.1")
     arrive = present = -1
     if every_s:
-        arrive = writer.add("belt", ARRIVE, _still(np.zeros(1)))
+        arrive = writer.add("belt", TaskKind.ARRIVE, _still(np.zeros(1)))
         _lasts(writer, every_s)
     up = Handling("box.2", 1, None, start)
-    present = writer.add("stop", PRESENT, _still(np.zeros(1)), (up,))
+    present = writer.add("stop", TaskKind.PRESENT, _still(np.zeros(1)), (up,))
     carry = writer.add("a", "transit", writer.line(LIFT, PLACE), obj="box.1")
     pose = writer.flange("a") @ GRIP
     down = Handling("box.1", 1, None, pose)
@@ -80,8 +80,8 @@ def line_plan(
             AllowedContact("b/tool", "box.1", frozenset([there, last, back]))
         )
         writer.dependencies.append((place, last))
-    gone = Handling("box.1", 1, GONE, pose)
-    leave = writer.add("outfeed", LEAVE, _still(np.zeros(1)), (gone,))
+    gone = Handling("box.1", 1, Handling.GONE, pose)
+    leave = writer.add("outfeed", TaskKind.LEAVE, _still(np.zeros(1)), (gone,))
     _lasts(writer, leave_s)
     writer.dependencies += [(last, leave), (pick, present)]
     if every_s:

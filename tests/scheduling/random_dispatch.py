@@ -38,16 +38,16 @@ def run_at_random(
             if other == robot:
                 continue
             if other in active:
-                key = ((other, active[other]), (robot, node))
-                if key not in met:
-                    met.add(key)
-                    u, v = sorted(key, key=plain.place.__getitem__)
+                pair = ((other, active[other]), (robot, node))
+                if pair not in met:
+                    met.add(pair)
+                    u, v = sorted(pair, key=plain.place.__getitem__)
                     assert (u, v) not in plain.conflicts
             else:
                 hold = dispatcher.completed(other) - 1
-                key = (("hold", other, hold), (robot, node))
-                if key not in met:
-                    met.add(key)
+                held = (("hold", other, hold), (robot, node))
+                if held not in met:
+                    met.add(held)
                     _check_hold(plain, other, hold, (robot, node), rng)
 
 

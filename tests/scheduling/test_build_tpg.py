@@ -16,7 +16,7 @@ from planning.cell.workcell import CellObject, Clearances, PlacedRobot, Workcell
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task import LEAVE, AllowedContact, Handling, Task
+from planning.tasks.task import AllowedContact, Handling, Task, TaskKind
 from planning.transforms import Array, rotation, translation
 from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import build_tpg, connect_nodes
@@ -350,9 +350,12 @@ def test_a_handover_without_a_dependency_is_refused() -> None:
 def _leaves(tpg: TemporalPlanGraph) -> list[float]:
     """Return when each product has left [s]."""
     (chain,) = (
-        k for k, c in enumerate(tpg.chains) if tpg.tasks[c.task[0]].kind == LEAVE
+        k
+        for k, c in enumerate(tpg.chains)
+        if tpg.tasks[c.task[0]].kind == TaskKind.LEAVE
     )
-    return earliest_times(tpg).end[chain].tolist()
+    ends: list[float] = earliest_times(tpg).end[chain].tolist()
+    return ends
 
 
 @pytest.mark.parametrize("products", [1, 2, 4, 5, 9])
@@ -397,7 +400,7 @@ def test_the_takt_is_the_greatest_cycle_mean(every_s: float) -> None:
     tpg = repeat_graph(build_tpg(plan), pattern)
     ends = _leaves(tpg)
     lengths = [len(c) // 40 if k < 2 else 1 for k, c in enumerate(tpg.chains)]
-    graph = nx.MultiDiGraph()
+    graph: nx.MultiDiGraph[tuple[int, int]] = nx.MultiDiGraph()
     for k, chain in enumerate(tpg.chains):
         for node in range(lengths[k]):
             after = (node + 1) % lengths[k]
@@ -413,7 +416,8 @@ def test_the_takt_is_the_greatest_cycle_mean(every_s: float) -> None:
         time = tpg.chains[r].duration[u]
         graph.add_edge(source, (s, v % lengths[s]), time=time, products=lag)
     best = 0.0
-    for cycle in nx.simple_cycles(nx.DiGraph(graph)):
+    simple: nx.DiGraph[tuple[int, int]] = nx.DiGraph(graph)
+    for cycle in nx.simple_cycles(simple):
         time = products = 0.0
         for u, v in zip(cycle, [*cycle[1:], cycle[0]], strict=True):
             edge = max(graph[u][v].values(), key=lambda e: (-e["products"], e["time"]))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.cell.workcell import PoseError, Workcell, WorldState, start_state
+from planning.cell.workcell import PoseError, Workcell, WorldState
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import place_at_middle
 from planning.geometry.moving_pairs import MovingPair
@@ -88,7 +88,7 @@ class Oracle:
 def cell_and_checker() -> tuple[Workcell, SceneChecker]:
     pose = translation(0.42, 0.05, 0.27)
     cell = off(world.two_arms((block("block", (0.05, 0.05, 0.05), pose),), gap=0.7))
-    return cell, SceneChecker(cell, "left", start_state(cell))
+    return cell, SceneChecker(cell, "left", cell.start_state())
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -126,7 +126,7 @@ def test_errors_make_a_motion_of_two_robots_wider() -> None:
         q = home + np.array([0, 1, 0.4, 0, 0, 0]) * reach
         if bare.gap(q, q) < 0.003:
             break
-        state = start_state(plain)
+        state = plain.start_state()
         for cell, gap in ((plain, bare.gap(q, q)), (off(plain), oracle.gap(q, q))):
             pair = MovingPair(cell, "left", "right", state)
             spare = gap - 0.001
@@ -209,7 +209,7 @@ def test_a_grip_is_planned_as_without_errors() -> None:
     writer.allowed.append(AllowedContact("left/tool", "block", tasks))
     assert verify_plan(graph(writer)).ok
     near = WorldState({r.name: r.home for r in cell.robots}, {})
-    state = replace(near, attachments=start_state(cell).attachments)
+    state = replace(near, attachments=cell.start_state().attachments)
     checker = SceneChecker(cell, "left", state)
     assert checker.tool_comes_within(np.stack([down, down]), "block", 0.0)
     assert not checker.tool_comes_within(np.stack([down, down]), "block", -0.0005)

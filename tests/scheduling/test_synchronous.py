@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.workcell import Workcell, WorldState, start_state
+from planning.cell.workcell import Workcell, WorldState
 from planning.errors import PlanInvariantError, TransitError
 from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
@@ -53,7 +54,7 @@ def graph_of(plan: SynchronousPlan) -> TemporalPlanGraph:
 
 
 def state_at(cell: Workcell, **q: Array) -> WorldState:
-    state = start_state(cell)
+    state = cell.start_state()
     return WorldState({**state.configurations, **q}, state.attachments)
 
 
@@ -86,7 +87,7 @@ class TestMovingPair:
         self, seed: int
     ) -> None:
         cell, q = crossing(seed)
-        parts = MovingPair(cell, "arm0", "arm1", start_state(cell)).split(*q, 12)
+        parts = MovingPair(cell, "arm0", "arm1", cell.start_state()).split(*q, 12)
         if parts is None:
             return
         share = np.linspace(0.0, 1.0, 120)
@@ -100,7 +101,7 @@ class TestMovingPair:
         self, seed: int
     ) -> None:
         cell, q = crossing(seed)
-        parts = MovingPair(cell, "arm0", "arm1", start_state(cell)).split(*q, 10)
+        parts = MovingPair(cell, "arm0", "arm1", cell.start_state()).split(*q, 10)
         if parts is None:
             return
         rng = np.random.default_rng(seed)
@@ -113,7 +114,7 @@ class TestMovingPair:
         share = np.linspace(0.0, 1.0, 120)
         for seed in range(60):
             cell, q = crossing(seed)
-            pair = MovingPair(cell, "arm0", "arm1", start_state(cell))
+            pair = MovingPair(cell, "arm0", "arm1", cell.start_state())
             found = pair.split(*q, 40) is not None
             roomy = replace(cell.clearances, robot_robot=0.03)
             wide = replace(cell, clearances=roomy)
@@ -126,7 +127,7 @@ class TestMovingPair:
         halved = 0
         for seed in range(100):
             cell, q = crossing(seed)
-            parts = MovingPair(cell, "arm0", "arm1", start_state(cell)).split(*q, 1)
+            parts = MovingPair(cell, "arm0", "arm1", cell.start_state()).split(*q, 1)
             halved += parts is not None and len(parts) > 1
         assert halved > 0
 
@@ -134,7 +135,7 @@ class TestMovingPair:
         cell, q = next(
             found
             for found in map(crossing, range(100))
-            if MovingPair(found[0], "arm0", "arm1", start_state(found[0])).split(
+            if MovingPair(found[0], "arm0", "arm1", found[0].start_state()).split(
                 *found[1], 8
             )
             is None
@@ -143,7 +144,7 @@ class TestMovingPair:
             f"{arm}/{group}" for arm in ("arm0", "arm1") for group in ("arm", "tool")
         ]
         allowed = frozenset(frozenset((x, y)) for x in groups for y in groups)
-        pair = MovingPair(cell, "arm0", "arm1", start_state(cell), allowed)
+        pair = MovingPair(cell, "arm0", "arm1", cell.start_state(), allowed)
         assert pair.split(*q, 8) is not None
 
 
@@ -152,7 +153,7 @@ def test_composite_parts_are_no_longer_than_a_step() -> None:
     cell = planar_cell(2, rng)
     speeds = {"arm0": L1Speed(1.0), "arm1": L1Speed(0.5)}
     checker = CompositeChecker(
-        cell, {"arm0": 0, "arm1": 1}, start_state(cell), {}, (), speeds, step=0.1
+        cell, {"arm0": 0, "arm1": 1}, cell.start_state(), {}, (), speeds, step=0.1
     )
     start = np.concatenate([robot.home for robot in cell.robots])
     goal = start + 0.2
@@ -206,7 +207,7 @@ def test_tasks_end_where_they_ended_in_the_sequential_plan() -> None:
 
 
 def test_some_are_planned_as_one_robot_and_move_in_lock_step() -> None:
-    joint = []
+    joint: list[tuple[int, ...]] = []
     for seed in range(12):
         plan = random_plan(3, seed, rounds=10, objects=0)
         slots = in_slots(plan)
@@ -297,7 +298,11 @@ def with_conflicts(
     pairs = np.array(dependencies, dtype=np.int64).reshape(-1, 2)
     with_pairs = MotionPlan(plan.cell, plan.tasks, plan.motions, pairs, plan.allowed)
     speeds = {robot.name: L1Speed() for robot in plan.cell.robots}
-    return plan_synchronous(with_pairs, MotionSettings({}, speeds, 0.05, {}), conflicts)
+    return plan_synchronous(
+        with_pairs,
+        MotionSettings({}, speeds, 0.05, {}),
+        cast(TaskConflicts, conflicts),
+    )
 
 
 def test_robots_that_never_meet_all_work_in_every_slot() -> None:

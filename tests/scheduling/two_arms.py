@@ -12,7 +12,6 @@ from planning.cell.workcell import (
     PlacedRobot,
     Workcell,
     WorldState,
-    start_state,
 )
 from planning.geometry.scene_checker import SceneChecker
 from planning.motion.motion_plan import MotionPlan, TaskMotion
@@ -60,13 +59,13 @@ class Writer(PlanWriter):
     def q(self) -> dict[str, Array]:
         return self.configurations
 
-    def free(self, robot: str, goal: Array) -> bool:
+    def line_free(self, robot: str, goal: Array) -> bool:
         """Tell whether the straight line to a goal is free of the other arm and the table."""
         placed = {
             o.name: Attachment(None, translation(0.0, 0.0, -5.0 - k))
             for k, o in enumerate(self.cell.objects)
         }
-        state = WorldState(self.q, {**start_state(self.cell).attachments, **placed})
+        state = WorldState(self.q, {**self.cell.start_state().attachments, **placed})
         checker = SceneChecker(self.cell, robot, state, margin=0.002)
         return checker.motion_free(self.q[robot], goal)
 
@@ -78,7 +77,7 @@ class Writer(PlanWriter):
         count = max(1, int(np.ceil(np.abs(goal - start).sum() / step)))
         path = start + np.linspace(0.0, 1.0, count + 1)[:, None] * (goal - start)
         pace = max(STEP, float(np.abs(goal - start).sum()) / count)
-        time = self.time + pace * np.arange(count + 1)
+        time: Array = self.time + pace * np.arange(count + 1.0)
         index = len(self.tasks)
         given = tuple(
             replace(h, waypoint=count if h.waypoint < 0 else h.waypoint)
@@ -102,9 +101,9 @@ def random_turns(seed: int, turns: int, gap: float = 0.88) -> MotionPlan:
             for _ in range(50):
                 goal = robot.home + rng.uniform(-1, 1, 6) * [0.4, 0.6, 0.4, 0.5, 0.4, 1]
                 goal[1] += 0.5
-                if writer.free(robot.name, goal):
+                if writer.line_free(robot.name, goal):
                     writer.move(robot.name, goal)
                     break
-        if writer.free(robot.name, robot.home):
+        if writer.line_free(robot.name, robot.home):
             writer.move(robot.name, robot.home)
     return writer.plan()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import PlacedRobot
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import assign_node_times, stretch_numbers
@@ -87,7 +87,7 @@ def _straightened(chain: NodeChain, rng: np.random.Generator) -> NodeChain:
     return replace(chain, waypoints=points)
 
 
-def _motions(chain: NodeChain, points: Array) -> Iterator[tuple[Array, Array]]:
+def _motions(chain: NodeChain, points: Array) -> Iterator[tuple[Indices, Array]]:
     """Yield the rows of each task's pose nodes, and where these begin as points lie by then."""
     for task in np.unique(chain.task):
         nodes = np.flatnonzero((chain.task == task) & ~chain.skill)
@@ -96,7 +96,7 @@ def _motions(chain: NodeChain, points: Array) -> Iterator[tuple[Array, Array]]:
             yield rows, chain.start if rows[0] == 0 else points[rows[0] - 1]
 
 
-def _lay(points: Array, rows: Array, start: Array, end: Array) -> None:
+def _lay(points: Array, rows: Indices, start: Array, end: Array) -> None:
     """Lay rows on a straight way."""
     for k, row in enumerate(rows, start=1):
         points[row] = start + (end - start) * (k / len(rows))

@@ -55,11 +55,11 @@ def test_a_dozen_damaged_folders_end_in_a_sentence(
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", FOLDERS)
-def test_hundreds_of_damaged_folders_end_in_a_sentence(
+def test_a_hundred_damaged_folders_end_in_a_sentence(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
-    assert not _endings(name, tmp_path, range(12, 312))
+    assert not _endings(name, tmp_path, range(12, 112))
 
 
 def test_only_what_was_never_in_a_file_is_unpickled() -> None:

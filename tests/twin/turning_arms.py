@@ -6,7 +6,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task import TRANSIT, Task
+from planning.tasks.task import Task, TaskKind
 from planning.transforms import Array
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import save_plan
@@ -68,11 +68,13 @@ def turning_plan(cell: Workcell) -> MotionPlan:
     clock = 0.0
     for robot in cell.robots:
         aside = robot.home + np.array([0.4, 0, 0, 0, 0, 0])
-        for kind, goal in ((TRANSIT, aside), ("pick", aside - 0.05)):
-            start = motions[-1].path[-1] if kind != TRANSIT else robot.home
-            path = straight(start, goal, 9 if kind == TRANSIT else 3)
-            time = clock + np.linspace(0.0, 0.4 if kind == TRANSIT else 5.0, len(path))
-            waypoints = path[-1:] if kind == TRANSIT else path[1:]
+        for kind, goal in ((TaskKind.TRANSIT, aside), ("pick", aside - 0.05)):
+            start = motions[-1].path[-1] if kind != TaskKind.TRANSIT else robot.home
+            path = straight(start, goal, 9 if kind == TaskKind.TRANSIT else 3)
+            time = clock + np.linspace(
+                0.0, 0.4 if kind == TaskKind.TRANSIT else 5.0, len(path)
+            )
+            waypoints = path[-1:] if kind == TaskKind.TRANSIT else path[1:]
             label = f"{kind} of {robot.name}"
             tasks.append(Task(len(tasks), robot.name, kind, 1, label, waypoints))
             motions.append(TaskMotion(path, time))

@@ -10,7 +10,7 @@ import numpy as np
 from planning.cell.robot_model import KinematicChain, RobotModel
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
-from planning.tasks.task import SKILLS, TRANSIT, Task
+from planning.tasks.task import Task, TaskKind
 from planning.transforms import Array, translation
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
@@ -92,7 +92,11 @@ def random_tpg(
     for m in range(tasks):
         k = int(owner[m])
         skill = m % 2 == 1
-        kind = SKILLS[int(rng.integers(len(SKILLS)))] if skill else TRANSIT
+        kind = (
+            TaskKind.SKILLS[int(rng.integers(len(TaskKind.SKILLS)))]
+            if skill
+            else TaskKind.TRANSIT
+        )
         waypoints = int(rng.integers(1, 4)) if skill else nodes_per_transit
         path = rng.uniform(-1, 1, (waypoints, dofs[k]))
         task_list.append(
@@ -113,7 +117,7 @@ def random_tpg(
             found.add((*order[a], *order[b]))
     rows = np.array(sorted(found), dtype=np.int64).reshape(-1, 4)
     skills = [(k, n) for k, n in order if chains[k].skill[n]]
-    handlings = ()
+    handlings: tuple[NodeHandling, ...] = ()
     if len(skills) >= 2:
         (k, n), (j, m) = skills[0], skills[1]
         handlings = (
@@ -142,15 +146,17 @@ class _Node(NamedTuple):
 
 
 def _chain(robot: PlacedRobot, nodes: list[_Node]) -> NodeChain:
-    paths, *columns = zip(*nodes, strict=True)
-    counts = [len(path) for path in paths]
+    counts = [len(node.path) for node in nodes]
     return NodeChain(
         robot.name,
         robot.home,
-        np.vstack(paths),
+        np.vstack([node.path for node in nodes]),
         np.concatenate([np.arange(1, c + 1) / c for c in counts]),
         np.cumsum([0, *counts]),
-        *map(np.array, columns),
+        np.array([node.task for node in nodes]),
+        np.array([node.skill for node in nodes]),
+        np.array([node.duration for node in nodes]),
+        np.array([node.planned_start for node in nodes]),
     )
 
 
@@ -158,7 +164,7 @@ def two_robot_tpg(edges: Sequence[tuple[int, int, int, int]]) -> TemporalPlanGra
     """Two robots of three pose nodes of 1 s each, with the edges asked for."""
     cell = toy_cell((1, 1))
     tasks = tuple(
-        Task(k, f"robot_{k}", TRANSIT, 1, f"transit {k}", np.full((1, 1), 0.3))
+        Task(k, f"robot_{k}", TaskKind.TRANSIT, 1, f"transit {k}", np.full((1, 1), 0.3))
         for k in range(2)
     )
     chains = tuple(

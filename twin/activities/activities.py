@@ -7,12 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from planning.tasks.task import (
-    CLOSE,
-    HOLD,
-    OPEN,
-    STRAIGHT,
-)
+from planning.tasks.task import Actuation, TaskKind
 from scheduling.graph.actuations import chain_actuations
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -41,10 +36,10 @@ SAME_ROBOT = "same robot"
 STANDING = frozenset({WAITING, HOLDING, STALLED, STOPPED, RETRYING, FAILED})
 """States in which a robot stands. Holding is work: the robot supports an object, or holds its placed part, until others are done."""
 
-TOLD = STANDING | {CLOSE, OPEN}
+TOLD = STANDING | {Actuation.CLOSE, Actuation.OPEN}
 """States reported in addition to their task."""
 
-_SUPPORTS = ("support-bottom", "support-top", HOLD)
+_SUPPORTS = ("support-bottom", "support-top", TaskKind.HOLD)
 _PLACES = ("place-down", "place-up")
 
 
@@ -177,7 +172,9 @@ class _RobotLog:
             return False
         last, now = self._chain.task[done - 1 : done + 1].tolist()
         before, then = self._tasks[last], self._tasks[now]
-        lets_go = then.kind == STRAIGHT and then.object == before.object is not None
+        lets_go = (
+            then.kind == TaskKind.STRAIGHT and then.object == before.object is not None
+        )
         kept = before.kind in _PLACES and lets_go
         return last != now and (kept or before.kind in _SUPPORTS)
 

@@ -12,10 +12,9 @@ from twin.api.checked import Checked, check_if_installed
 from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import MemoryRecorder
-from twin.registry import HOOKS
-from twin.runs.execution_record import POLICIES
+from twin.registry import HOOKS, POLICIES
 from twin.runs.folder import run_folder
-from twin.runs.policies import NAMED_POLICIES, parse_policy_name
+from twin.runs.policies import named_policies, parse_policy_name
 from twin.scenario.variations import short_key
 from twin.trial.auditor import load_auditor
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
@@ -202,8 +201,8 @@ def released(values: Mapping[str, Any]) -> Mapping[str, Any]:
         name = parse_policy_name(str(policy))
     except RequestError:
         message = f"policy: there is no {policy!r}"
-        raise ScenarioError(message, choices=POLICIES) from None
-    plan, release = NAMED_POLICIES[name]
+        raise ScenarioError(message, choices=POLICIES.names()) from None
+    plan, release = named_policies()[name]
     raise ScenarioError(
         f"policy {name!r} is {release} of the plan {plan}: give --policy {release}; --shortcuts"
         " and the scenario's coordination say which plan it is"

@@ -20,7 +20,6 @@ from planning.errors import OutputError
 from planning.files import read_file
 from planning.json_files import parse_json
 from planning.transforms import Array, Transform
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audits.expectations import ChangedTool, Expectations
 from twin.audits.motion.executed import Recording, ReplayedRun, RobotRows
@@ -152,7 +151,7 @@ def moved_spans(
     Machines do not move.
     """
     out = {}
-    machines = machine_chains(tpg)
+    machines = tpg.machine_chains()
     for k, chain in enumerate(tpg.chains):
         if k in machines:
             continue

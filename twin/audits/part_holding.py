@@ -7,7 +7,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from planning.tasks.task import TRANSIT, Task
+from planning.tasks.task import Task, TaskKind
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audits.case import AuditCase, Violation
 from twin.audits.motion.executed import Stay
@@ -72,7 +72,7 @@ def _held_in_place(case: AuditCase) -> dict[str, tuple[float, float]]:
         for stay in _put_down(case, part)
     }
     for robot, task in begins.items():
-        if task.kind == TRANSIT and task.object and not task.handlings:
+        if task.kind == TaskKind.TRANSIT and task.object and not task.handlings:
             # The plan begins while it keeps hold of it.
             found.setdefault(task.object, (0.0, case.robots[robot].leaves(0.0)))
     return found

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import CellObject, Workcell
-from planning.tasks.task import FAILED, GONE
+from planning.tasks.task import Handling, TaskKind
 from planning.transforms import Array, Transform, rotation
 from twin.audits.case import AuditCase, Violation
 from twin.audits.expectations import ChangedTool, Expectations, Place
@@ -47,7 +47,7 @@ def jump_violations(case: AuditCase) -> Iterator[Violation]:
     measured = [
         (h.object, h.pose)
         for h in case.tpg.handlings
-        if case.tpg.task_of(h).kind == FAILED
+        if case.tpg.task_of(h).kind == TaskKind.FAILED
     ]
     times = np.unique([stay.t for stay in case.handed()])
     flanges = {
@@ -67,10 +67,10 @@ def jump_violations(case: AuditCase) -> Iterator[Violation]:
             if stay.until <= max(stay.t, 0.0):
                 continue
             whose, old = "rest", item.start
-            if before is not None and before.holder != GONE:
+            if before is not None and before.holder != Handling.GONE:
                 whose, old = before.holder or whose, in_world(before, stay.t)
             before = stay
-            if stay.t <= 0.0 or stay.holder == GONE:
+            if stay.t <= 0.0 or stay.holder == Handling.GONE:
                 continue
             if stay.holder is None and whose == "rest":
                 own = (pose for name, pose in measured if name == item.name)

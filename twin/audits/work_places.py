@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.tasks.task import GONE, Task
+from planning.tasks.task import Handling, Task
 from twin.audits.case import AuditCase, Violation
 from twin.audits.expectations import ExpectedRest
 from twin.audits.motion.executed import Stay
@@ -104,7 +104,7 @@ def _shut(stays: Sequence[Stay], begin: float, end: float) -> bool:
     """Return whether a door was shut within an interval, up to its end [s]."""
     return any(
         shut.holder is None
-        and opened.holder == GONE
+        and opened.holder == Handling.GONE
         and begin - _TICK <= shut.t <= end
         and opened.t >= end - _TICK
         for shut, opened in pairwise(stays)

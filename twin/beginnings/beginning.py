@@ -11,7 +11,7 @@ from planning.files import is_file
 from twin.document.section import iterate_nested
 from twin.document.yaml_text import read_yaml
 from twin.scenario.schema import scenario_schema
-from twin.scenario.shipped import SCENARIO, YAML, shipped_scenarios
+from twin.scenario.shipped import new_scenario_path, shipped_scenarios
 
 TEMPLATE = "tray"
 """What a new scenario begins as."""
@@ -64,8 +64,8 @@ def write_beginning(target: Path, text: str, folder: Path) -> Path:
     Raises:
         OutputError: the file is there already, or cannot be written.
     """
-    single = target.suffix in YAML
-    file = target if single else target / SCENARIO
+    file = new_scenario_path(target)
+    single = file == target
     beside = {
         file.parent / named: (folder / named).read_bytes()
         for _, named in iterate_nested(read_yaml(file, text).data)

@@ -55,7 +55,7 @@ class BulkEngine:
     """Executes one plan as often as asked, many replications at a time.
 
     Args:
-        tpg: plan to execute.
+        tpg: plan to execute, with the holds of the model, see ``with_model_holds``.
         model: execution model, with disturbances. Messages take no time, whatever it says, where
             robots keep to limits of acceleration.
 

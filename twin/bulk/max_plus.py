@@ -31,14 +31,13 @@ import numpy.typing as npt
 
 from planning.kernels import kernel
 from planning.transforms import Indices
-from scheduling.graph.barriers import with_barriers
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import sequential_order, turn_edges
 from scheduling.graph.temporal_plan_graph import EVER, NO_EDGES, TemporalPlanGraph
 from scheduling.graph.total_order import flatten_graph, planned_ranks
 from scheduling.graph.windows import followed_order
 from twin.durations.nanoseconds import Nanoseconds
+from twin.engine.dispatch_policies import with_policy
 from twin.engine.execution_model import OTHER, Messages
 from twin.runs.execution_record import Policy
 from twin.uncertainty.skill_durations import nominal_ns
@@ -81,13 +80,14 @@ def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
         policy: ``"asynchronous"`` waits by the edges of the plan, ``"synchronous"`` for
             everyone at the end of each slot as well; ``"sequential"`` is one chain of all
             nodes of robots, while machines run in parallel; under ``"open-loop"`` a node waits for its
-            planned time and nothing else.
+            planned time and nothing else. The waits of registered policies are edges of the plan already, see
+            ``with_model_holds``.
 
     Raises:
         PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
     """
     if policy == "synchronous":
-        barred = with_barriers(tpg, cause=OTHER)
+        barred = with_policy(tpg, policy, OTHER)
         # Barriers need not follow the planned starts, as edges do.
         return precedence_arrays(barred)._replace(order=_sequential_order(barred))
     if policy == "sequential":
@@ -128,7 +128,7 @@ def _in_turns(tpg: TemporalPlanGraph) -> PrecedenceArrays:
 
     Machines are not in the sequence: their dependencies stay as planned.
     """
-    kept = np.isin(tpg.edges[:, [0, 2]], list(machine_chains(tpg))).any(axis=1)
+    kept = np.isin(tpg.edges[:, [0, 2]], list(tpg.machine_chains())).any(axis=1)
     turns = turn_edges(tpg)
     other = np.full(len(turns), OTHER, dtype=np.uint8)
     edges = np.concatenate([tpg.edges[kept], turns])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,8 +62,8 @@ _GENERAL: tuple[Callable[[CheckContext], Findings], ...] = (
 _TOLD_AT_ONE_KEY = 5
 """Largest number of findings of one check per key."""
 
-_OF_A_PRODUCT = re.compile(r"([A-Za-z_])\.\d+\b")
-"""The number of a product in the name of one of its parts."""
+_DIGITS = 4
+"""Decimals of figures in which findings about parts of several products agree."""
 
 _ABSENT: KeyPath = ("assembly", "kind")
 """Where a finding is shown whose section the file leaves out."""
@@ -161,10 +160,10 @@ def check_scenario(
 def findings_without_reach(subject: CheckContext) -> list[Finding]:
     """Return the findings of all checks but reach."""
     # A wrong unit would trigger all other checks.
-    found = _few(check_units(subject))
+    found = _few(subject, check_units(subject))
     checks = subject.checks.quick or _GENERAL
     for check in checks if not found else ():
-        found += _few(check(subject))
+        found += _few(subject, check(subject))
     return found
 
 
@@ -176,15 +175,19 @@ def reach_findings(subject: CheckContext, quick: list[Finding]) -> list[Finding]
         return [
             item for item in check_reach(subject) if not (at_fault and item.at_start)
         ]
-    return [] if at_fault else _few(check_reach(subject))
+    return [] if at_fault else _few(subject, check_reach(subject))
 
 
-def _few(findings: Findings) -> list[Finding]:
+def _few(subject: CheckContext, findings: Findings) -> list[Finding]:
     """Return the first findings of each key, and the number of others; for products those of one."""
-    first: dict[tuple[KeyPath, bool, str], Finding] = {}
+    first: dict[Any, Finding] = {}
     for item in findings:
-        words = _OF_A_PRODUCT.sub(r"\1", item.message)
-        first.setdefault((item.at, item.error, words), item)
+        alike: Any = item
+        if item.code:
+            names = tuple(map(subject.alike_as, item.parts))
+            figures = tuple(round(figure, _DIGITS) for figure in item.figures)
+            alike = item.at, item.error, item.code, names, figures
+        first.setdefault(alike, item)
     by_key: dict[tuple[KeyPath, bool], list[Finding]] = {}
     for item in first.values():
         by_key.setdefault((item.at, item.error), []).append(item)

@@ -33,12 +33,18 @@ class Finding:
         message: the problem and its remedy.
         error: whether it makes a plan impossible or false; a warning otherwise.
         at_start: whether something is wrong before anybody moves.
+        code: its kind, where it is about parts that several products have.
+        parts: names of those parts, and of what they are near to.
+        figures: what else distinguishes such findings, such as distances [m].
     """
 
     at: KeyPath
     message: str
     error: bool = False
     at_start: bool = False
+    code: str = ""
+    parts: tuple[str, ...] = ()
+    figures: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -105,6 +111,18 @@ class CheckContext:
         if path[-1] != "name":
             return path
         return self.checks.key_at(path, key)
+
+    def alike_as(self, name: str) -> tuple[str, str]:
+        """Return what an object or a fixture has in common with those like it.
+
+        That is its name in the file without the number of equal parts, and, of equal parts, its product.
+        """
+        known = name_in_file(name, self._places)
+        kind, _, number = known.rpartition(".")
+        at = self._places.get(known)
+        if number.isdigit() and list(self._places.values()).count(at or ()) > 1:
+            return kind, name.removeprefix(known)
+        return known, ""
 
     @cached_property
     def _places(self) -> dict[str, KeyPath]:

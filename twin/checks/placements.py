@@ -59,6 +59,9 @@ def check_starts(subject: CheckContext) -> Findings:
                 f"{one} and {other} overlap by {format_depth(deep)} at the start, and may by"
                 f" {format_depth(most)}: no two things can be in one place",
                 error=movable,
+                code="overlap",
+                parts=(one, other),
+                figures=(deep, most),
             )
         touched.setdefault(one, set()).add(other)
         touched.setdefault(other, set()).add(one)
@@ -74,6 +77,8 @@ def check_starts(subject: CheckContext) -> Findings:
                 subject.thing_at(item.name, "start"),
                 f"{item.name} hangs in the air at the start: nothing that stands on a fixture is"
                 f" within {format_millimetres(touch)} of it{_below(placed, item.name)}",
+                code="unsupported",
+                parts=(item.name,),
             )
 
 
@@ -93,6 +98,8 @@ def check_centres(subject: CheckContext) -> Findings:
                 subject.thing_at(item.name, "centre_of_mass_m"),
                 f"the centre of mass of {item.name} is {format_millimetres(farthest)} outside it: in the frame of its"
                 f" shape it reaches from {low} to {high}",
+                code="centre",
+                parts=(item.name,),
             )
 
 
@@ -175,6 +182,9 @@ def check_meshes(subject: CheckContext) -> Findings:
                 f"the surface of {name} is up to {format_millimetres(mesh.missed)} outside"
                 " of the convex pieces that planning sees: close its holes, or give a smaller"
                 " within_m",
+                code="covered",
+                parts=(name,),
+                figures=(mesh.missed,),
             )
         if missing > _OPEN:
             yield Finding(
@@ -182,6 +192,9 @@ def check_meshes(subject: CheckContext) -> Findings:
                 f"the surface of {name} is open: {100 * missing:.2g} % of it is missing in the mesh {mesh.source}, and"
                 f" usual is at most {100 * _OPEN:g} %; planning closes the holes, which may not be what was meant:"
                 " close them in the file",
+                code="closed",
+                parts=(name,),
+                figures=(missing,),
             )
 
 

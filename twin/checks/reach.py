@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.transforms import Transform
 from twin.checks.finding import CheckContext, Finding, Findings
 
@@ -19,7 +18,7 @@ def reach_bound(robot: PlacedRobot, frame: str) -> float:
     """Return an upper bound of the distance of a robot's frame from its first joint [m]."""
     model = robot.model
     lengths = np.linalg.norm(model.chain.placement[1:, :3, 3], axis=1).sum()
-    tip = np.linalg.norm(frame_in_last_joint(model, frame)[:3, 3])
+    tip = np.linalg.norm(model.frame_in_last_joint(frame)[:3, 3])
     slide = np.maximum(np.abs(model.lower), np.abs(model.upper))
     return float(lengths + tip + slide[model.chain.prismatic].sum())
 

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from planning.cell.motion_limits import limits_of
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.robot_model import DriveLimits, RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import FittingError, RobotModelError
@@ -379,7 +379,7 @@ def _joints(found: Overview) -> tuple[tuple[str, ...], Rows]:
         "jerk",
         "effort",
     )
-    model, usual = found.model, limits_of(found.model)
+    model, usual = found.model, MotionLimits.of(found.model)
     drives = model.drives or DriveLimits(*np.full((3, model.dof), np.inf))
     rows = []
     for k, name in enumerate(model.joint_names):

@@ -10,13 +10,7 @@ from typing import get_args
 
 import numpy as np
 
-from planning.cell.workcell import (
-    CellObject,
-    PlacedRobot,
-    Workcell,
-    WorldState,
-    start_state,
-)
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell, WorldState
 from planning.geometry.exact import hull_distance_at, resting_solid
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import SceneChecker
@@ -52,7 +46,7 @@ _HOME_KEYS = ("home_deg", "home_rad_or_m", "parked", "base")
 def check_homes(subject: CheckContext) -> Findings:
     """Yield robots in collision or beyond a joint limit at HOME."""
     cell = subject.cell
-    state = start_state(cell)
+    state = cell.start_state()
     seen: set[frozenset[str]] = set()
     for robot in cell.robots:
         at = subject.robot_at(robot.name, *_HOME_KEYS)

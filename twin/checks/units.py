@@ -20,8 +20,8 @@ _AWAY = 20.0
 _LARGE = 10.0
 """Largest plausible size of a part, in lengths of the longest arm."""
 
-Place = tuple[str, KeyPath, Transform]
-"""Name of a thing, its path in the file, and its pose."""
+Place = tuple[str, str, KeyPath, Transform]
+"""Name of a part, the subject of a sentence about where it is, the path of that in the file, and its pose."""
 
 
 def check_units(subject: CheckContext) -> Findings:
@@ -42,6 +42,8 @@ def check_units(subject: CheckContext) -> Findings:
                 f"{item.name} measures {large} m, and the longest arm is {longest:.2f} m long: lengths"
                 f" are in metres; if these are in millimetres, it is {small} m",
                 error=True,
+                code="size",
+                parts=(item.name,),
             )
     yield from _tool_frames(subject)
 
@@ -55,16 +57,16 @@ def _places(subject: CheckContext) -> Iterator[Place]:
     goals = subject.checks.goals()
     for item in subject.cell.objects:
         at = subject.thing_at(item.name, "start")
-        yield f"{item.name} lies", at, item.start
+        yield item.name, f"{item.name} lies", at, item.start
         if item.name in goals:
             at = subject.thing_at(item.name, "goal")
-            yield f"the place of {item.name} is", at, goals[item.name]
+            yield item.name, f"the place of {item.name} is", at, goals[item.name]
 
 
 def _far_apart(subject: CheckContext, places: Sequence[Place]) -> Findings:
     """Yield places far from every robot, and robots far from every place."""
     robots = subject.cell.robots
-    for words, at, place in places:
+    for name, words, at, place in places:
         nearest = min(
             robots,
             key=lambda item: distance_from_first_joint(item, place) / _length(item),
@@ -76,9 +78,12 @@ def _far_apart(subject: CheckContext, places: Sequence[Place]) -> Findings:
                 f"{words} {away:.4g} m away from {nearest.name}, whose arm is"
                 f" {_length(nearest):.2f} m long, and no other robot is nearer: {_remedy(place[:3, 3])}",
                 error=True,
+                code="far",
+                parts=(name, nearest.name),
+                figures=tuple(place[:3, 3].tolist()),
             )
     for robot in robots if places else ():
-        away = min(distance_from_first_joint(robot, place) for _, _, place in places)
+        away = min(distance_from_first_joint(robot, place) for _, _, _, place in places)
         if away > _AWAY * _length(robot):
             yield Finding(
                 subject.robot_at(robot.name, "base"),

@@ -217,6 +217,8 @@ def check_physics(subject: CheckContext) -> Findings:
                 subject.thing_at(item.name, "mass_kg"),
                 f"{item.name} weighs {item.mass:g} kg and has {item.shape.volume * 1e6:.3g} cm^3: {density:.3g} kg/m^3,"
                 f" and usual is {_LIGHTEST:g} to {_HEAVIEST:g} kg/m^3; correct its mass or its size",
+                code="density",
+                parts=(item.name,),
             )
     lowest = min((float(item.start[2, 3]) for item in objects), default=-np.inf)
     for placed in subject.cell.robots:

@@ -44,6 +44,16 @@ TeamSize = Annotated[
         "team, the first M.",
     ),
 ]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Value of any key, such as cell.robots.left.base.xyz_m.0=0.7, or of one of the"
+        " execution section, such as stalls.rate_per_h=60; may be given several times."
+        " Values are words or JSON.",
+    ),
+]
 Recording = Annotated[bool, typer.Option(help="Write run.rrd for the viewer.")]
 Audited = Annotated[
     bool,

@@ -112,12 +112,12 @@ def _show(made: PlanResult, folder: Path, view: View) -> None:
     for words in (*made.warnings, *(own.message for own in made.idle)):
         print_error(f"warning: {words}")
     if begun is not None:
-        from planning.tasks.task import GOES_ON
+        from planning.tasks.task import TaskKind
 
         typer.echo(f"begins after {begun.after}")
         for item, robot in sorted(held.items()):
             typer.echo(f"  {robot} holds {item}")
-        for task in (task for task in tpg.tasks if task.kind == GOES_ON):
+        for task in (task for task in tpg.tasks if task.kind == TaskKind.GOES_ON):
             chain = tpg.chains[tpg.chain_index[task.robot]]
             typer.echo(f"  {task.robot}: {task.label} for {chain.duration[0]:.2f} s")
         for robot in begun.out:

@@ -19,6 +19,7 @@ from twin.commands.options import (
     ResultsFolder,
     ScenarioFile,
     Seed,
+    Settings,
     Shortcuts,
     TeamSize,
 )
@@ -60,16 +61,7 @@ def run(
     ] = None,
     shortcuts: Shortcuts = None,
     robots: TeamSize = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Value of any key, such as cell.robots.left.base.xyz_m.0=0.7, or of one of the"
-            " execution section, such as stalls.rate_per_h=60; may be given several times."
-            " Values are words or JSON.",
-        ),
-    ] = None,
+    settings: Settings = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:

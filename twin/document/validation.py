@@ -361,7 +361,7 @@ def _node_at(schema: dict[str, Any], path: KeyPath) -> dict[str, Any]:
     """Return the part of the schema for ``path``, which may contain tags of unions."""
     node = _follow(schema, schema)
     for entry in path:
-        if str(entry).startswith(("tagged-union[", "function-after[")):
+        if str(entry).startswith(("function-wrap[", "function-after[")):
             continue  # pydantic's tag of a section where a number or a name is allowed, too
         if entry in node.get("properties", {}):
             node = _follow(schema, node["properties"][entry])

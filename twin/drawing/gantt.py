@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from planning.tasks.task import STRAIGHT, TRANSIT
+from planning.tasks.task import TaskKind
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_nodes
 from twin.activities.activities import (
@@ -221,7 +221,7 @@ def _label(tpg: TemporalPlanGraph, names: Sequence[str], span: Activity) -> str:
 
     Motions and waits carry none.
     """
-    if span.task < 0 or span.state in (TRANSIT, STRAIGHT):
+    if span.task < 0 or span.state in (TaskKind.TRANSIT, TaskKind.STRAIGHT):
         return ""
     if span.state not in (tpg.tasks[span.task].kind, HOLDING):
         return ""

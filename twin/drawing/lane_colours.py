@@ -5,37 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import cycle
 
-from planning.tasks.task import (
-    ARRIVE,
-    BROUGHT,
-    CLOSE,
-    HOLD,
-    LEAVE,
-    OPEN,
-    PRESENT,
-    STRAIGHT,
-    TRANSIT,
-)
+from planning.tasks.task import Actuation, TaskKind
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.activities.activities import FAILED, HOLDING, IDLE, RETRYING, WAITING
 from twin.activities.progress import STALLED, STOPPED
 
 LANE_COLOURS: dict[str, str] = {
-    TRANSIT: "#97a6ba",
-    STRAIGHT: "#7688a2",
+    TaskKind.TRANSIT: "#97a6ba",
+    TaskKind.STRAIGHT: "#7688a2",
     "pick": "#eeaa33",
     "place-down": "#2e8b57",
     "place-up": "#6fbe6e",
     "handover": "#b254a0",
     "support-bottom": "#2f6fb2",
     "support-top": "#69aade",
-    HOLD: "#4b8fc8",
-    CLOSE: "#c27c0e",
-    OPEN: "#c9b458",
-    ARRIVE: "#c9b88f",
-    PRESENT: "#a5885a",
-    BROUGHT: "#b89a3c",
-    LEAVE: "#8f6f9c",
+    TaskKind.HOLD: "#4b8fc8",
+    Actuation.CLOSE: "#c27c0e",
+    Actuation.OPEN: "#c9b458",
+    TaskKind.ARRIVE: "#c9b88f",
+    TaskKind.PRESENT: "#a5885a",
+    TaskKind.BROUGHT: "#b89a3c",
+    TaskKind.LEAVE: "#8f6f9c",
     HOLDING: "#b3d3ee",
     WAITING: "#e2e5e9",
     STALLED: "#ce3630",

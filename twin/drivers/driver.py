@@ -179,7 +179,7 @@ class Driver(Protocol):
         ...
 
     def state(self) -> DriverState:
-        """Return the state of the robot."""
+        """Return the state of the robot; called before ``begin``, too."""
         ...
 
     def act(self, order: ToolOrder) -> None:

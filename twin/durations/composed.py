@@ -1,4 +1,4 @@
-"""Durations composed of other durations, and the union of all distributions of a scenario file."""
+"""Durations composed of other durations, and a key that any distribution of durations fits."""
 
 from __future__ import annotations
 
@@ -13,11 +13,8 @@ from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
 from planning.transforms import Array, read_only_copy
 from twin.document.section import Name, Section
-from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
-from twin.durations.lifetimes import Exponential, Gamma, Weibull
-from twin.durations.measured import Empirical, Packaged
+from twin.durations.kinds import DurationKinds
 from twin.durations.model import DurationModel, Skill
-from twin.durations.normal import Lognormal, TruncatedNormal
 
 _SEQUENCES_LOG2 = 14
 """Logarithm of the number of quasi-random sequences of retries."""
@@ -133,23 +130,7 @@ def _table(model: Retries) -> tuple[Array, Array]:
     )
 
 
-Distribution = (
-    Fixed
-    | Uniform
-    | Triangular
-    | Pert
-    | TruncatedNormal
-    | Lognormal
-    | Exponential
-    | Gamma
-    | Weibull
-    | Empirical
-    | Packaged
-    | Shifted
-    | Retries
-)
-
-AnyDuration = Annotated[Distribution, Field(discriminator="kind")]
+AnyDuration = Annotated[DurationModel, DurationKinds()]
 """Any distribution of durations; ``kind`` says which."""
 
 

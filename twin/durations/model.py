@@ -27,8 +27,14 @@ Skill = Name
 """Name of a skill: a packaged one, or a process of the scenario's own."""
 
 Seconds = Annotated[float, Field(ge=0, le=LONGEST_S)]
+"""A duration that may be 0 [s]."""
+
 PositiveSeconds = Annotated[float, Field(gt=0, le=LONGEST_S)]
+"""A duration above 0 [s]."""
+
 Factor = Annotated[float, Field(ge=0.001, le=1000)]
+"""Factor of a duration, from a thousandth to a thousand."""
+
 Shape = Annotated[float, Field(ge=0.1, le=1e6)]
 
 
@@ -44,7 +50,8 @@ class DurationModel(Section, ABC):
 
     One uniform makes one duration, and a greater uniform never a shorter one. So common random
     numbers and antithetic pairs (u and 1 - u) do what they should with every model. Subclasses
-    say what holds before durations are multiplied by ``scale``.
+    have a ``kind``, and say what holds before durations are multiplied by ``scale``: ``_ppf``, ``_mean``,
+    and ``_minimum`` where that is not 0. Their other attributes are keys of the section.
 
     Attributes:
         scale: every duration is multiplied with it.

@@ -14,20 +14,20 @@ from types import MappingProxyType
 import numpy as np
 
 from planning.errors import TwinError
-from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.rollout import earliest_times
-from scheduling.graph.task_edges import with_turns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven, with_full_speed_times
 from twin.durations.nanoseconds import Nanoseconds
+from twin.engine.dispatch_policies import with_policy
 from twin.engine.driven_robots import DrivenRobots
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.engine.narrator import describe_failure
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.recorders.observers import Observers, Recorder
-from twin.runs.execution_record import POLICIES, DeadlockError, ExecutionRecord
+from twin.registry import POLICIES
+from twin.runs.execution_record import DeadlockError, ExecutionRecord
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
@@ -44,7 +44,7 @@ class Simulator:
         contraction: of it, where whole segments give the same times; None where each node counts.
 
     Args:
-        tpg: plan to execute.
+        tpg: plan to execute, with the holds of the model, see ``with_model_holds``.
         model: execution model, with disturbances.
         names: of the draws of tasks that are not named by themselves, by index.
 
@@ -61,12 +61,11 @@ class Simulator:
     ) -> None:
         policy = model.policy
         if policy not in POLICIES:
-            raise TwinError(f"no policy {policy!r}", choices=POLICIES)
+            raise TwinError(f"no policy {policy!r}", choices=POLICIES.names())
         self.driven = is_driven(tpg)
-        if policy == "synchronous":
-            tpg = with_barriers(tpg)
-        elif policy == "sequential" and self.driven:
-            tpg = with_turns(tpg)
+        # Turns of robots that rest between nodes are the execution's.
+        if policy == "synchronous" or (policy == "sequential" and self.driven):
+            tpg = with_policy(tpg, policy)
         self.tpg = tpg
         self._model = model
         self._sampler = NodeTimeSampler(

@@ -15,7 +15,6 @@ import simpy
 from simpy.events import EventPriority
 
 from scheduling.graph.dispatcher import Dispatcher, Node, timed_edges
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.task_edges import turn_order
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import Nanoseconds, require_within_longest_run
@@ -354,7 +353,7 @@ class Execution:
         self.task = [chain.task.tolist() for chain in self.tpg.chains]
         self.motion = [motion.tolist() for motion in self.times.motion]
         self.stood = [stood.tolist() for stood in self.times.stood]
-        self.machines = machine_chains(self.tpg)
+        self.machines = self.tpg.machine_chains()
 
     def _report_stops(self, edge_ns: float, until_ns: float) -> float:
         """Record stops that begin or end until a time; return the next such time [ns].

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from planning.tasks.task import DOOR, EARLIER, GONE, TimeWindow
+from planning.tasks.task import DOOR, Handling, TimeWindow
 from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_nodes
@@ -52,7 +52,7 @@ class Narrator:
         for (_, done, due), window in zip(
             window_nodes(tpg).tolist(), tpg.windows, strict=True
         ):
-            opens = None if done == EARLIER else number[done]
+            opens = None if done == TimeWindow.EARLIER else number[done]
             self._due.setdefault(number[due], []).append((opens, window))
         self._doors = {item.name for item in tpg.cell.objects if item.kind == DOOR}
 
@@ -101,7 +101,7 @@ class Narrator:
     def handle(self, chain: int, node: int, name: str, holder: str | None) -> None:
         """Emit the transfer of an object."""
         giver = self._holder.pop(name, None)
-        if holder == GONE:
+        if holder == Handling.GONE:
             detail = "opens" if name in self._doors else "leaves the cell"
             self.emit("detached", chain, node, name, detail)
             return

@@ -1,11 +1,12 @@
 """Ports of an execution: robots, late objects, replanning, and people next to the cell.
 
 ``Execution`` owns the graph, the clock and the dispatcher. The differences between simulation,
-operation and runs with drivers are behind these protocols.
+operation and runs with drivers are behind these interfaces.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator
 from typing import Any, Protocol, TypeVar
 
@@ -22,8 +23,10 @@ Steps = Generator[simpy.Event, Any, None]
 """A process of the simulation, or a part of one."""
 
 
-class RobotPort(Protocol):
+class RobotPort(ABC):
     """Robots, which execute released nodes and report them complete.
+
+    What is not abstract has the answer of robots that are simulated from rest to rest.
 
     Attributes:
         driven: whether robots pass borders of nodes at speed, and so need to know how far they may go.
@@ -34,16 +37,16 @@ class RobotPort(Protocol):
     upcoming: Callable[[], float]
 
     def begin(self) -> None:
-        """Get robots ready at the beginning of a run; by default they are."""
+        """Get robots ready at the beginning of a run."""
         return
 
     def close(self) -> None:
         """Release robots at the end of a run, however it ends."""
         return
 
+    @abstractmethod
     def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Execute a node once it is released; return whether its task failed for good."""
-        ...
 
     def skip(self, chain: int, node: int) -> None:
         """Forget the drawn standstills of a skill that is not attempted."""
@@ -62,9 +65,9 @@ class RobotPort(Protocol):
         yield from ()
         return work()
 
+    @abstractmethod
     def node_times(self) -> NodeTimes:
         """Return node durations and standstills."""
-        ...
 
     def commands(self) -> tuple[Array, ...]:
         """Return the commands of each robot, see ``ExecutionRecord``; empty without limits."""

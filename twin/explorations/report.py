@@ -26,10 +26,11 @@ from twin.explorations.page_words import (
 from twin.explorations.rungs import ExplorationSetting
 from twin.explorations.summary import ExploreSummary, RankedDesign
 from twin.host.atomic_files import write_text
-from twin.host.cards import escape_text, pairs
+from twin.host.cards import pairs
 from twin.host.progress import Report
 from twin.scenario.variations import apply_variation
 from twin.studies.report.markup import (
+    escape_text,
     heading,
     page,
     paragraph,

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from io import StringIO
 from itertools import groupby
 
-from planning.tasks.task import GONE
+from planning.tasks.task import Handling
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.exports.segments import (
     CONTROLLER_RATE_HZ,
@@ -64,5 +64,5 @@ def _rows(segment: Segment, smooth: bool) -> Iterator[list[object]]:
 
 def _said(item: SegmentHandling) -> str:
     """Return a transferred object, its new holder and the time [s]."""
-    to = {None: "at rest", GONE: "gone"}.get(item.holder, f"to {item.holder}")
+    to = {None: "at rest", Handling.GONE: "gone"}.get(item.holder, f"to {item.holder}")
     return f"{item.object} {to} at {item.t_ns / NANOSECONDS:g} s"

@@ -11,19 +11,19 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
-from planning.tasks.task import GONE, TRANSIT
+from planning.tasks.task import Handling, TaskKind
 from planning.transforms import Array, quat_wxyz
-from scheduling.graph.barriers import with_barriers
-from scheduling.graph.task_edges import with_turns
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 from twin.activities.activities import SAME_ROBOT
 from twin.durations.nanoseconds import NANOSECONDS
+from twin.engine.dispatch_policies import with_policy
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.exports.segments import CONTROLLER_RATE_HZ, Segment, segments
 from twin.judge.open_plan import FORMAT, VERSION
 from twin.recorders.observers import MemoryRecorder
-from twin.runs.execution_record import POLICIES, Policy
+from twin.registry import POLICIES
+from twin.runs.execution_record import Policy
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
 from twin.uncertainty.skill_durations import SkillDurations
@@ -38,9 +38,7 @@ def open_plan_files(run: RunResult) -> Mapping[str, bytes]:
     Args:
         run: the run.
     """
-    release = next(
-        (policy for policy in POLICIES if run.policy.startswith(policy)), None
-    )
+    release = next((p for p in POLICIES.names() if run.policy.startswith(p)), None)
     if release is None or "TPG" in run.policy:
         release = "asynchronous"
     document = open_plan_of(run.plan, release)
@@ -59,11 +57,7 @@ def open_plan_of(plan: PlanResult, release: Policy) -> dict[str, Any]:
         plan: the plan.
         release: how its nodes are released.
     """
-    tpg = plan.tpg
-    if release == "sequential":
-        tpg = with_turns(tpg)
-    elif release == "synchronous":
-        tpg = with_barriers(tpg)
+    tpg = with_policy(plan.tpg, release)
     while True:
         document, borders = _document(_as_planned(replace(plan, tpg=tpg)), release)
         rests = [borders[name] for name in circular_waits(document)]
@@ -203,7 +197,7 @@ def _motion(
             continue  # the tool that it has on it at the start
         t_s = min((begin + handled_at.t_ns) / NANOSECONDS, times[-1])
         event: dict[str, Any] = {"t_s": max(t_s, times[0]), **verbs[k]}
-        if item.holder != GONE:
+        if item.holder != Handling.GONE:
             event["pose"] = _pose(item)
         events.append(event)
         held.discard(item.object)
@@ -214,7 +208,7 @@ def _motion(
         "t_s": times,
         **dict(zip("qva", entry, strict=True)),
         "task": f"{task.index} {task.label}",
-        "skill": None if task.kind == TRANSIT else task.kind,
+        "skill": None if task.kind == TaskKind.TRANSIT else task.kind,
         "object": task.object,
         "touches": sorted(set(_touched(tpg, segment)) - handled),
         "events": events,
@@ -232,7 +226,7 @@ def _verbs(tpg: TemporalPlanGraph) -> Iterator[tuple[int, dict[str, str]]]:
     there = {item.name for item in tpg.cell.objects if not item.later}
     for k, item in enumerate(tpg.handlings):
         thing, robot = item.object, tpg.chains[item.robot].robot
-        if item.holder == GONE:
+        if item.holder == Handling.GONE:
             yield k, {"leave": thing}
             there.discard(thing)
         elif item.holder is None:

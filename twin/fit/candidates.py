@@ -14,26 +14,17 @@ from pydantic import TypeAdapter, ValidationError
 from planning.errors import ScenarioError
 from planning.progress import Progress, no_progress
 from planning.transforms import Array
-from twin.durations.bounded import Pert, Triangular, Uniform
 from twin.durations.composed import AnyDuration
-from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.model import DurationModel
-from twin.durations.normal import Lognormal, TruncatedNormal
 from twin.fit.shifted import Family, ShiftedFamily
+from twin.registry import DURATIONS
+
+_SHIFTED = ("exponential", "lognormal", "gamma", "weibull")
+"""Kinds that are fitted with an offset, too."""
 
 FAMILIES: tuple[Family, ...] = (
-    Uniform,
-    Triangular,
-    Pert,
-    TruncatedNormal,
-    Exponential,
-    Lognormal,
-    Gamma,
-    Weibull,
-    ShiftedFamily(Exponential),
-    ShiftedFamily(Lognormal),
-    ShiftedFamily(Gamma),
-    ShiftedFamily(Weibull),
+    *map(DURATIONS.load, ("uniform", "triangular", "pert", "normal", *_SHIFTED)),
+    *(ShiftedFamily(DURATIONS.load(kind)) for kind in _SHIFTED),
 )
 """Families that are fitted."""
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.errors import RequestError, ScenarioError
-from planning.tasks.task import SKILLS, STRAIGHT, TRANSIT
+from planning.tasks.task import TaskKind
 from planning.transforms import Array, read_only_copy
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.activities.progress import RobotProgress
@@ -27,7 +27,7 @@ from twin.durations.timing_files import (
     read_durations,
     split_unit,
 )
-from twin.runs.events import Event, EventLogError, parse_event, read_log
+from twin.runs.events import Event, EventLogError, read_log
 from twin.runs.folder import EVENTS, require_recorded_hashes
 from twin.trial.plan_result import plan_of_run
 
@@ -110,7 +110,7 @@ def skills_in_log(log: Path, tpg: TemporalPlanGraph) -> list[LoggedSkill]:
         total_ns[task] += busy_ns
         left[task] -= 1
         about = tpg.tasks[task]
-        if left[task] == 0 and about.kind not in (TRANSIT, STRAIGHT):
+        if left[task] == 0 and about.kind not in (TaskKind.TRANSIT, TaskKind.STRAIGHT):
             kind = "" if about.object is None else kinds.get(about.object, "")
             seconds = total_ns[task] / NANOSECONDS
             found.append(LoggedSkill(about.kind, about.robot, kind, seconds))
@@ -138,7 +138,7 @@ def _busy_nodes(log: Path, tpg: TemporalPlanGraph) -> Iterator[tuple[int, int]]:
 
 def _event(log: Path, number: int, line: str) -> Event:
     try:
-        return parse_event(line)
+        return Event.parse(line)
     except EventLogError as error:
         raise error.with_message(f"{log}:{number}: {error.message}") from error
 
@@ -194,7 +194,9 @@ def read_samples(
         if name not in LABELS:
             raise ScenarioError(f"cannot group by {name!r}", choices=LABELS)
     if skill is not None and not _is_skill(skill):
-        raise ScenarioError(f"{skill!r} cannot be the name of a skill", choices=SKILLS)
+        raise ScenarioError(
+            f"{skill!r} cannot be the name of a skill", choices=TaskKind.SKILLS
+        )
     logs = [is_log(path) for path in paths]
     if any(logs) and not all(logs):
         raise ScenarioError("give CSV files or event logs, not both at once")
@@ -206,7 +208,7 @@ def read_samples(
     if keys and "skill" not in keys and skill is None:
         raise ScenarioError(
             f"{paths[0]}: of which skill are these? Say --skill, or --by skill",
-            choices=SKILLS,
+            choices=TaskKind.SKILLS,
         )
     groups: dict[tuple[str, ...], list[float]] = {}
     for path in paths:
@@ -233,13 +235,16 @@ def read_samples(
 
 def _is_skill(name: str) -> bool:
     """Return whether a name is that of a packaged skill, or may be a process of a scenario."""
-    return re.fullmatch(NAME, name) is not None and name not in (TRANSIT, STRAIGHT)
+    return re.fullmatch(NAME, name) is not None and name not in (
+        TaskKind.TRANSIT,
+        TaskKind.STRAIGHT,
+    )
 
 
 def _skill_of_names(paths: Sequence[Path]) -> str | None:
     """Return the skill that all files are named after, None without one."""
     names = {path.stem for path in paths}
-    return names.pop() if len(names) == 1 and names <= set(SKILLS) else None
+    return names.pop() if len(names) == 1 and names <= set(TaskKind.SKILLS) else None
 
 
 def _columns_of(path: Path) -> Columns:
@@ -298,7 +303,7 @@ def _sample(
         f"{path}: {', '.join(f'{k} {v!r}' for k, v in labels.items()) or 'the file'}"
     )
     if "skill" in labels and not _is_skill(labels["skill"]):
-        raise ScenarioError(f"{where} is no skill", choices=SKILLS)
+        raise ScenarioError(f"{where} is no skill", choices=TaskKind.SKILLS)
     for name, label in labels.items():
         if not label:
             raise ScenarioError(f"{path}: a row has no {name}")

@@ -20,7 +20,7 @@ from twin.durations.nanoseconds import NANOSECONDS
 from twin.follow.drift import Drift
 from twin.follow.forecast import Forecast, Forecaster
 from twin.follow.state import FollowedRun, ForbiddenEvent
-from twin.runs.events import Event, EventLogError, parse_event
+from twin.runs.events import Event, EventLogError
 
 POLL_S = 0.1
 """Polling interval [s]."""
@@ -215,7 +215,7 @@ def follow(
             if not line.strip():
                 continue
             try:
-                event = parse_event(line)
+                event = Event.parse(line)
             except EventLogError as error:
                 notify(UnreadableLine(number, error))
                 continue

@@ -22,7 +22,7 @@ from twin.durations.measured import MeasuredTimes
 from twin.durations.model import DurationModel
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.engine.execution_model import ExecutionModel
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.follow.drift import FEWEST, Drift, DriftWatch
 from twin.follow.state import FollowedRun
 from twin.uncertainty.draws import stable_hash, uniforms
@@ -91,7 +91,7 @@ class Forecaster:
             samples: futures to draw.
         """
         self._tpg = tpg
-        self._graph = policy_graph(with_window_holds(tpg, model), model.policy)
+        self._graph = policy_graph(with_model_holds(tpg, model), model.policy)
         self._messages = model.messages.under(model.policy)
         self._disturbances = model.disturbances
         self._least = least_ns(tpg)

@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 
 from planning.errors import OutputError
-from planning.tasks.task import GONE
+from planning.tasks.task import Handling
 from planning.transforms import Array
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.temporal_plan_graph import NodeHandling
@@ -210,7 +210,7 @@ class LiveRecording:
         self._drawn: set[str] = set()
         self._placed: set[str] = set()
         self._shown = {chain.robot: 0 for chain in tpg.chains}
-        leaving = {h.object for h in tpg.handlings if h.holder == GONE}
+        leaving = {h.object for h in tpg.handlings if h.holder == Handling.GONE}
         for item in tpg.cell.objects:
             if item.later or item.name in leaving:
                 draw_temporary_object(rec, item, (0,), (not item.later,))
@@ -265,7 +265,7 @@ class LiveRecording:
         if item is None:
             return
         thing = self._objects[event.object]
-        if item.holder == GONE:
+        if item.holder == Handling.GONE:
             draw_temporary_object(self._rec, thing, (event.t_ns,), (False,))
             return
         if thing.later and item.holder is None and event.object not in self._drawn:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planning.tasks.task import LEFT_OUT
+from planning.tasks.task import TaskKind
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -206,7 +206,7 @@ class FollowedRun:
 
     def _is_left_out(self, task: int) -> bool:
         tasks = self._graph.tasks
-        return 0 <= task < len(tasks) and tasks[task].kind == LEFT_OUT
+        return 0 <= task < len(tasks) and tasks[task].kind == TaskKind.LEFT_OUT
 
     def _start(self, k: int, event: Event) -> None:
         robot, node = self.robots[k], event.node

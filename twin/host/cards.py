@@ -13,15 +13,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def escape_text(words: object) -> str:
-    """Return words as HTML."""
-    return html.escape(str(words))
-
-
 def pairs(rows: Iterable[tuple[str, str]]) -> str:
     """Return a table of names and values, one row each."""
     body = "".join(
-        f"<tr><th>{escape_text(name)}</th><td>{escape_text(words)}</td></tr>"
+        f"<tr><th>{html.escape(name)}</th><td>{html.escape(words)}</td></tr>"
         for name, words in rows
     )
     return f'<table class="pairs"><tbody>{body}</tbody></table>'
@@ -29,7 +24,7 @@ def pairs(rows: Iterable[tuple[str, str]]) -> str:
 
 def card(title: str, rows: Iterable[tuple[str, str]]) -> str:
     """Return a titled table of names and values."""
-    return f"<p><strong>{escape_text(title)}</strong></p>{pairs(rows)}"
+    return f"<p><strong>{html.escape(title)}</strong></p>{pairs(rows)}"
 
 
 def inline_picture(figure: Figure) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot
-from planning.tasks.task import GONE
+from planning.tasks.task import Handling
 from planning.transforms import Array, Transform, inverse
 from twin.audits.case import Violation
 from twin.audits.expectations import ChangedTool
@@ -282,8 +282,8 @@ class _Hands:
             return
         start = self.world.cell.object(thing).start
         world = start if place is None else self._world_pose(place, t)
-        holder = {"take": name, "give": event.to, "leave": GONE}.get(verb)
-        hand = None if holder in (None, GONE) else self._flange(str(holder), t)
+        holder = {"take": name, "give": event.to, "leave": Handling.GONE}.get(verb)
+        hand = None if holder in (None, Handling.GONE) else self._flange(str(holder), t)
         pose = world if hand is None else np.asarray(inverse(hand) @ world)
         if event.pose is not None:
             pose = event.pose.transform()
@@ -293,7 +293,7 @@ class _Hands:
             ForeignChange(t, name, motion, event, before, holder, world, rests)
         )
         self.rows.append(ObjectRow(t, thing, holder, pose))
-        if holder == GONE:
+        if holder == Handling.GONE:
             del self._places[thing]
         else:
             self._places[thing] = _ObjectLocation(holder, pose)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.tasks.task import TRANSIT, Handling, Task
+from planning.tasks.task import Handling, Task, TaskKind
 from planning.transforms import Array, identity, read_only_copy
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.document.validation import Found, check_known_name
@@ -139,7 +139,7 @@ def _task(index: int, robot: str, some: list[OpenMotion], columns: list[int]) ->
         for event in motion.events
     )
     label = first.task or first.id
-    kind = first.skill or TRANSIT
+    kind = first.skill or TaskKind.TRANSIT
     return Task(index, robot, kind, index + 1, label, q, handlings, first.object)
 
 

@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from planning.tasks.task import GONE, AllowedContact
+from planning.tasks.task import AllowedContact, Handling
 from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audits.expectations import TOUCH, Expectations
@@ -145,10 +145,10 @@ def _held(
             since = taken.pop(thing, 0.0)
             add(change.before, thing, work.during(change.before, since, change.t))
             add(change.before, thing, own)
-        if change.now not in (None, GONE):
+        if change.now not in (None, Handling.GONE):
             taken[thing] = change.t
             add(str(change.now), thing, own)
-        if change.before is not None and change.now not in (None, GONE):
+        if change.before is not None and change.now not in (None, Handling.GONE):
             both = work.of_others("", *span)
             add(change.before, thing, both)
             add(str(change.now), thing, both)

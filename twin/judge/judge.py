@@ -12,7 +12,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
-from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL
+from planning.tasks.task import TaskKind
 from twin.audits.audit import audit_recording
 from twin.audits.case import NodeSpans, Violation
 from twin.audits.expectations import scenario_expectations
@@ -50,8 +50,8 @@ _ROUNDING = 1e-6
 """Share of a limit by which it may be exceeded."""
 
 _SKILLS_OF = {
-    "take": ("pick", "handover", TAKE_TOOL),
-    "put": ("place-down", "place-up", LEAVE_TOOL),
+    "take": ("pick", "handover", TaskKind.TAKE_TOOL),
+    "put": ("place-down", "place-up", TaskKind.LEAVE_TOOL),
     "give": ("handover",),
 }
 """What work may be called in which something changes hands; the first, where it is called otherwise."""

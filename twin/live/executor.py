@@ -10,13 +10,13 @@ from typing import Any
 
 from planning.errors import TwinError
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.live.measured import History, history_of
+from twin.live.measured import MEASURED, History, history_of
 from twin.live.session import Session
 from twin.operations.executor import operate_plan, plan_again, require_unanswered
 from twin.operations.person import AnswerCallback
 from twin.recorders.observers import Recorder
-from twin.runs.events import parse_event
-from twin.runs.folder import EVENTS, MEASURED
+from twin.runs.events import Event
+from twin.runs.folder import EVENTS
 from twin.runs.header import RunHeader
 from twin.trial.errors import ResumeError
 from twin.trial.executor import Executed
@@ -86,7 +86,7 @@ class LiveExecutor:
             ResumeError: it was replanned.
         """
         try:
-            history = history_of(plan.tpg, list(map(parse_event, log)))
+            history = history_of(plan.tpg, list(map(Event.parse, log)))
         except TwinError as error:
             raise ResumeError(f"{folder}: {error}") from None
         stood_s = max(time.time() - (folder / EVENTS).stat().st_mtime, 0.0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from planning.motion.near_path import nearest_points_on_path
-from planning.tasks.task import FAILED
+from planning.tasks.task import TaskKind
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Sample, ToolOrder
 from twin.live.messages import Command, Report
@@ -200,7 +200,7 @@ class Link:
             q, own = self._stands_at(self.failed), self.cleared[self.failed]
             waypoints, seconds = q[None], np.zeros(1)
             self.cleared[self.failed] = replace(
-                own, kind=FAILED, waypoints=waypoints, seconds=seconds, act=""
+                own, kind=TaskKind.FAILED, waypoints=waypoints, seconds=seconds, act=""
             )
             self.done, self._stuck = max(self.done, count), False
         del self.cleared[count:]

@@ -32,6 +32,9 @@ from twin.runs.events import Event, EventCode
 from twin.runs.execution_record import Measured
 from twin.runs.folder import LARGEST_RESULT
 
+MEASURED = "measured.csv"
+"""File of the measured samples of a run."""
+
 _BEGIN = "#begin"
 """First column of the line with the start of the run."""
 

@@ -12,7 +12,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import TaskKind
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, Mode
 from twin.live.messages import Report
@@ -207,7 +207,7 @@ def _failure_bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
     whole = known.taken is not None and report.first <= known.taken
     begun = max(known.begun, begun_nodes(report)) if whole else node + 1
     high = min(state.done, begun - 1)
-    if not first or nodes[node].kind == TRANSIT:
+    if not first or nodes[node].kind == TaskKind.TRANSIT:
         high = -1
     yield "cannot-fail", "failed", node, max(done, state.done - 1), high
 

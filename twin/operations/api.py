@@ -17,7 +17,7 @@ from twin.operations.operation import require_picked, require_rolling
 from twin.operations.person import AnswerCallback
 from twin.registry import HOOKS
 from twin.runs.folder import run_folder
-from twin.runs.policies import NAMED_POLICIES
+from twin.runs.policies import named_policies
 from twin.scenario.variations import Variant, apply_variation, layout_of
 from twin.trial.auditor import load_auditor
 from twin.trial.executor import Executor
@@ -132,8 +132,10 @@ def require_operable(
             "a plan alone does not say what others can be made from: operate a scenario"
         )
     for name in names:
-        if NAMED_POLICIES[name].release != "asynchronous":
-            could = [p for p, own in NAMED_POLICIES.items() if own[1] == "asynchronous"]
+        if named_policies()[name].release != "asynchronous":
+            could = [
+                p for p, own in named_policies().items() if own[1] == "asynchronous"
+            ]
             raise RequestError(
                 f"policy {name!r} cannot be replanned during its execution",
                 choices=tuple(could),

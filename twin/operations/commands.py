@@ -17,6 +17,7 @@ from twin.commands.options import (
     ResultsFolder,
     ScenarioFile,
     Seed,
+    Settings,
     TeamSize,
 )
 from twin.commands.run import values_of
@@ -71,15 +72,7 @@ def operate(
         ),
     ] = None,
     robots: TeamSize = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Value of any key, such as execution.recovery.planning_s=2; may be given"
-            " several times. Values are words or JSON.",
-        ),
-    ] = None,
+    settings: Settings = None,
     ask: Annotated[
         bool,
         typer.Option(

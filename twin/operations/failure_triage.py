@@ -11,22 +11,7 @@ import numpy as np
 from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError
 from planning.tasks.assignment import AssignmentProblem, TaskPlan
-from planning.tasks.task import (
-    FAILED,
-    GONE,
-    HANDLING,
-    HOLD,
-    LEAVE_TOOL,
-    LEFT_OUT,
-    STRAIGHT,
-    SUPPLY_KINDS,
-    TAKE_TOOL,
-    TAKEN_OUT,
-    TRANSIT,
-    AllowedContact,
-    Handling,
-    Task,
-)
+from planning.tasks.task import AllowedContact, Handling, Task, TaskKind
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Transform
 from planning.worlds.measured import Poses, offset_on_surface
@@ -49,8 +34,16 @@ from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.draws import uniforms
 
 _NO_PROCESS = (
-    *(*HANDLING, *SUPPLY_KINDS, TRANSIT, STRAIGHT, HOLD, FAILED, LEFT_OUT),
-    *(LEAVE_TOOL, TAKE_TOOL, TAKEN_OUT),
+    *(
+        *TaskKind.HANDLING,
+        *TaskKind.SUPPLY,
+        TaskKind.TRANSIT,
+        TaskKind.STRAIGHT,
+        TaskKind.HOLD,
+        TaskKind.FAILED,
+        TaskKind.LEFT_OUT,
+    ),
+    *(TaskKind.LEAVE_TOOL, TaskKind.TAKE_TOOL, TaskKind.TAKEN_OUT),
 )
 
 
@@ -141,7 +134,7 @@ class FailureTriage:
             counts = tuple(map(len, clock.ended_s))
         done = complete_tasks(tpg, counts)
         own = [t for t in tpg.tasks if t.object == task.object and t.step < task.step]
-        came = [t.step for t in own if t.handlings or t.kind in HANDLING]
+        came = [t.step for t in own if t.handlings or t.kind in TaskKind.HANDLING]
         since = max(came, default=0)
         works = {
             t.step: t
@@ -211,7 +204,7 @@ class FailureTriage:
     ) -> tuple[tuple[Handling, ...], str]:
         """Return the change of a failed skill's object, and a message if it is lost."""
         name = task.object
-        if name is None or task.kind not in HANDLING:
+        if name is None or task.kind not in TaskKind.HANDLING:
             return (), ""
         if failure.missing:
             self.ledger.unpickable.add(self.ledger.lost(name))
@@ -236,9 +229,12 @@ class FailureTriage:
         if fate is not ObjectOutcome.LOST and not coming:
             return (), words  # it is still where it was
         if at.holder is None:
-            return (Handling(name, 1, GONE, at.pose), *coming), words
+            return (Handling(name, 1, Handling.GONE, at.pose), *coming), words
         pose = object_pose(tpg.cell, state, name)
-        return (Handling(name, 1, None, pose), Handling(name, 1, GONE, pose)), words
+        return (
+            Handling(name, 1, None, pose),
+            Handling(name, 1, Handling.GONE, pose),
+        ), words
 
 
 def _appearing_objects(task: Task) -> tuple[Handling, ...]:
@@ -294,9 +290,9 @@ def interrupted_steps(
         left = [
             t
             for t in step.tasks
-            if t.index not in world.complete and t.kind not in SUPPLY_KINDS
+            if t.index not in world.complete and t.kind not in TaskKind.SUPPLY
         ]
-        if any(t.robot in out and t.kind != TRANSIT for t in left):
+        if any(t.robot in out and t.kind != TaskKind.TRANSIT for t in left):
             ledger.gone |= {t.object for t in left if t.object is not None}
             found[number] = out
     return found
@@ -325,7 +321,9 @@ def dependent_steps(
         if task.kind in ("place-down", "place-up") and task.object is not None:
             placed[task.object] = task.step
     step_of = {task.index: task.step for task in tasks}
-    works = {t.index for t in tasks if t.kind not in (TRANSIT, "pick", "handover")}
+    works = {
+        t.index for t in tasks if t.kind not in (TaskKind.TRANSIT, "pick", "handover")
+    }
     found: dict[int, set[int]] = {}
     for first, later in needs:
         found.setdefault(first, set()).add(later)

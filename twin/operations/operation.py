@@ -25,8 +25,8 @@ from twin.engine.driven_robots import DrivenRobots
 from twin.engine.ending import Ending
 from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import ExecutionModel
+from twin.engine.model_holds import with_model_holds
 from twin.engine.simulated_robots import SimulatedRobots
-from twin.engine.window_holds import with_window_holds
 from twin.operations.commitment import CutPolicy, PlanRevision
 from twin.operations.person import AnswerCallback, Ask, Person
 from twin.operations.planner import Planner
@@ -172,7 +172,7 @@ def operate(
             planner.cuts = ((CutPolicy(evade=True),),)
 
     def hold(graph: TemporalPlanGraph) -> TemporalPlanGraph:
-        return held if held and graph is plan else with_window_holds(graph, model)
+        return held if held and graph is plan else with_model_holds(graph, model)
 
     replanning = partial(
         RollingReplanner,

@@ -7,7 +7,7 @@ from collections.abc import Collection
 import numpy as np
 
 from planning.errors import RequestError
-from planning.tasks.task import BROUGHT
+from planning.tasks.task import TaskKind
 from scheduling.graph.temporal_plan_graph import NodeChain
 from scheduling.graph.windows import window_opening_times
 from scheduling.rolling.cut import Counts, cut_after
@@ -60,7 +60,7 @@ def plan_from_run(
             f"the run {run.name!r} itself began in the middle, after {tpg.cell.begun.after}: what was done"
             " before is not in it"
         )
-    if any(task.kind == BROUGHT for task in tpg.tasks):
+    if any(task.kind == TaskKind.BROUGHT for task in tpg.tasks):
         raise RequestError("what somebody brought in a run is not known to a new plan")
     counts, failures, left_s, ago = _first_rests(run, moment)
     gone = {

@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.tasks.task import LEFT_OUT, Task, TimeWindow
+from planning.tasks.task import Task, TaskKind, TimeWindow
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.extension import committed_subgraph, extend_graph
@@ -68,7 +68,7 @@ class TaskSeeds:
 
     def onward(self, tpg: TemporalPlanGraph, new: int) -> TaskSeeds:
         """Return the keys for a graph whose tasks from an index on are new."""
-        before = [t.index for t in tpg.tasks[:new] if t.kind != LEFT_OUT]
+        before = [t.index for t in tpg.tasks[:new] if t.kind != TaskKind.LEFT_OUT]
         tries = Counter(self.skills[index] for index in before)
         skills = {index: self.skills[index] for index in range(new)}
         names = {k: name for k, name in self.names.items() if k < new}

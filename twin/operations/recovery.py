@@ -11,13 +11,12 @@ from dataclasses import InitVar, dataclass, replace
 from functools import partial
 from types import MappingProxyType
 
-from planning.cell.workcell import start_state
 from planning.errors import (
     InfeasibleStepError,
     PlanInvariantError,
     TransitError,
 )
-from planning.tasks.task import TAKEN_OUT
+from planning.tasks.task import TaskKind
 from planning.worlds.measured import Poses, choices_at_measured_poses
 from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World
@@ -114,7 +113,7 @@ class Recovery(Planner[AssemblyState]):
         undone: Mapping[int, str],
     ) -> None:
         settings = motions.settings
-        seconds = {TAKEN_OUT: self.scenario.execution.recovery.remove_s}
+        seconds = {TaskKind.TAKEN_OUT: self.scenario.execution.recovery.remove_s}
         settings = replace(
             settings, skill_seconds={**settings.skill_seconds, **seconds}
         )
@@ -151,7 +150,7 @@ class Recovery(Planner[AssemblyState]):
     def begun(self, state: AssemblyState, counts: Sequence[int]) -> set[int]:
         """Return the steps started by given numbers of executed nodes of each chain."""
         complete, cell = complete_tasks(state.tpg, counts), state.tpg.cell
-        world = World(start_state(cell), state.steps, complete=complete)
+        world = World(cell.start_state(), state.steps, complete=complete)
         return set(world.begun())
 
     def due(self, state: AssemblyState, released: Sequence[int]) -> bool:

@@ -13,19 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.workcell import Begun, start_state
+from planning.cell.workcell import Begun
 from planning.errors import RequestError
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
-from planning.tasks.task import (
-    FAILED,
-    GONE,
-    STRAIGHT,
-    SUPPLY_KINDS,
-    TAKEN_OUT,
-    TRANSIT,
-    StepTasks,
-    Task,
-)
+from planning.tasks.task import Handling, StepTasks, Task, TaskKind
 from planning.tasks.work import AssemblyWork
 from planning.worlds.measured import MeasuredWork
 from planning.worlds.supplied import REMOVAL
@@ -84,13 +75,13 @@ def remaining_graph(
         RequestError: a robot cannot continue, or nothing is left.
     """
     done = complete_tasks(tpg, counts)
-    world = World(start_state(tpg.cell), planned_steps(tpg), complete=done)
+    world = World(tpg.cell.start_state(), planned_steps(tpg), complete=done)
     before = [h for h in tpg.handlings if h.node < counts[h.robot]]
-    gone = frozenset(h.object for h in before if h.holder == GONE)
+    gone = frozenset(h.object for h in before if h.holder == Handling.GONE)
     measured = {
         h.object: h.pose
         for h in before
-        if tpg.task_of(h).kind == FAILED
+        if tpg.task_of(h).kind == TaskKind.FAILED
         and tpg.task_of(h).object == h.object
         and h.holder is None
         and h.object not in gone
@@ -137,7 +128,7 @@ def remaining_graph(
 def _done_steps(world: World) -> Iterator[int]:
     """Yield the steps that are done except for final transits."""
     for number, step in sorted(world.begun().items()):
-        transit_kinds = (TRANSIT, STRAIGHT, *SUPPLY_KINDS)
+        transit_kinds = (TaskKind.TRANSIT, TaskKind.STRAIGHT, *TaskKind.SUPPLY)
         skills = {task.index for task in step.tasks if task.kind not in transit_kinds}
         if skills <= world.complete:
             yield number
@@ -152,10 +143,12 @@ def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:
     failed = {
         task.step
         for task in tpg.tasks
-        if task.kind == FAILED and task.index not in world.complete
+        if task.kind == TaskKind.FAILED and task.index not in world.complete
     }
     for number, step in world.begun().items():
-        left = {t.index for t in step.tasks if t.kind != TRANSIT} - world.complete
+        left = {
+            t.index for t in step.tasks if t.kind != TaskKind.TRANSIT
+        } - world.complete
         if number in failed and left:
             raise RequestError(
                 f"step {number} is in the middle then, and fails later in this run: take a time before it was begun or"
@@ -184,7 +177,7 @@ def _require_whole(
     ]:
         raise RequestError("not all steps can be done from there: " + "; ".join(steps))
     for task in new.tasks[len(at.committed.tasks) :]:
-        if task.kind == TAKEN_OUT and task.robot != REMOVAL:
+        if task.kind == TaskKind.TAKEN_OUT and task.robot != REMOVAL:
             raise RequestError(
                 f"{task.robot!r} has {task.object!r} in its hand, which has nowhere to go"
             )
@@ -224,13 +217,15 @@ def _choices_of(
     every = {task.index for step in begun.values() for task in step.tasks}
     plan = replace(plan, taken=picked_steps(begun, every))
     for number, step in sorted(begun.items()):
-        skills = [task for task in step.tasks if task.kind != TRANSIT or task.goal]
+        skills = [
+            task for task in step.tasks if task.kind != TaskKind.TRANSIT or task.goal
+        ]
         for choice in _choices(work.problem, plan, number, skills):
             tried = plan.with_choice(choice)
             needed = [
                 task
                 for task in work.expand(tried, number, 0).tasks
-                if task.kind != TRANSIT or task.goal
+                if task.kind != TaskKind.TRANSIT or task.goal
             ]
             if all(any(_alike(a, b) for b in skills) for a in needed):
                 plan = tried

@@ -10,7 +10,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from planning.tasks.assignment import TaskPlan
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.scenario.sections.execution import StepWindowSection
@@ -120,7 +119,7 @@ class StepWindow:
         """Return the first node of each robot in each step, by chain."""
         if self._begins is None or self._begins[0] is not tpg:
             found: list[dict[int, int]] = [{} for _ in range(planned)]
-            machines = machine_chains(tpg)
+            machines = tpg.machine_chains()
             for k, chain in enumerate(tpg.chains):
                 for node, index in enumerate(chain.task.tolist()):
                     if k not in machines:

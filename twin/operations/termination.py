@@ -32,7 +32,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from planning.tasks.task import HOLD, LEAVE_TOOL, SKILLS, TAKE_TOOL
+from planning.tasks.task import TaskKind
 from twin.operations.person import OperationLedger, Person
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
@@ -74,7 +74,13 @@ def measure_of(
         steps: how many steps are not planned yet.
     """
     count = assembly_kind(scenario.assembly).written_out().steps()
-    kinds = {*SKILLS, HOLD, LEAVE_TOOL, TAKE_TOOL, *scenario.processes}
+    kinds = {
+        *TaskKind.SKILLS,
+        TaskKind.HOLD,
+        TaskKind.LEAVE_TOOL,
+        TaskKind.TAKE_TOOL,
+        *scenario.processes,
+    }
     tries = scenario.execution.recovery.again + 1 + len(scenario.cell.robots)
     times = 0 if person.section is None else person.section.times
     return RevisionMeasure(

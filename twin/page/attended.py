@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
-from planning.tasks.task import BROUGHT, LEFT_OUT
+from planning.tasks.task import TaskKind
 from scheduling.rolling.cut import complete_tasks
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution import Execution, Ports
@@ -210,7 +210,7 @@ class Attendance(Audience):
         )
         steps: dict[int, bool] = {}
         for task in self._cell.tpg.tasks:
-            if task.kind not in (LEFT_OUT, BROUGHT):
+            if task.kind not in (TaskKind.LEFT_OUT, TaskKind.BROUGHT):
                 before = steps.get(task.step, True)
                 steps[task.step] = before and task.index in complete
         return sum(steps.values()) - sum(

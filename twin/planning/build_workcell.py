@@ -10,7 +10,7 @@ import numpy as np
 
 from planning.bounds import HOME_SLACK, LIMIT_SLACK
 from planning.cell.machine import machine_robot
-from planning.cell.motion_limits import limits_of
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import (
     CellObject,
     Clearances,
@@ -83,7 +83,7 @@ def _within_limits(
     if scenario.speed_model != "limits":
         return robot
     limits = dataclasses.replace(
-        limits_of(robot.model),
+        MotionLimits.of(robot.model),
         sum_of_speeds=planning.speed_rad_s or np.inf,
         tool_speed=section.tool_speed_m_s or np.inf,
         loaded_tool_speed=section.loaded_tool_speed_m_s or np.inf,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from scheduling.graph.machine_chains import idle_robots
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.scenario.sections.kind import AssemblyKind, IdleReason
@@ -71,9 +70,9 @@ def find_idle_robots(
         kind: of the assembly.
     """
     if first.work is None:
-        return tuple(_idle_builder(name, first, kind) for name in idle_robots(tpg))
+        return tuple(_idle_builder(name, first, kind) for name in tpg.idle_robots())
     found, problem = [], first.work.problem
-    for name in idle_robots(tpg):
+    for name in tpg.idle_robots():
         steps = {c.step for c in problem.primaries if name in (c.robot, c.partner)}
         steps |= {c.step for c in problem.supports if c.robot == name}
         reason: IdleReason = "balance"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.cell.motion_limits import limits_of
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import Workcell
 from planning.errors import ScenarioError
 from planning.motion.motion_plan import MotionPlan
@@ -279,7 +279,7 @@ def _speeds(scenario: Scenario, cell: Workcell) -> dict[str, SpeedModel]:
     at_once = assembly_kind(scenario.assembly).space_time
     if scenario.speed_model == "limits" and not at_once:
         return {
-            robot.name: LimitedSpeed(robot.limits or limits_of(robot.model))
+            robot.name: LimitedSpeed(robot.limits or MotionLimits.of(robot.model))
             for robot in cell.robots
         }
     if scenario.speed_model == "joint" or at_once:

@@ -11,16 +11,7 @@ from planning.bounds import HOME_SLACK
 from planning.cell.robot_model import RobotModel
 from planning.errors import FittingError, RobotModelError, ScenarioError, ShapeError
 from planning.files import resolve_file_name
-from planning.tasks.task import (
-    HANDLING,
-    HOLD,
-    LEAVE_TOOL,
-    SKILLS,
-    STRAIGHT,
-    SUPPLY_KINDS,
-    TAKE_TOOL,
-    TRANSIT,
-)
+from planning.tasks.task import TaskKind
 from twin.document.section import iterate_nested
 from twin.document.validation import Found, check_known_name, unknown_name
 from twin.document.yaml_text import Elsewhere, KeyPath
@@ -35,8 +26,14 @@ from twin.scenario.sections.shapes import ShapeSection
 _STATES = ("waiting", "stalled", "stopped", "retrying", "failed", "idle")
 """States of a robot in charts, in addition to skills."""
 
-_MOTIONS = (HOLD, STRAIGHT, TRANSIT, LEAVE_TOOL, TAKE_TOOL)
-_TAKEN = frozenset((*SKILLS, *_MOTIONS, *SUPPLY_KINDS, *_STATES))
+_MOTIONS = (
+    TaskKind.HOLD,
+    TaskKind.STRAIGHT,
+    TaskKind.TRANSIT,
+    TaskKind.LEAVE_TOOL,
+    TaskKind.TAKE_TOOL,
+)
+_TAKEN = frozenset((*TaskKind.SKILLS, *_MOTIONS, *TaskKind.SUPPLY, *_STATES))
 """Names that no process may have: those of tasks, and of these states."""
 
 _KINDS = {
@@ -350,8 +347,12 @@ def _check_meshes(value: object, at: KeyPath, folder: Path) -> Found:
 def _check_skills(scenario: Scenario) -> Found:
     """Yield durations and failures of unknown skills."""
     execution = scenario.execution
-    changes = (LEAVE_TOOL, TAKE_TOOL) if _changed_tools(scenario.cell) else ()
-    valid = (*SKILLS, HOLD, *changes, *scenario.processes)
+    changes = (
+        (TaskKind.LEAVE_TOOL, TaskKind.TAKE_TOOL)
+        if _changed_tools(scenario.cell)
+        else ()
+    )
+    valid = (*TaskKind.SKILLS, TaskKind.HOLD, *changes, *scenario.processes)
     named: list[tuple[KeyPath, str]] = [
         *((("skills", name, "[key]"), name) for name in execution.skills),
         *((("failures", name, "[key]"), name) for name in execution.failures),
@@ -375,7 +376,7 @@ def _check_skills(scenario: Scenario) -> Found:
     lie_as_said = scenario.kind.has_given_starts()
     robots = [robot.name for robot in scenario.cell.robots]
     for skill, failure in execution.failures.items():
-        at_a_part = skill in HANDLING
+        at_a_part = skill in TaskKind.HANDLING
         if failure.then != "again" and at_a_part:
             words = f"{skill} is no process: a failed skill is retried, or restarted with another object"
             yield ("execution", "failures", skill, "then"), f"{words} (valid: again)"
@@ -398,7 +399,7 @@ def _check_skills(scenario: Scenario) -> Found:
         if failure.loses > 0.0 and not at_a_part:
             words = f"nothing can be lost in {skill}, in which nothing changes hands: leave it out"
             place = ("execution", "failures", skill, "loses")
-            yield place, f"{words} (valid: {', '.join(HANDLING)})"
+            yield place, f"{words} (valid: {', '.join(TaskKind.HANDLING)})"
         for name in failure.parts:
             at: KeyPath = ("execution", "failures", skill, "parts", name, "[key]")
             robot, _, part = name.rpartition("/")

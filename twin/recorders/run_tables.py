@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from planning.files import replace_atomically
-from planning.tasks.task import GONE
+from planning.tasks.task import Handling
 from planning.transforms import Array, quat_wxyz
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS
@@ -103,8 +103,8 @@ def objects_table(placements: Sequence[Placement]) -> pa.Table:
 
 
 def _parent(placement: Placement) -> str:
-    if placement.holder == GONE:
-        return GONE
+    if placement.holder == Handling.GONE:
+        return Handling.GONE
     return WORLD if placement.holder is None else f"{placement.holder}/{FLANGE}"
 
 

@@ -18,7 +18,7 @@ from rerun.urdf import UrdfTree
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.robots.registry import ROBOTS
-from planning.tasks.task import GONE
+from planning.tasks.task import Handling
 from twin.drawing.looks import coloured_fixtures, painted_description
 from twin.drawing.team_colours import parse_rgb
 from twin.drawing.triangles import triangles_of
@@ -215,7 +215,7 @@ def log_objects(
         seen = {0: not item.later, own[0].t_ns: True}
         if item.later:
             own = [hidden_placement(item), *own]
-        if own[-1].holder == GONE:
+        if own[-1].holder == Handling.GONE:
             *own, last = own
             seen[last.t_ns] = False
         if seen == {0: True}:

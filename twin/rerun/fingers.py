@@ -16,14 +16,10 @@ from rerun.urdf import UrdfTree
 
 from planning.cell.workcell import CellObject, PlacedRobot
 from planning.grips.pads import finger_sides, pads_at
-from planning.kinematics.kinematics import (
-    frame_in_flange,
-    frame_in_last_joint,
-    frame_pose,
-)
+from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.urdf_geometry import joint_link, pose_in_root
 from planning.robots.registry import ROBOTS
-from planning.tasks.task import CLOSE, Task
+from planning.tasks.task import Actuation, Task
 from planning.transforms import Array, Transform, inverse
 from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -72,7 +68,7 @@ def split_fingers(robot: PlacedRobot, root: Element) -> None:
     """
     if _own_fingers(robot) or _BETWEEN not in robot.model.frames:
         return
-    tip = frame_in_last_joint(robot.model, _BETWEEN)
+    tip = robot.model.frame_in_last_joint(_BETWEEN)
     sides = finger_sides(robot.model, tip)
     if sides is None:
         return
@@ -131,8 +127,8 @@ def closing_distance(
     """
     if _BETWEEN not in robot.model.frames:
         return 0.0
-    tip = frame_in_last_joint(robot.model, _BETWEEN)
-    grip = inverse(in_flange) @ frame_in_flange(robot.model, _BETWEEN)
+    tip = robot.model.frame_in_last_joint(_BETWEEN)
+    grip = inverse(in_flange) @ robot.model.frame_in_flange(_BETWEEN)
     pads = pads_at(robot.model, tip, item.shape, grip)
     if pads is None or pads.off is None:
         return 0.0
@@ -211,7 +207,9 @@ def move_fingers(
         values: list[float] = []
         for begin, end, act, displacement in sorted(moves):
             closed = opened - displacement
-            first, last = (opened, closed) if act == CLOSE else (closed, opened)
+            first, last = (
+                (opened, closed) if act == Actuation.CLOSE else (closed, opened)
+            )
             count = max(1, (end - begin) // _FRAME_NS)
             for j in range(count + 1):
                 t_ns.append(begin + (end - begin) * j // count)

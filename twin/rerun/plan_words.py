@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from planning.tasks.task import CLOSE, OPEN, TRANSIT, Task
+from planning.tasks.task import Actuation, Task, TaskKind
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.activities.activities import (
     HOLDING,
@@ -18,8 +18,8 @@ from twin.activities.activities import (
 _VERBS = {
     RETRYING: "tries again",
     HOLDING: "stays",
-    CLOSE: "tool closes",
-    OPEN: "tool opens",
+    Actuation.CLOSE: "tool closes",
+    Actuation.OPEN: "tool opens",
 }
 
 
@@ -49,7 +49,10 @@ class PlanWords:
 
     def is_skill(self, task: int) -> bool:
         """Return whether a task is in the plan and no transit."""
-        return 0 <= task < len(self._tasks) and self._tpg.tasks[task].kind != TRANSIT
+        return (
+            0 <= task < len(self._tasks)
+            and self._tpg.tasks[task].kind != TaskKind.TRANSIT
+        )
 
     def state(self, state: str, task: int) -> str:
         """Return a description of a state of a robot's lane, other than a wait."""
@@ -107,7 +110,7 @@ class PlanWords:
         words = task.label.removesuffix(f" step {task.step}")
         part = self._part[task.index]
         if part != f"step {task.step}":
-            if task.kind == TRANSIT and task.object and words == f"to {part}":
+            if task.kind == TaskKind.TRANSIT and task.object and words == f"to {part}":
                 words = f"{part} to its place"
             elif part not in words:
                 words += f" {'after' if words == 'HOME' else 'for'} {part}"

@@ -14,7 +14,6 @@ import rerun as rr
 
 from planning.files import replace_atomically
 from scheduling.graph.barriers import with_barriers
-from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.activities.activities import IDLE, WAITING, Activity, robot_activities
 from twin.drawing.lane_colours import plan_colours
@@ -126,7 +125,7 @@ def _log_progress(
     colours: Mapping[str, str],
 ) -> None:
     """Plot completed tasks per robot, and the number of waiting robots."""
-    machines = machine_chains(tpg)
+    machines = tpg.machine_chains()
     for k, chain in enumerate(tpg.chains):
         if k in machines:
             continue
@@ -231,7 +230,7 @@ def log_lanes(
     activities = robot_activities(tpg, events)
     index = tpg.chain_index
     names = [robot.name for robot in tpg.cell.robots]
-    for name in (*names, *(tpg.chains[k].robot for k in working_machines(tpg))):
+    for name in (*names, *(tpg.chains[k].robot for k in tpg.working_machines())):
         lane = activities.get(name, ())
         said = [(item, _text(words, run, index[name], item)) for item in lane]
         changes = []

@@ -87,6 +87,57 @@ class Event:
         except ValueError:
             return None
 
+    @classmethod
+    def parse(cls, line: str) -> Event:
+        """Return the event of one line; its time is exact.
+
+        Raises:
+            EventLogError: the line is no event.
+        """
+        try:
+            row = parse_json(line, Decimal)
+        except ValueError as error:
+            raise EventLogError(
+                f"not JSON: {error}: {_excerpt(line)}", line=line
+            ) from error
+        except InvalidOperation as error:
+            far = "an exponent that no number has"
+            raise EventLogError(f"{far}: {_excerpt(line)}", line=line) from error
+        if not isinstance(row, dict):
+            raise EventLogError(f"not an object: {_excerpt(line)}", line=line)
+        try:
+            seconds = row["t_s"]
+            robot, kind = row["robot"], row["kind"]
+        except KeyError as error:
+            raise EventLogError(
+                f"no {error.args[0]!r}: {_excerpt(line)}", line=line
+            ) from error
+        if not isinstance(kind, str) or kind not in _KINDS:
+            short = _excerpt(str(kind))
+            raise EventLogError(
+                f"unknown kind {short}", line=line, choices=get_args(EventKind)
+            )
+        if not isinstance(seconds, int | Decimal) or isinstance(seconds, bool):
+            raise EventLogError(f"t_s is no number: {_excerpt(line)}", line=line)
+        if Decimal(seconds).is_nan() or not 0 <= seconds <= LATEST_S:
+            raise EventLogError(
+                f"t_s must be 0 to {LATEST_S:.0e}: {_excerpt(line)}", line=line
+            )
+        task, node = row.get("task", -1), row.get("node", -1)
+        if not all(
+            type(value) is int and -1 <= value < 2**31 for value in (task, node)
+        ):
+            raise EventLogError(
+                f"task and node must be whole numbers: {_excerpt(line)}", line=line
+            )
+        texts = robot, row.get("object", ""), row.get("detail", "")
+        if not all(isinstance(text, str) for text in texts):
+            raise EventLogError(
+                f"robot, object and detail must be text: {_excerpt(line)}", line=line
+            )
+        t_ns = round(Decimal(seconds) * NANOSECONDS)
+        return cls(t_ns, robot, cast(EventKind, kind), task, node, texts[1], texts[2])
+
 
 class EventLogError(TwinError):
     """A line of an event log is no event.
@@ -131,55 +182,6 @@ def read_log(path: Path) -> tuple[str, ...]:
     except OSError as error:
         raise OutputError(f"{path}: cannot read the event log: {error}") from error
     return tuple(line + "\n" for line in text.split("\n")[:-1])
-
-
-def parse_event(line: str) -> Event:
-    """Return the event of one line; its time is exact.
-
-    Raises:
-        EventLogError: the line is no event.
-    """
-    try:
-        row = parse_json(line, Decimal)
-    except ValueError as error:
-        raise EventLogError(
-            f"not JSON: {error}: {_excerpt(line)}", line=line
-        ) from error
-    except InvalidOperation as error:
-        far = "an exponent that no number has"
-        raise EventLogError(f"{far}: {_excerpt(line)}", line=line) from error
-    if not isinstance(row, dict):
-        raise EventLogError(f"not an object: {_excerpt(line)}", line=line)
-    try:
-        seconds = row["t_s"]
-        robot, kind = row["robot"], row["kind"]
-    except KeyError as error:
-        raise EventLogError(
-            f"no {error.args[0]!r}: {_excerpt(line)}", line=line
-        ) from error
-    if not isinstance(kind, str) or kind not in _KINDS:
-        short = _excerpt(str(kind))
-        raise EventLogError(
-            f"unknown kind {short}", line=line, choices=get_args(EventKind)
-        )
-    if not isinstance(seconds, int | Decimal) or isinstance(seconds, bool):
-        raise EventLogError(f"t_s is no number: {_excerpt(line)}", line=line)
-    if Decimal(seconds).is_nan() or not 0 <= seconds <= LATEST_S:
-        raise EventLogError(
-            f"t_s must be 0 to {LATEST_S:.0e}: {_excerpt(line)}", line=line
-        )
-    task, node = row.get("task", -1), row.get("node", -1)
-    if not all(type(value) is int and -1 <= value < 2**31 for value in (task, node)):
-        raise EventLogError(
-            f"task and node must be whole numbers: {_excerpt(line)}", line=line
-        )
-    texts = robot, row.get("object", ""), row.get("detail", "")
-    if not all(isinstance(text, str) for text in texts):
-        raise EventLogError(
-            f"robot, object and detail must be text: {_excerpt(line)}", line=line
-        )
-    t_ns = round(Decimal(seconds) * NANOSECONDS)
-    return Event(t_ns, robot, cast(EventKind, kind), task, node, texts[1], texts[2])
 
 
 def _excerpt(line: str) -> str:

@@ -16,13 +16,8 @@ from twin.uncertainty.node_times import Standstill
 from twin.uncertainty.stop_times import StoppedClock
 
 Outcome = Literal["completed", "failed", "aborted"]
-Policy = Literal["asynchronous", "sequential", "synchronous", "open-loop"]
-POLICIES: tuple[Policy, ...] = (
-    "asynchronous",
-    "sequential",
-    "synchronous",
-    "open-loop",
-)
+Policy = str
+"""How nodes are released: a name of ``twin.registry.POLICIES``."""
 
 
 class RobotWait(NamedTuple):

@@ -16,13 +16,10 @@ from planning.files import open_regular, read_object, require_own_files
 
 EVENTS = "events.jsonl"
 TRAJECTORY = "trajectory.parquet"
-MEASURED = "measured.csv"
 OBJECTS = "objects.parquet"
 RECORDING = "run.rrd"
 GANTT = "gantt.png"
 SUMMARY = "summary.json"
-COMPARISON = "compare.json"
-CHART = "compare.png"
 TURNS = "in-turns"
 """Folder of the plan in turns, where another plan was made of it."""
 
@@ -33,23 +30,11 @@ VERSIONS = "versions"
 """Folder of the plans that took the place of that one, each in a folder named by its number, from 2."""
 
 _RESULTS = (
-    MEASURED,
-    *(
-        TURNS,
-        FIRST,
-        VERSIONS,
-        "manifest.json",
-        "plan.json",
-        "plan.npz",
-        EVENTS,
-        TRAJECTORY,
-        OBJECTS,
-        RECORDING,
-        GANTT,
-    ),
-    *(SUMMARY, COMPARISON, CHART),
+    *(TURNS, FIRST, VERSIONS, "manifest.json", "plan.json", "plan.npz"),
+    *(EVENTS, TRAJECTORY, OBJECTS, RECORDING, GANTT, "measured.csv"),
+    *(SUMMARY, "compare.json", "compare.png"),
 )
-_LAST = (SUMMARY, COMPARISON)  # written when all else has been
+_LAST = (SUMMARY, "compare.json")  # written when all else has been
 
 # Earlier results while new ones are made. They are whole in .before only: a process that is
 # killed while moving them leaves .aside, from which all are restored.

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from planning.errors import RequestError
+from twin.registry import POLICIES
 
 if TYPE_CHECKING:
     from twin.runs.execution_record import Policy
@@ -49,7 +50,17 @@ NAMED_POLICIES = {
     ASYNCHRONOUS_SHORTCUTS: NamedPolicy(SHORTENED, "asynchronous"),
     OPEN_LOOP: NamedPolicy(IN_TURNS, "open-loop"),
 }
-"""What each name means, in the order of tables and charts."""
+"""What each name of this program means, in the order of tables and charts."""
+
+
+def named_policies() -> dict[str, NamedPolicy]:
+    """Return what each policy name means, those of registered releases last."""
+    found = dict(NAMED_POLICIES)
+    for release in POLICIES.names():
+        if release not in POLICIES.own:
+            found[release] = NamedPolicy(IN_TURNS, release)
+            found[f"{release} + shortcuts"] = NamedPolicy(SHORTENED, release)
+    return found
 
 
 def _letters(text: str) -> str:
@@ -66,10 +77,13 @@ def parse_policy_name(text: str) -> str:
     Raises:
         RequestError: there is no such policy.
     """
-    for name in NAMED_POLICIES:
-        if _letters(name) == _letters(text):
-            return name
-    raise RequestError(f"no policy {text!r}", choices=tuple(NAMED_POLICIES))
+    by_letters = {_letters(name): name for name in named_policies()}
+    try:
+        return by_letters[_letters(text)]
+    except KeyError:
+        raise RequestError(
+            f"no policy {text!r}", choices=tuple(by_letters.values())
+        ) from None
 
 
 def policy_name(plan: str, release: str) -> str:
@@ -79,7 +93,7 @@ def policy_name(plan: str, release: str) -> str:
     combinations name both: ``sequential of the plan in slots``.
     """
     plan = IN_TURNS if plan == AT_ONCE else plan
-    for name, meant in NAMED_POLICIES.items():
+    for name, meant in named_policies().items():
         if meant == (plan, release):
             return name
     if plan == SHORTENED:
@@ -94,5 +108,5 @@ def plan_folder(plan: str) -> str:
 
 def preferred_policy(policies: Sequence[str]) -> str:
     """Return the policy that coordinates best."""
-    order = (ASYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS, *NAMED_POLICIES)
+    order = (ASYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS, *named_policies())
     return next(policy for policy in order if policy in policies)

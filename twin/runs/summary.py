@@ -15,11 +15,6 @@ from rich.text import Text
 
 from planning.errors import escape_control_characters
 from scheduling.graph.actuations import actuation_nodes
-from scheduling.graph.machine_chains import (
-    idle_robots,
-    machine_chains,
-    working_machines,
-)
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
@@ -75,14 +70,14 @@ def summarize_run(
         due_s: when each product is due, where there are several [s].
         start_up: products at the beginning that do not count for throughput and takt.
     """
-    robots = [k for k in range(len(tpg.chains)) if k not in machine_chains(tpg)]
+    robots = [k for k in range(len(tpg.chains)) if k not in tpg.machine_chains()]
     completed = run.outcome == "completed"
     sequential_s = header.makespan_sequential_s if completed else None
     if sequential_s is None:
         busy = [run.duration_ns[k].sum() + run.stood_ns[k].sum() for k in robots]
         sequential_s = int(sum(busy)) / NANOSECONDS
 
-    idle = idle_robots(tpg)
+    idle = tpg.idle_robots()
 
     def seconds(of: Callable[[int], int]) -> dict[str, float]:
         return {tpg.chains[k].robot: of(k) / NANOSECONDS for k in robots}
@@ -151,7 +146,7 @@ def _machines(
 ) -> dict[str, dict[str, float]]:
     """Return the busy time and downtime of each processing machine [s]."""
     found = {}
-    for k in working_machines(tpg):
+    for k in tpg.working_machines():
         done = run.end_ns[k] >= 0
         busy = int((run.end_ns[k] - run.start_ns[k])[done].sum())
         down = busy - int(run.duration_ns[k][done].sum())

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.tasks.task import EARLIER, TimeWindow
+from planning.tasks.task import TimeWindow
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_gaps, window_nodes
 from twin.durations.nanoseconds import NANOSECONDS
@@ -24,7 +24,7 @@ def window_summary(
     gaps, nodes = window_gaps(tpg, start, end), window_nodes(tpg)
     found = []
     for window, gap, (_, done, due) in zip(tpg.windows, gaps, nodes, strict=True):
-        happened = (done == EARLIER or end[done] >= 0) and start[due] >= 0
+        happened = (done == TimeWindow.EARLIER or end[done] >= 0) and start[due] >= 0
         passed = float(gap) / NANOSECONDS if happened else None
         slack = None
         if passed is not None and window.most is not None:

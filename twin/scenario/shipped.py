@@ -8,12 +8,10 @@ from pathlib import Path
 
 from planning.errors import ScenarioError
 
-SCENARIO = "scenario.yaml"
+_SCENARIO = "scenario.yaml"
 """File of a scenario's folder."""
 
-YAML = (".yaml", ".yml")
-"""Endings of scenario files."""
-
+_YAML = (".yaml", ".yml")
 _HERE = Path(__file__)
 
 _PLACES = (_HERE.parents[1] / "shipped", _HERE.parents[2] / "scenarios")
@@ -28,15 +26,20 @@ def shipped_scenarios() -> Mapping[str, Path]:
     return {path.stem: path for path in files}
 
 
+def new_scenario_path(given: Path) -> Path:
+    """Return the file of a new scenario: a YAML file, or a folder's."""
+    return given if given.suffix in _YAML else given / _SCENARIO
+
+
 def scenario_path(given: Path) -> Path:
     """Return the scenario file of a path, a folder, or the name of a shipped scenario.
 
     Raises:
         ScenarioError: there is no such file, and no scenario of that name.
     """
-    if (given / SCENARIO).is_file():
-        return given / SCENARIO
-    if given.is_file() or given.suffix in YAML or len(given.parts) != 1:
+    if (given / _SCENARIO).is_file():
+        return given / _SCENARIO
+    if given.is_file() or given.suffix in _YAML or len(given.parts) != 1:
         return given
     found = shipped_scenarios().get(str(given))
     if found is None and given.exists():

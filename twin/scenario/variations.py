@@ -12,32 +12,26 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from planning.errors import ScenarioError
 from planning.json_files import parse_json
-from planning.tasks.task import HOLD, SKILLS
+from planning.tasks.task import TaskKind
 from twin.document.validation import (
     InvalidScenarioError,
     parse_document,
     validate_document,
 )
 from twin.document.yaml_text import read_yaml
-from twin.durations.composed import Distribution
+from twin.registry import DURATIONS
 from twin.scenario.schema import scenario_schema
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolve_scenario
 
 ROBOTS = "robots"
 """The key that is not one of the file: the number of robots, of the team where there is one."""
-
-_KINDS = {
-    get_args(c.model_fields["kind"].annotation)[0] for c in get_args(Distribution)
-}
-_KINDS |= {"reference"}
-"""Kinds of distributions; a section that gets another one has nothing of the former."""
 
 _SECTIONS = frozenset(Scenario.model_fields) - {"execution", "explore"}
 
@@ -176,7 +170,11 @@ def _make_entries(content: dict[str, Any], key: str) -> None:
     execution = content["execution"]
     processes = content["assembly"].get("processes", {})
     if section in ("skills", "failures") and rest:
-        known = tuple(dict.fromkeys([*SKILLS, HOLD, *execution["skills"], *processes]))
+        known = tuple(
+            dict.fromkeys(
+                [*TaskKind.SKILLS, TaskKind.HOLD, *execution["skills"], *processes]
+            )
+        )
         if skill not in known:
             raise ScenarioError(
                 f"cannot vary {key}: there is no skill {skill!r}", choices=known
@@ -222,11 +220,11 @@ def _assign(tree: dict[str, Any], key: str, value: Any, walked: str) -> None:
 
 
 def _is_other(place: Any, kind: Any) -> bool:
-    """Return whether a section is a distribution of another kind."""
+    """Return whether a section is a distribution of another kind, which keeps nothing of the former."""
     if not isinstance(place, dict):
         return False
     kinds = {str(kind), str(place.get("kind"))}
-    return len(kinds) == 2 and kinds <= _KINDS
+    return len(kinds) == 2 and kinds <= {*DURATIONS.names(), "reference"}
 
 
 def find_entry(

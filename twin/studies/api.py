@@ -20,7 +20,7 @@ from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
 from twin.operations.api import operated_plan, require_operable
 from twin.runs.folder import lock_folder, run_folder
-from twin.runs.policies import OPEN_LOOP, parse_policy_name
+from twin.runs.policies import NAMED_POLICIES, OPEN_LOOP, parse_policy_name
 from twin.scenario.variations import Variant, Variation
 from twin.studies.folder import (
     EDGES,
@@ -238,9 +238,10 @@ def study(
     elif failures is not None:
         raise RequestError("failures are for what is operated: give operate, too")
     elif isinstance(plan, PlanResult):
-        possible = [p for p in possible_policies(plan) if p != OPEN_LOOP]
-        own = with_baselines(possible[-1])
-        names = names or tuple(policy for policy in own if policy in possible)
+        own = NAMED_POLICIES.keys() - {OPEN_LOOP}
+        possible = [p for p in possible_policies(plan) if p in own]
+        usual = with_baselines(possible[-1])
+        names = names or tuple(policy for policy in usual if policy in possible)
         plans = given_plans(plan, names)
         saved = "" if plan.folder is None else str(plan.folder.resolve())
     experiment = Experiment(

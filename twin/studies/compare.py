@@ -11,7 +11,7 @@ from twin.host.arguments import checks_arguments
 from twin.host.atomic_files import write_json
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.build_workcell import build_workcell
-from twin.runs.folder import CHART, COMPARISON, replace_results, run_folder
+from twin.runs.folder import replace_results, run_folder
 from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.execution import ReferenceDuration
 from twin.scenario.sections.scenario import Scenario
@@ -27,6 +27,9 @@ from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, 
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+COMPARISON, CHART = "compare.json", "compare.png"
+"""Files of a comparison."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +76,8 @@ class Comparison:
         )
 
     def _repr_html_(self) -> str:
-        from twin.host.cards import escape_text, run_picture
-        from twin.studies.report.markup import table
+        from twin.host.cards import run_picture
+        from twin.studies.report.markup import escape_text, table
 
         head = ["policy", "makespan [s]", "of sequential", "wait [s]", "planning [s]"]
         rows = [

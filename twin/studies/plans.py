@@ -16,7 +16,7 @@ from scheduling.planned_motions import PlannedMotions
 from twin.checks.check import check_scenario
 from twin.document.validation import parse_document
 from twin.engine.execution_model import ExecutionModel
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.host.progress import Report, StageWatch
 from twin.host.versions import versions
 from twin.operations.replicated.operating import OperatingWorkload
@@ -29,11 +29,11 @@ from twin.runs.policies import (
     AT_ONCE,
     IN_SLOTS,
     IN_TURNS,
-    NAMED_POLICIES,
     SEQUENTIAL,
     SHORTENED,
     SLOTS_SHORTENED,
     WHOLE_PLANS,
+    named_policies,
     plan_folder,
     policy_name,
 )
@@ -64,7 +64,7 @@ def default_policies(scenario: Scenario) -> tuple[str, ...]:
     else:
         plan = SHORTENED if planned_shortcuts(scenario) else IN_TURNS
     own = policy_name(plan, scenario.execution.policy)
-    if own not in NAMED_POLICIES:
+    if own not in named_policies():
         own = ASYNCHRONOUS
     return with_baselines(own)
 
@@ -112,7 +112,7 @@ def study_plans(
     Raises:
         TwinError: the scenario cannot be planned; see plan_scenario.
     """
-    needed = {NAMED_POLICIES[policy].plan for policy in policies}
+    needed = {named_policies()[policy].plan for policy in policies}
     watch = StageWatch(progress)
     if needed & {IN_SLOTS, SLOTS_SHORTENED}:
         require_no_machines(scenario)
@@ -141,21 +141,21 @@ def given_plans(given: PlanResult, policies: tuple[str, ...]) -> Plans:
     for policy in policies:
         if policy not in could:
             raise RequestError(
-                f"policy {policy!r} needs the plan {NAMED_POLICIES[policy].plan}, the given one"
-                f" is {given.name}",
+                f"policy {policy!r} needs the plan {named_policies()[policy].plan}, the given one is"
+                f" {given.name}",
                 choices=could,
             )
     there = _plans_of(given)
     return {
         name: there[name]
-        for name in dict.fromkeys(NAMED_POLICIES[policy].plan for policy in policies)
+        for name in dict.fromkeys(named_policies()[policy].plan for policy in policies)
     }
 
 
 def operated_policies(given: PlanResult) -> tuple[str, ...]:
     """Return the policies under which a plan can be replanned."""
     could = possible_policies(given)
-    return tuple(p for p in could if NAMED_POLICIES[p].release == "asynchronous")
+    return tuple(p for p in could if named_policies()[p].release == "asynchronous")
 
 
 def possible_policies(given: PlanResult) -> tuple[str, ...]:
@@ -165,7 +165,7 @@ def possible_policies(given: PlanResult) -> tuple[str, ...]:
     bare = {IN_TURNS} if given.name in (IN_SLOTS, SLOTS_SHORTENED) else set()
     return tuple(
         name
-        for name, (plan, release) in NAMED_POLICIES.items()
+        for name, (plan, release) in named_policies().items()
         if plan in there and (plan not in bare or release == "sequential")
     )
 
@@ -185,7 +185,7 @@ def save_plans(plans: Plans, folder: Path) -> None:
 def load_plans(folder: Path, experiment: Experiment) -> Plans:
     """Return the plans of an experiment; OutputError when one is missing."""
     names = dict.fromkeys(
-        plan_key(variant, NAMED_POLICIES[policy].plan)
+        plan_key(variant, named_policies()[policy].plan)
         for policy, variant in experiment.cells
     )
     return {name: load_plan(folder / plan_folder(name)) for name in names}
@@ -230,7 +230,7 @@ def workloads(
     loads = []
     for policy, variant in experiment.cells:
         own = apply_variation(scenario, variant)
-        plan, release = NAMED_POLICIES[policy]
+        plan, release = named_policies()[policy]
         name = plan_key(variant, plan)
         model = scenario_execution(
             own, base, policy=release, antithetic=experiment.antithetic
@@ -277,7 +277,7 @@ def workload(
     graph = timing_graph(plan) if graph is None else graph
     if is_driven(graph) and model.disturbances.at_absolute_times:
         graph = plan  # whom the clock stops in a skill brakes along its path
-    held = with_window_holds(graph, model)
+    held = with_model_holds(graph, model)
     return Workload(held, model, seed, free=None if held is graph else graph)
 
 

@@ -12,7 +12,6 @@ from scipy.stats import qmc
 
 from planning.parallel import map_in_parallel
 from planning.transforms import Array
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.host.progress import Report, report_nothing
 from twin.studies.gains.replays import replay_cost
@@ -98,7 +97,7 @@ def study_inputs(load: Workload) -> Mapping[str, Scaled]:
     acts = {key[0] for key in durations.actuations}
     acts &= set(durations.bind(load.tpg).skills)
     found |= {f"time to {act}": partial(_with_act, act=act) for act in sorted(acts)}
-    machines = machine_chains(load.tpg)
+    machines = load.tpg.machine_chains()
     for k, chain in enumerate(load.tpg.chains):
         if k in machines:
             continue

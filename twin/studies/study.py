@@ -23,12 +23,12 @@ from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import Messages
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.host.atomic_files import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
 from twin.recorders.run_tables import write_motion
-from twin.runs.policies import NAMED_POLICIES, OPEN_LOOP
+from twin.runs.policies import OPEN_LOOP, named_policies
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import apply_variation, is_of_execution, layout_of
@@ -305,7 +305,7 @@ def _audits(
     """Return the collisions in audited replications of open-loop cells and cells with pose errors."""
     drawn: dict[int, Workload] = {}
     for cell, (policy, variant) in enumerate(experiment.cells):
-        tpg = plans[plan_key(variant, NAMED_POLICIES[policy].plan)]
+        tpg = plans[plan_key(variant, named_policies()[policy].plan)]
         load = replace(loads[cell], tpg=tpg)  # with the shapes that work goes without
         if policy == OPEN_LOOP or _describe_pose_errors(load):
             drawn[cell] = load
@@ -345,7 +345,7 @@ def _audit_cell(
     replications are skipped. The workload has the geometry of its plan.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    simulator = Simulator(with_window_holds(load.tpg, load.execution), load.execution)
+    simulator = Simulator(with_model_holds(load.tpg, load.execution), load.execution)
     replay = folder / "replay"
     for replication in range(count):
         path = folder / f"{replication}.json"

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
-from scheduling.graph.machine_chains import idle_robots
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.planning.idle_robots import IdleRobot
@@ -36,7 +35,7 @@ def run_header(
         execution: entries of the executor.
     """
     known = {own.robot: own for own in plan.idle}
-    idle = [known.get(k, IdleRobot(k, "unknown")) for k in idle_robots(plan.tpg)]
+    idle = [known.get(k, IdleRobot(k, "unknown")) for k in plan.tpg.idle_robots()]
     # Of a plan of first steps, later ones may be for it.
     windowed = (
         execution.get("operated")

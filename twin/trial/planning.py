@@ -11,14 +11,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError, ScenarioError
 from planning.motion.load_bound import load_bound_s
-from planning.tasks.task import (
-    HANDLING,
-    LEAVE_TOOL,
-    STRAIGHT,
-    SUPPLY_KINDS,
-    TAKE_TOOL,
-    TRANSIT,
-)
+from planning.tasks.task import TaskKind
 from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
@@ -58,7 +51,13 @@ CREWS = "who takes part"
 _NEAR = 0.05
 """Share of the makespan within which shortcuts may turn the ranks of the plans of two crews."""
 
-_NO_SKILLS = {TRANSIT, STRAIGHT, LEAVE_TOOL, TAKE_TOOL, *SUPPLY_KINDS}
+_NO_SKILLS = {
+    TaskKind.TRANSIT,
+    TaskKind.STRAIGHT,
+    TaskKind.LEAVE_TOOL,
+    TaskKind.TAKE_TOOL,
+    *TaskKind.SUPPLY,
+}
 
 LOSES = 0.2
 """Share of failed attempts that lose the object, where only a failure rate is given; synthetic."""
@@ -137,7 +136,7 @@ def with_failures(
         {
             f"failures.{skill}": {
                 "probability": chance,
-                "loses": LOSES if skill in HANDLING else 0.0,
+                "loses": LOSES if skill in TaskKind.HANDLING else 0.0,
             }
             for skill in sorted(skills - said.keys())
         }

@@ -16,7 +16,7 @@ from twin.recorders.observers import (
     JsonlRecorder,
     MemoryRecorder,
 )
-from twin.runs.events import Event, EventCode, event_line, parse_event, read_log
+from twin.runs.events import Event, EventCode, event_line, read_log
 from twin.runs.folder import (
     EVENTS,
     SUMMARY,
@@ -74,7 +74,7 @@ def resume_run(
     size = sum(len(line.encode()) for line in known)
     continuing = executor.continued(plan, folder, known)
     if continuing is not None:
-        memory.events += map(parse_event, known)
+        memory.events += map(Event.parse, known)
         with fail_if_incomplete(folder):
             recorder = JsonlRecorder(path, kept=size)
             done = continuing.execute(plan, folder, (recorder, memory), recorder.sync)
@@ -104,16 +104,16 @@ def _has_ended(log: Sequence[str]) -> bool:
     """Return whether the last row of a log ends the whole run."""
     if not log:
         return False
-    last = parse_event(log[-1])
+    last = Event.parse(log[-1])
     return last.kind == "finished" and not last.robot
 
 
 def _before_interrupt(log: Sequence[str]) -> Sequence[str]:
     """Return a log without the last rows, which an interrupt by the user wrote."""
     lines = list(log)
-    if _has_ended(lines) and parse_event(lines[-1]).code is EventCode.ABORTED:
+    if _has_ended(lines) and Event.parse(lines[-1]).code is EventCode.ABORTED:
         lines.pop()
-        if lines and parse_event(lines[-1]).code is EventCode.INTERRUPTED:
+        if lines and Event.parse(lines[-1]).code is EventCode.INTERRUPTED:
             lines.pop()
     return lines
 

@@ -16,7 +16,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.host.arguments import checks_arguments
 from twin.registry import FIGURES, HOOKS
-from twin.runs.events import Event, EventLogError, parse_event, read_log
+from twin.runs.events import Event, EventLogError, read_log
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.folder import (
     EVENTS,
@@ -121,7 +121,7 @@ class RunResult:
         out = []
         for number, line in enumerate(read_log(path), start=1):
             try:
-                out.append(parse_event(line))
+                out.append(Event.parse(line))
             except EventLogError as error:
                 raise OutputError(f"{path}:{number}: {error}") from error
         return tuple(out)

@@ -7,7 +7,7 @@ from pathlib import Path
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.planning.place_misses import place_misses
 from twin.recorders.observers import Recorder
 from twin.runs.execution_record import ExecutionRecord, Policy
@@ -99,5 +99,5 @@ def execute(
         DeadlockError: no robot could continue.
     """
     model = scenario_execution(scenario, base, policy=policy)
-    held = with_window_holds(tpg, model)
+    held = with_model_holds(tpg, model)
     return Simulator(held, model).run(seed=scenario.seed, recorders=recorders)

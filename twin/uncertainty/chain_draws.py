@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.kernels import kernel
-from planning.tasks.task import HANDLING, STRAIGHT
+from planning.tasks.task import TaskKind
 from planning.transforms import Array, Indices
 from scheduling.graph.actuations import chain_actuations
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
@@ -48,7 +48,7 @@ class Standstills:
 
 def moving_nodes(tpg: TemporalPlanGraph, chain: NodeChain) -> npt.NDArray[np.bool_]:
     """Return for each node of a robot whether it is a plain motion, timed by the controller."""
-    straight = [task.index for task in tpg.tasks if task.kind == STRAIGHT]
+    straight = [task.index for task in tpg.tasks if task.kind == TaskKind.STRAIGHT]
     moves = np.asarray(~chain.skill | np.isin(chain.task, straight))
     acts = chain_actuations(tpg, tpg.chain_index[chain.robot])
     moves[list(acts)] = False
@@ -305,7 +305,9 @@ class ChainDraws:
         """Return whether a failed attempt at each task loses its object, shape (n, r)."""
         if failure.loses <= 0.0:
             return np.zeros((len(which), len(self.numbers)), dtype=np.bool_)
-        kinds = np.array([self.own.kinds[k] in HANDLING for k in which.tolist()])
+        kinds = np.array(
+            [self.own.kinds[k] in TaskKind.HANDLING for k in which.tolist()]
+        )
         lost = self.draw(which, "lost", attempt) < failure.loses
         return np.asarray(lost & kinds[:, None])
 

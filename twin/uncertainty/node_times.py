@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.transforms import Array, Indices
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
 from twin.durations.nanoseconds import Nanoseconds, require_within_longest_run
@@ -184,7 +183,7 @@ class NodeTimeSampler:
         self._tpg = tpg
         self.skills = durations.bind(tpg, names)
         self._disturbances = disturbances
-        machines = machine_chains(tpg)
+        machines = tpg.machine_chains()
         self._by_chain = [
             disturbances.of_machine(chain.robot) if k in machines else disturbances
             for k, chain in enumerate(tpg.chains)

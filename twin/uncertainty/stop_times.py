@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import (
     NANOSECONDS,
@@ -223,7 +222,7 @@ def draw_stops(
     if not disturbances.at_absolute_times:
         return None
     found = []
-    machines = machine_chains(tpg)
+    machines = tpg.machine_chains()
     for k, chain in enumerate(tpg.chains):
         fixed = []
         own = disturbances

@@ -13,7 +13,7 @@ from scheduling.slowed_motions import describe_overloaded_joints
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.runs.execution_record import DeadlockError, ExecutionRecord
 from twin.runs.windows import broken_words
 from twin.scenario.sections.scenario import Scenario
@@ -60,7 +60,7 @@ def nominal_window_warnings(
     if not any(window.most is not None for window in tpg.windows):
         return ()
     model = scenario_execution(scenario, base)
-    held = with_window_holds(tpg, model)
+    held = with_model_holds(tpg, model)
     nominal = ExecutionModel(SkillDurations({}), model.policy, model.messages)
     try:
         run = Simulator(held, nominal).run(seed=scenario.seed)

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.construction.fine_check.clearance import Progress, measure_clearances
+from benchmarks.construction.fine_check.clearance import measure_clearances
 from benchmarks.construction.fine_check.timed_motion import TimedMotion
 from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.world.fixed_world import PlannedTask
 from planning.construction.world.timeline import ObjectChange, RobotTimeline
-from planning.kinematics.kinematics import frame_in_flange
+from planning.progress import Progress
 from planning.transforms import Array, Transform, inverse
 from scheduling.witness.robot import WitnessRobot
 
@@ -194,6 +194,7 @@ def _skill_faults(
     last: str | None,
 ) -> Iterator[Fault]:
     """Yield what is wrong with a skill: who does it, for how long, and what changes in it."""
+    assert skill.object is not None
     kind = problem.cell.object(skill.object).kind
     nominal = problem.seconds.of(skill.kind, skill.robot, kind)
     name = f"{skill.kind} of {skill.object} by {skill.robot}"
@@ -216,7 +217,7 @@ def _grip_faults(
     """Yield a fault where the tool does not touch the part as one of its grips says."""
     assert change.holder is not None
     model = problem.cell.robot(change.holder).model
-    tool = frame_in_flange(model, problem.frame)
+    tool = model.frame_in_flange(problem.frame)
     touch = inverse(np.asarray(change.pose)) @ tool
     for grip in part.grips:
         near = float(np.linalg.norm(touch[:3, 3] - grip.touch[:3, 3])) < JUMP

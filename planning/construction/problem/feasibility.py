@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from planning.cell.workcell import start_state
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import (
     ReachBounds,
@@ -137,7 +136,7 @@ def require_free_supply(problem: ConstructionProblem) -> None:
         before[name] = item
     for robot in cell.robots:
         contact = SceneChecker(
-            cell, robot.name, start_state(cell), frozenset()
+            cell, robot.name, cell.start_state(), frozenset()
         ).contact(robot.home)
         if contact is not None:
             raise ConstructionError(

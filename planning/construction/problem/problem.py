@@ -23,7 +23,6 @@ from planning.contacts.touching import (
     nearby_entities,
     standing_fixtures,
 )
-from planning.kinematics.kinematics import frame_in_flange
 from planning.statics.standing import StabilityChecker, body_at, ground_bodies
 from planning.statics.standing_rules import StandingRules
 from planning.steps.skill import Pairs, contacts_with
@@ -263,5 +262,5 @@ class ConstructionProblem:
         self, robot: str, part: Part, grip: int, turn: float
     ) -> Transform:
         """Return the pose of a part's centre in the flange frame of the robot that holds it."""
-        tool = frame_in_flange(self.cell.robot(robot).model, self.frame)
+        tool = self.cell.robot(robot).model.frame_in_flange(self.frame)
         return read_only_copy(tool @ part.grips[grip].held(turn))

@@ -28,11 +28,7 @@ from planning.geometry.robot_bodies import entity_name
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.chain import joint_table
 from planning.kinematics.damped_least_squares import solve_from
-from planning.kinematics.kinematics import (
-    frame_in_flange,
-    frame_in_last_joint,
-    joint_poses_of,
-)
+from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import (
     Array,
     Transform,
@@ -99,7 +95,7 @@ class ReachSampler:
         self.robot = robot
         self.frame = frame
         self.mobile = robot.model.is_mobile
-        self._tip = np.ascontiguousarray(frame_in_last_joint(robot.model, frame))
+        self._tip = np.ascontiguousarray(robot.model.frame_in_last_joint(frame))
         self._table = _arm_table(robot.model, frame)
         self._to_base = inverse(robot.base)
 
@@ -218,7 +214,7 @@ def _arm_table(model: RobotModel, frame: str) -> _ArmTable:
             "be in its own way",
             choices=tuple(model.frames),
         )
-    tip = np.ascontiguousarray(frame_in_last_joint(model, frame))
+    tip = np.ascontiguousarray(model.frame_in_last_joint(frame))
     tool = np.array([joint_poses_of(alone, row)[-1] @ tip for row in q])
     along = model.chain.axis[-1] @ tip[:3, 2]
     spin = float(np.sign(along)) if abs(along) > 1.0 - 1e-9 else 0.0
@@ -227,7 +223,7 @@ def _arm_table(model: RobotModel, frame: str) -> _ArmTable:
 
 def _with_probe(robot: PlacedRobot, frame: str) -> SceneChecker:
     """Return a checker of a robot alone, holding an object as small as the parts."""
-    tool = frame_in_flange(robot.model, frame)
+    tool = robot.model.frame_in_flange(frame)
     size = read_only_copy(_PROBE)
     pose = tool @ translation(0.0, 0.0, 0.5 * _PROBE[2])
     probe = CellObject("probe", "probe", box_shape("probe", size), pose)

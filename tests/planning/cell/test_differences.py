@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,13 +18,13 @@ CELL = random_plan(3, 7).cell
 Change = Callable[[Workcell], Workcell]
 
 
-def _robot(**changes: object) -> Change:
+def _robot(**changes: Any) -> Change:
     return lambda cell: replace(
         cell, robots=(replace(cell.robots[0], **changes), *cell.robots[1:])
     )
 
 
-def _model(**changes: object) -> Change:
+def _model(**changes: Any) -> Change:
     return lambda cell: replace(
         cell,
         robots=(
@@ -33,7 +34,7 @@ def _model(**changes: object) -> Change:
     )
 
 
-def _object(**changes: object) -> Change:
+def _object(**changes: Any) -> Change:
     return lambda cell: replace(
         cell, objects=(replace(cell.objects[0], **changes), *cell.objects[1:])
     )

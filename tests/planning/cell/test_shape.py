@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planning.cell.body import ConvexBody
 from planning.cell.cover import box_body
 from planning.cell.shape import (
     Box,
@@ -17,7 +18,7 @@ from planning.cell.shape import (
     shape_of,
 )
 from planning.geometry.exact import hull_shape
-from planning.transforms import from_rpy
+from planning.transforms import Array, Transform, from_rpy
 from tests.planning.cell.round_forms import stands_out
 from twin.planning.shapes import build_shape
 from twin.scenario.sections.shapes import ShapeSection
@@ -34,13 +35,16 @@ poses = st.builds(
 )
 
 
-def surface(form, rng, count=400):
+def surface(
+    form: Box | Cylinder | Capsule, rng: np.random.Generator, count: int = 400
+) -> Array:
     """Return points of the surface of a form, by its definition."""
     to = rng.normal(size=(count, 3))
     to /= np.linalg.norm(to, axis=1, keepdims=True)
     if isinstance(form, Box):
         half = 0.5 * np.array(form.size)
-        return to / np.max(np.abs(to) / half, axis=1, keepdims=True)
+        to /= np.max(np.abs(to) / half, axis=1, keepdims=True)
+        return to
     around = to[:, :2] / np.linalg.norm(to[:, :2], axis=1, keepdims=True)
     high = rng.uniform(-0.5, 0.5, count) * form.length
     side = np.column_stack([form.radius * around, high])
@@ -52,9 +56,9 @@ def surface(form, rng, count=400):
     return np.vstack([side, np.column_stack([inner, np.sign(high) * form.length / 2])])
 
 
-def beyond(body, points):
+def beyond(body: ConvexBody, points: Array) -> float:
     """Return how far points are outside of a body at most."""
-    return max(
+    gaps = (
         coal.distance(
             hull_shape(body),
             coal.Transform3s(),
@@ -65,11 +69,14 @@ def beyond(body, points):
         )
         for point in points
     )
+    return float(max(gaps))
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(forms, poses), min_size=1, max_size=4), st.integers(0, 99))
-def test_pieces_contain_their_elements_and_stand_out_as_little_as_they_say(parts, seed):
+def test_pieces_contain_their_elements_and_stand_out_as_little_as_they_say(
+    parts: list[tuple[Box | Cylinder | Capsule, Transform]], seed: int
+) -> None:
     rng = np.random.default_rng(seed)
     shape = shape_of("part", [Element(form, pose) for form, pose in parts])
     assert len(shape.pieces) == len(parts)
@@ -113,7 +120,9 @@ def test_pieces_contain_their_elements_and_stand_out_as_little_as_they_say(parts
 @pytest.mark.parametrize(
     ("radius", "most"), [(0.001, 1e-4), (0.005, 1e-4), (0.015, 1e-4), (0.3, 7e-4)]
 )
-def test_round_sides_stand_out_by_a_tenth_of_a_millimetre(radius, most):
+def test_round_sides_stand_out_by_a_tenth_of_a_millimetre(
+    radius: float, most: float
+) -> None:
     bar = Cylinder(radius, 0.2)
     assert 0.0 < stands_out(bar) <= most
     # Its faces touch the round side: a bar lies on one of them as high as it should.
@@ -121,7 +130,7 @@ def test_round_sides_stand_out_by_a_tenth_of_a_millimetre(radius, most):
     assert stands_out(Capsule(radius, 0.1)) <= 0.042 * radius
 
 
-def test_a_box_is_as_it_was():
+def test_a_box_is_as_it_was() -> None:
     edges = np.array([0.0157, 0.0319, 0.0097])  # of no other test, so that both are new
     shape, body = box_shape("b", edges), box_body("b", edges)
     assert shape.is_box
@@ -131,7 +140,7 @@ def test_a_box_is_as_it_was():
     assert shape.volume == pytest.approx(edges.prod())
 
 
-def test_the_mass_of_a_compound_is_where_its_elements_are():
+def test_the_mass_of_a_compound_is_where_its_elements_are() -> None:
     section = ShapeSection.model_validate_json(
         '{"compound": [{"box": [0.1, 0.1, 0.1]},'
         ' {"cylinder": {"radius_m": 0.05, "length_m": 0.1}, "pose": {"xyz_m": [1, 0, 0]}},'
@@ -156,6 +165,6 @@ def test_the_mass_of_a_compound_is_where_its_elements_are():
     "text",
     ["{}", '{"box": [1, 1, 1], "mesh": "a.stl"}', '{"box": [1, 1, 1], "scale": 2.0}'],
 )
-def test_a_shape_is_one_thing(text):
+def test_a_shape_is_one_thing(text: str) -> None:
     with pytest.raises(ValueError, match=r"give one of|belong to a mesh"):
         ShapeSection.model_validate_json(text)

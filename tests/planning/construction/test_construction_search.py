@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from itertools import combinations, permutations
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from planning.construction.candidates import (
 )
 from planning.construction.motion_plan_export import motion_plan
 from planning.construction.planner import (
+    ConstructionSearch,
     PlacementRound,
     PlacementRounds,
     plan_construction,
@@ -149,7 +151,7 @@ def test_placements_are_taken_back_for_a_part_that_was_built_in(
     effort: PlannerSettings,
 ) -> None:
     plan = plan_construction(toy_problem(CHEST, 2, seed=3), effort)
-    order = [w.object for w in plan.building.work if w.holder is None]
+    order = [str(w.object) for w in plan.building.work if w.holder is None]
     assert sorted(order) == ["chest", "post1", "post2", "slab"]
     assert plan.rewound >= 1
     assert {f.part.name for f in plan.failures} == {"chest"}
@@ -443,9 +445,14 @@ class Told:
         return Solution(replace(building, placed=placed), 0.0, loss)
 
 
+def rounds_of(told: Told, search: SearchSettings) -> PlacementRounds:
+    """Return rounds that ask a table instead of a search."""
+    return PlacementRounds(cast(ConstructionSearch, told), search)
+
+
 def planned(told: Told, search: SearchSettings) -> list[PlacementRound]:
     """All rounds, up to one in which a part could not be placed."""
-    rounds, now, out = PlacementRounds(told, search), initial_build_state(PROBLEM), []
+    rounds, now, out = rounds_of(told, search), initial_build_state(PROBLEM), []
     while len(now.placed) < PARTS:
         out.append(rounds.next(now))
         if out[-1].stuck is not None:
@@ -507,7 +514,7 @@ def test_robots_with_nothing_left_to_do_lose_time() -> None:
     home = np.tile(PROBLEM.cell.robots[0].home, (2, 1))
     start = initial_build_state(PROBLEM).moved(PROBLEM.team[0], stand, home)
     told = Told(np.zeros((PARTS, 1)))
-    rounds = PlacementRounds(told, SearchSettings(tries=1))
+    rounds = rounds_of(told, SearchSettings(tries=1))
     first = rounds.next(start)
     assert first.lost == 0.0
     last = rounds.next(first.states[-1])

@@ -13,7 +13,7 @@ from planning.construction.paths.query import SpaceTimePath
 from planning.construction.paths.rrt import space_time_rrt
 from planning.construction.problem.settings import RrtSettings
 from planning.construction.world.fixed_world import FixedWorld, PlannedTask
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import TaskKind
 from planning.transforms import Array
 
 PLAIN = RrtSettings(
@@ -32,7 +32,7 @@ PLAIN = RrtSettings(
 def with_task(world: FixedWorld, task: PlannedTask, *, work: bool = True) -> FixedWorld:
     """The world after one more task; without ``work`` it is a way out of others' way."""
     line = world.robots[task.robot].then(
-        task.time, task.path, skill=task.kind != TRANSIT, work=work
+        task.time, task.path, skill=task.kind != TaskKind.TRANSIT, work=work
     )
     world = world.with_robot(line)
     for handling in task.handlings:

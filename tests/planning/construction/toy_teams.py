@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -104,18 +104,14 @@ def slider(size: tuple[float, float, float] = (0.3, 0.3, 0.3)) -> RobotModel:
 @cache
 def rover() -> RobotModel:
     """A long box on the plane that turns: x, y and yaw, and an arm of two joints on top."""
-    turn = {"reach": 3.1, "velocity": 1.0}
+    turning = partial(_Joint, "revolute", "0 0 1", reach=3.1, velocity=1.0)
     return _model(
         "rover",
         [
             _Joint("prismatic", "1 0 0", "slide_x"),
             _Joint("prismatic", "0 1 0", "slide_y"),
-            _Joint(
-                "revolute", "0 0 1", "chassis", (("0.6 0.3 0.3", "0 0 0.16"),), **turn
-            ),
-            _Joint(
-                "revolute", "0 0 1", "upper", (("0.1 0.1 0.5", "0 0 0.57"),), **turn
-            ),
+            turning("chassis", (("0.6 0.3 0.3", "0 0 0.16"),)),
+            turning("upper", (("0.1 0.1 0.5", "0 0 0.57"),)),
             _Joint(
                 "revolute",
                 "0 1 0",

@@ -33,7 +33,7 @@ from planning.contacts.interference import (
 from planning.contacts.play import ISO_9283, Play, play_in_place
 from planning.contacts.surface_depth import ConvexSolid, deepest_point, winding_number
 from planning.contacts.touching import PlacedObject, nearby_entities
-from planning.transforms import Array, Transform, from_rpy, translation
+from planning.transforms import Array, Indices, Transform, from_rpy, translation
 
 edges = st.tuples(*[st.floats(0.02, 0.3)] * 3)
 places = st.tuples(*[st.floats(-0.4, 0.4)] * 3)
@@ -107,7 +107,7 @@ def thing(form: Form | Shape, pose: Transform = UPRIGHT) -> PlacedObject:
     return Fixture("own", own, pose), pose
 
 
-def mesh_of(pieces: list[Array], faces: Array, vertices: Array) -> Mesh:
+def mesh_of(pieces: list[Array], faces: Indices, vertices: Array) -> Mesh:
     return Mesh(vertices, faces, tuple(pieces), 1e-6, np.zeros(3))
 
 
@@ -235,6 +235,7 @@ def test_a_hollow_that_a_piece_fills_is_still_hollow() -> None:
         ),
     ]
     body = trimesh.util.concatenate(parts)
+    assert isinstance(body, trimesh.Trimesh)
     vertices = np.asarray(body.vertices)
     channel = thing(mesh_of([vertices], np.asarray(body.faces), vertices))
     key = Box((0.0198, 0.02, 0.02))
@@ -382,8 +383,8 @@ def test_play_is_that_between_walls_and_words_say_which() -> None:
         found = play_in_place(key, {"slot": slot(0.0204, walls)}, DOWN)
         assert found is not None
         assert found.words == words
-    for walls in (("left",), ("left", "front")):
-        assert play_in_place(key, {"slot": slot(0.0204, walls)}, DOWN) is None
+    for few in (("left",), ("left", "front")):
+        assert play_in_place(key, {"slot": slot(0.0204, few)}, DOWN) is None
     assert play_in_place(key, {"slot": slot(0.0304)}, DOWN) is None
 
 
@@ -409,7 +410,7 @@ def test_the_chance_is_the_share_of_drawn_positions_that_fit(
     stated = away.mean() + 3.0 * away.std()
     assert stated == pytest.approx(repeatability, rel=0.01)
     room, off = 0.0003, np.array([0.0001, 0.00005])
-    peg = thing(Cylinder(0.005 - room, 0.03), translation(*off, 0.0))
+    peg = thing(Cylinder(0.005 - room, 0.03), translation(off[0], off[1], 0.0))
     found = play_in_place(peg, {"block": thing(bored(0.005, 48, 0.02, 0.02))}, DOWN)
     assert found is not None
     fits = np.linalg.norm(drawn[:, :2] + off, axis=1) <= room

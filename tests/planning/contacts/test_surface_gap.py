@@ -14,7 +14,7 @@ from planning.contacts.interference import forms_overlap_depth, overlap_depth
 from planning.contacts.play import _across, _free_of_surface, play_in_place
 from planning.contacts.surface_gap import free_distance, surface_gap
 from planning.meshes.mesh_form import mesh_form
-from planning.transforms import Array, Transform, from_rpy, translation
+from planning.transforms import Array, Indices, Transform, from_rpy, translation
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -22,12 +22,14 @@ DOWN = np.array([0.0, 0.0, -1.0])
 def polygon(radii: list[float], turn: float = 0.0) -> Array:
     """Return a polygon around the origin with corners at some distances, shape (n, 2)."""
     angles = turn + 2.0 * math.pi * np.arange(len(radii)) / len(radii)
-    return np.column_stack([np.cos(angles), np.sin(angles)]) * np.array(radii)[:, None]
+    out: Array = np.column_stack([np.cos(angles), np.sin(angles)])
+    out *= np.array(radii)[:, None]
+    return out
 
 
 def raised(
     outline: Array, low: float, high: float, hole: Array | None = None
-) -> tuple[Array, Array]:
+) -> tuple[Array, Indices]:
     """Return vertices and faces of a prism over a polygon around the origin, or over what is around a hole."""
     n = len(outline)
     loops = [outline] if hole is None else [outline, hole]
@@ -51,7 +53,7 @@ def raised(
     return np.vstack(points), np.array(faces)
 
 
-def surface(vertices: Array, faces: Array) -> Mesh:
+def surface(vertices: Array, faces: Indices) -> Mesh:
     return Mesh(vertices, faces, (vertices,), 1.0, np.zeros(3))
 
 
@@ -124,7 +126,7 @@ def test_what_is_inside_or_meets_has_no_gap() -> None:
     assert free_distance(Element(ball, here), away, DOWN, 0.1) == math.inf
 
 
-def written(path: Path, vertices: Array, faces: Array) -> Mesh:
+def written(path: Path, vertices: Array, faces: Indices) -> Mesh:
     lines = [f"v {x:.7f} {y:.7f} {z:.7f}" for x, y, z in vertices.tolist()]
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces.tolist()]
     path.write_text("\n".join(lines))

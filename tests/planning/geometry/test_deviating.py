@@ -75,11 +75,12 @@ def test_no_body_is_further_off_than_its_bound(model: str, seed: int) -> None:
     reference = WitnessRobot(robot)
     frames, tried = reference.joint_frames_along(path), 0
     off = np.tile([ERROR.m, ERROR.rad], (len(path) - 1, 1))
-    links, proved = DeviatingLinks(reference, frames, off), {}
+    links = DeviatingLinks(reference, frames, off)
+    proved: dict[int, float] = {}
     for part in reference.parts:
         far = links.deviates(part)
-        most = 0.0 if far is None else float(far.max())
-        proved[part.joint] = max(most, proved.get(part.joint, 0.0))
+        reach = 0.0 if far is None else float(far.max())
+        proved[part.joint] = max(reach, proved.get(part.joint, 0.0))
     most = np.zeros(len(solids))
     for q in path:
         for _ in range(40):
@@ -89,10 +90,10 @@ def test_no_body_is_further_off_than_its_bound(model: str, seed: int) -> None:
                 most = np.maximum(most, moved(robot, solids, q, other))
     assert tried > 100
     assert np.all(most <= bounds + 1e-9)
-    for joint, far in proved.items():
+    for joint, reach in proved.items():
         own = np.array([solid.joint == joint for solid in solids])
-        assert most[own].max() <= far + 1e-9
-        assert far <= bounds[own].max() * 1.001
+        assert most[own].max() <= reach + 1e-9
+        assert reach <= bounds[own].max() * 1.001
     moving = bounds > 0.0
     assert np.all(most[moving] >= 0.2 * bounds[moving])
 

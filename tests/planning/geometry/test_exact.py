@@ -1,6 +1,7 @@
 """Distances of what moves and what stands: the bisection and segments against dense sampling, gaps of hulls that are known."""
 
 from collections.abc import Callable
+from typing import Any
 
 import coal
 import numpy as np
@@ -36,7 +37,8 @@ def _sampled(
     """Return the least sampled distance and how far it can be from the true least one."""
     least, reach_a, reach_b = np.inf, 0.0, 0.0
     times = np.linspace(0, 1, samples + 1)
-    poses_a, poses_b = [], []
+    poses_a: list[tuple[Any, float]] = []
+    poses_b: list[tuple[Any, float]] = []
     for t0, t1 in zip(times, times[1:], strict=False):
         for solid, ends, poses in ((a, a_ends, poses_a), (b, b_ends, poses_b)):
             q0 = ends[0] + t0 * (ends[1] - ends[0])
@@ -63,7 +65,9 @@ def test_bisection_agrees_with_sampling(
     ends_b = rng.uniform(-0.6, 0.6, 4) + rng.uniform(-0.2, 0.2, (2, 4))
     least, reach = _sampled(a, ends_a, b, ends_b, 24)
     for clearance in (0.0, 0.001, 0.02, 0.1):
-        found = may_come_close(a, *ends_a, b, *ends_b, clearance)
+        found = may_come_close(
+            a, ends_a[0], ends_a[1], b, ends_b[0], ends_b[1], clearance
+        )
         if least < clearance:
             assert found
         if least - reach > clearance + TOLERANCE:

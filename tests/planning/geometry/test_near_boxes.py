@@ -3,6 +3,8 @@
 A thing of several pieces is in the way exactly as its pieces would be, one by one.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -23,21 +25,25 @@ from planning.geometry.scene_checker import SceneChecker
 from planning.geometry.standing import stand_boxes
 from planning.geometry.swept import boxes_in_reach, make_swept
 from planning.robots.registry import robot_model
-from planning.transforms import from_rpy, read_only_copy, translation
+from planning.transforms import Array, Transform, from_rpy, read_only_copy, translation
 
 MODEL = robot_model("gp4")
 ROBOT = PlacedRobot("arm", MODEL, read_only_copy(np.eye(4)), MODEL.home)
 OTHER = PlacedRobot("other", MODEL, read_only_copy(translation(0.8, 0, 0)), MODEL.home)
 
 
-def brick(name, x, y, z):
+def brick(name: str, x: float, y: float, z: float) -> CellObject:
     size = read_only_copy([0.016, 0.032, 0.0096])
     return CellObject(
         name, "2x4", box_shape(name, size), read_only_copy(translation(x, y, z))
     )
 
 
-def checker(items, allowed=frozenset(), held=None):
+def checker(
+    items: Sequence[CellObject],
+    allowed: frozenset[frozenset[str]] = frozenset(),
+    held: str | None = None,
+) -> SceneChecker:
     state = WorldState(
         {"arm": MODEL.home, "other": MODEL.home},
         {
@@ -55,7 +61,9 @@ places = st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(0, 0.7)
 
 @settings(max_examples=40, deadline=None)
 @given(turns, turns, st.lists(places, min_size=1, max_size=40, unique=True))
-def test_whoever_touches_is_in_reach(first, last, where):
+def test_whoever_touches_is_in_reach(
+    first: list[float], last: list[float], where: list[tuple[float, float, float]]
+) -> None:
     """Bricks left out one and all do not change what a checker finds."""
     path = np.array([MODEL.home + first, MODEL.home + last])
     items = [brick(f"b{k}", *p) for k, p in enumerate(where)]
@@ -77,7 +85,9 @@ def test_whoever_touches_is_in_reach(first, last, where):
 
 @settings(max_examples=25, deadline=None)
 @given(turns, st.booleans())
-def test_other_allowed_contacts_make_the_same_checker_as_a_new_one(turn, held):
+def test_other_allowed_contacts_make_the_same_checker_as_a_new_one(
+    turn: list[float], held: bool
+) -> None:
     """A brick right at the tool's tip: in the way, unless the two may touch."""
     q = MODEL.home + np.array(turn)
     tip = robot_tip(MODEL.home)
@@ -95,7 +105,9 @@ def test_other_allowed_contacts_make_the_same_checker_as_a_new_one(turn, held):
 
 @settings(max_examples=40, deadline=None)
 @given(turns, st.lists(places, min_size=17, max_size=60, unique=True))
-def test_many_boxes_are_each_looked_at(turn, where):
+def test_many_boxes_are_each_looked_at(
+    turn: list[float], where: list[tuple[float, float, float]]
+) -> None:
     """Boxes are passed by in groups: what is found among many is what is found of each alone."""
     path = np.array([MODEL.home, MODEL.home + np.array(turn)])
     items = [brick(f"b{k}", *p) for k, p in enumerate(where)]
@@ -106,7 +118,7 @@ def test_many_boxes_are_each_looked_at(turn, where):
     assert found in hit
 
 
-def robot_tip(q):
+def robot_tip(q: Array) -> Array:
     from planning.kinematics.kinematics import frame_pose
 
     return frame_pose(ROBOT, q, "tool")[:3, 3]
@@ -115,8 +127,8 @@ def robot_tip(q):
 @settings(max_examples=25, deadline=None)
 @given(turns, st.lists(places, min_size=3, max_size=12, unique=True), st.booleans())
 def test_a_checker_without_some_bricks_is_the_one_that_never_had_them(
-    turn, where, allow
-):
+    turn: list[float], where: list[tuple[float, float, float]], allow: bool
+) -> None:
     path = np.array([MODEL.home, MODEL.home + np.array(turn)])
     tip = robot_tip(MODEL.home)
     items = [brick(f"b{k}", *p) for k, p in enumerate(where)]
@@ -134,7 +146,7 @@ def test_a_checker_without_some_bricks_is_the_one_that_never_had_them(
     assert not full.configuration_free(MODEL.home)
 
 
-def test_objects_that_move_are_seen_where_they_are_now():
+def test_objects_that_move_are_seen_where_they_are_now() -> None:
     """The same mapping with another place in it is another scene."""
     item = brick("near", *robot_tip(MODEL.home))
     cell = Workcell((ROBOT, OTHER), (), (item,), Clearances(0.001, 0.0))
@@ -173,7 +185,14 @@ spots = st.builds(
 )  # fmt: skip
 
 
-def answers(things, fixtures, start, end, held=None, allowed=frozenset()):
+def answers(
+    things: tuple[CellObject, ...],
+    fixtures: tuple[Fixture, ...],
+    start: Array,
+    end: Array,
+    held: str | None = None,
+    allowed: frozenset[frozenset[str]] = frozenset(),
+) -> tuple[tuple[bool, bool], float | None]:
     cell = Workcell((ROBOT, SECOND), fixtures, things)
     state = WorldState(
         {"arm": MODEL.home, "other": MODEL.home},
@@ -190,7 +209,9 @@ def answers(things, fixtures, start, end, held=None, allowed=frozenset()):
     return free, None if contact is None else contact.distance - contact.limit
 
 
-def whole_and_apart(name, items, pose):
+def whole_and_apart(
+    name: str, items: Sequence[Element], pose: Transform
+) -> tuple[CellObject, tuple[CellObject, ...]]:
     """The thing as one, and its pieces as things of their own."""
     one = CellObject(name, "thing", shape_of(name, items), pose)
     apart = tuple(
@@ -202,7 +223,9 @@ def whole_and_apart(name, items, pose):
 
 @settings(max_examples=40, deadline=None)
 @given(elements, spots, steps, steps)
-def test_at_rest(items, pose, first, second):
+def test_at_rest(
+    items: list[Element], pose: Transform, first: Array, second: Array
+) -> None:
     one, apart = whole_and_apart("thing", items, pose)
     start, end = MODEL.home + first, MODEL.home + second
     assert answers((one,), (), start, end) == answers(apart, (), start, end)
@@ -221,7 +244,15 @@ def test_at_rest(items, pose, first, second):
 @settings(max_examples=30, deadline=None)
 @given(elements, poses, spots, elements, steps, steps)
 @pytest.mark.parametrize("holder", ["arm", "other"])
-def test_in_a_hand(holder, items, grip, pose, around, first, second):
+def test_in_a_hand(
+    holder: str,
+    items: list[Element],
+    grip: Transform,
+    pose: Transform,
+    around: list[Element],
+    first: Array,
+    second: Array,
+) -> None:
     one, apart = whole_and_apart("held", items, grip)
     rest, rests = whole_and_apart("thing", around, pose)
     start, end = MODEL.home + first, MODEL.home + second

@@ -65,7 +65,9 @@ states = st.tuples(
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(states, min_size=1, max_size=12))
-def test_following_is_sorting_anew(run):
+def test_following_is_sorting_anew(
+    run: list[tuple[int, list[tuple[str | None, int] | None], tuple[Fixture, ...]]],
+) -> None:
     """Objects come, go, change hands, and other cells are asked about in between."""
     for count, where, fixtures in run:
         objects = OBJECTS[:count]
@@ -91,7 +93,7 @@ def test_following_is_sorting_anew(run):
         assert boxes.fixtures == len(fixtures)
 
 
-def test_boxes_left_out_and_the_first_ones():
+def test_boxes_left_out_and_the_first_ones() -> None:
     boxes = stand_boxes(
         (TABLE,), [p for i in OBJECTS for p in i.shape.placed(i.name, i.start)]
     )

@@ -26,7 +26,6 @@ from planning.grips.tool_grips import (
     robot_grips,
     tool_grips,
 )
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
 from planning.transforms import (
@@ -47,7 +46,7 @@ DOWN = rotation("x", np.pi)
 
 def fitted(tool: Tool, grip: ToolGrip) -> tuple[RobotModel, Transform]:
     model = replace(robot_model("ur5e", None, Fitting(tool=tool)), grip=grip)
-    return model, frame_in_last_joint(model, "tool")
+    return model, model.frame_in_last_joint("tool")
 
 
 def hand_shapes(fingers: int = 2) -> tuple[Element, ...]:
@@ -95,7 +94,7 @@ def first_touch(body: Array, piece: Array, closing: Array) -> float | None:
     cost[-1] = 1.0
     bounds = [(0.0, None)] * (n + m) + [(-1.0, 1.0)]
     found = linprog(cost, A_eq=rows, b_eq=[0, 0, 0, 1, 1], bounds=bounds)
-    return float(found.x[-1]) if found.status == 0 else None
+    return None if found.x is None else float(found.x[-1])
 
 
 def apart(first: Array, second: Array) -> float:
@@ -262,7 +261,7 @@ def test_four_cups_around_a_small_part_hold_nothing() -> None:
 def test_without_shapes_nothing_tells() -> None:
     """As of an arm whose description ends at its flange."""
     bare = replace(robot_model("ur5e"), grip=ToolGrip((0.0, 0.06), "hand"))
-    tip = frame_in_last_joint(bare, "tool")
+    tip = bare.frame_in_last_joint("tool")
     for suction in (False, True):
         assert (
             explain_not_held(bare, tip, "block", BLOCK, DOWN, suction=suction) is None

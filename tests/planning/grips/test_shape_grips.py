@@ -13,7 +13,9 @@ from planning.cell.shape import (
     Capsule,
     Cylinder,
     Element,
+    Form,
     Mesh,
+    Shape,
     box_shape,
     shape_of,
 )
@@ -21,7 +23,9 @@ from planning.grips.grip import GripRules, box_grips
 from planning.grips.shape_grips import part_grips
 from planning.meshes.convex_pieces import cut_convex
 from planning.meshes.mesh_file import MeshTriangles
-from planning.transforms import from_rpy, identity, translation
+from planning.transforms import Array, from_rpy, identity, translation
+
+Point = tuple[float, float, float]
 
 EYE = identity()
 ANY = GripRules(
@@ -29,23 +33,25 @@ ANY = GripRules(
 )
 
 
-def of(*forms):
+def of(*forms: Form) -> Shape:
     return shape_of("part", [Element(form, EYE) for form in forms])
 
 
-def of_mesh(mesh):
+def of_mesh(mesh: trimesh.Trimesh) -> Shape:
     triangles = MeshTriangles(np.array(mesh.vertices), np.array(mesh.faces))
     cut = cut_convex(triangles, 0.002)
     form = Mesh(triangles.vertices, triangles.faces, cut.hulls, cut.volume, cut.centre)
     return of(form)
 
 
-def tube(inner, outer, height):
-    return trimesh.creation.annulus(inner, outer, height, sections=24)
+def tube(inner: float, outer: float, height: float) -> trimesh.Trimesh:
+    made: trimesh.Trimesh
+    made = trimesh.creation.annulus(inner, outer, height, sections=24)
+    return made
 
 
 @given(*[st.floats(0.01, 0.3)] * 3)
-def test_boxes_keep_their_grips(x, y, z):
+def test_boxes_keep_their_grips(x: float, y: float, z: float) -> None:
     shape, rules = box_shape("b", (x, y, z)), GripRules(tilts=(0.0, 0.3))
     found = part_grips(shape, EYE, EYE, rules)
     for one, other in zip(found, box_grips(shape.size, EYE, EYE, rules), strict=True):
@@ -55,7 +61,9 @@ def test_boxes_keep_their_grips(x, y, z):
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(0.005, 0.03), st.floats(0.03, 0.3), st.booleans())
-def test_fingers_close_on_a_bar_across_its_axis_or_on_its_ends(radius, length, ends):
+def test_fingers_close_on_a_bar_across_its_axis_or_on_its_ends(
+    radius: float, length: float, ends: bool
+) -> None:
     shape = of(Capsule(radius, length) if ends else Cylinder(radius, length))
     found = part_grips(shape, EYE, EYE, ANY)
     full = length + 2 * radius * ends
@@ -79,13 +87,15 @@ def test_fingers_close_on_a_bar_across_its_axis_or_on_its_ends(radius, length, e
 
 
 @pytest.mark.parametrize("positions", [1, 2, 3, 4])
-def test_an_upright_peg_is_gripped_however_many_places_are_tried(positions):
+def test_an_upright_peg_is_gripped_however_many_places_are_tried(
+    positions: int,
+) -> None:
     rules = GripRules(positions=positions, end_margin=0.001, opening=0.02, depth=0.008)
     assert part_grips(of(Cylinder(0.004, 0.03)), EYE, EYE, rules)
 
 
 @pytest.mark.parametrize(("around", "tools"), [(90, 2 * 4), (45, 2 * 8), (30, 2 * 12)])
-def test_a_finer_angle_gives_more_sides_of_a_bar(around, tools):
+def test_a_finer_angle_gives_more_sides_of_a_bar(around: float, tools: int) -> None:
     rules = GripRules(steepest=np.pi, positions=1, around=np.radians(around))
     found = part_grips(of(Cylinder(0.01, 0.2)), EYE, EYE, rules)
     aside = [g for g in found if abs(g.pose[2, 2]) < 0.5]
@@ -107,7 +117,9 @@ def test_a_finer_angle_gives_more_sides_of_a_bar(around, tools):
         max_size=4,
     )
 )
-def test_what_is_known_of_one_pose_makes_no_difference_for_another(ways):
+def test_what_is_known_of_one_pose_makes_no_difference_for_another(
+    ways: list[tuple[Point, Point, Point, Point]],
+) -> None:
     bar = Cylinder(0.01, 0.2)
     rules = GripRules(positions=2, steepest=np.radians(60), opening=0.04)
     shape = of(bar)
@@ -119,7 +131,7 @@ def test_what_is_known_of_one_pose_makes_no_difference_for_another(ways):
             assert np.array_equal(one.pose, other.pose)
 
 
-def interval(mesh, at, closing):
+def interval(mesh: trimesh.Trimesh, at: Array, closing: Array) -> tuple[float, float]:
     """Return how far the triangles of a mesh are from a point, both ways along a line."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
@@ -142,7 +154,7 @@ def interval(mesh, at, closing):
     ],
     ids=["tube", "bar", "torus"],
 )
-def test_fingers_meet_a_mesh_on_both_sides(mesh):
+def test_fingers_meet_a_mesh_on_both_sides(mesh: trimesh.Trimesh) -> None:
     """Oracle: the triangles themselves tell how wide the mesh is between the fingers."""
     shape = of_mesh(mesh)
     found = part_grips(shape, EYE, EYE, ANY)
@@ -153,7 +165,7 @@ def test_fingers_meet_a_mesh_on_both_sides(mesh):
         assert abs(one - other) <= 4e-3
 
 
-def test_a_wall_of_a_tube_is_gripped_only_where_a_finger_has_room_inside():
+def test_a_wall_of_a_tube_is_gripped_only_where_a_finger_has_room_inside() -> None:
     down = GripRules(opening=0.02, finger_width=0.01)
     assert part_grips(of_mesh(tube(0.04, 0.05, 0.03)), EYE, EYE, down)
     # 18 mm of wall would fit, but not a finger beside it: the hole is 24 mm wide.
@@ -162,7 +174,9 @@ def test_a_wall_of_a_tube_is_gripped_only_where_a_finger_has_room_inside():
 
 
 @pytest.mark.parametrize(("opening", "held"), [(0.03, True), (0.018, False)])
-def test_a_ring_is_gripped_from_outside_across_its_hole(opening, held):
+def test_a_ring_is_gripped_from_outside_across_its_hole(
+    opening: float, held: bool
+) -> None:
     """A nut 20 mm wide has a hole in which no finger has room; its width must be open."""
     rules = GripRules(opening=opening, depth=0.006, finger_width=0.01)
     found = part_grips(of_mesh(tube(0.006, 0.01, 0.01)), EYE, EYE, rules)
@@ -173,7 +187,9 @@ def test_a_ring_is_gripped_from_outside_across_its_hole(opening, held):
 
 
 @pytest.mark.parametrize(("gap", "there"), [(0.012, False), (0.02, True)])
-def test_nothing_else_of_a_part_is_where_fingers_come_down(gap, there):
+def test_nothing_else_of_a_part_is_where_fingers_come_down(
+    gap: float, there: bool
+) -> None:
     """A post between two others: fingers fit around it only where they are far enough away."""
     post, rules = Box((0.02, 0.02, 0.06)), GripRules(opening=0.03, positions=1)
     beside = (translation(0, k * (0.02 + gap), 0) for k in (-1, 0, 1))
@@ -193,7 +209,7 @@ def test_nothing_else_of_a_part_is_where_fingers_come_down(gap, there):
     ],
     ids=["box", "disc", "pin", "ball"],
 )
-def test_a_cup_needs_a_flat_spot(shape, there):
+def test_a_cup_needs_a_flat_spot(shape: Shape, there: bool) -> None:
     rules = GripRules(suction=True, cup=0.01)
     found = part_grips(shape, EYE, EYE, rules)
     assert bool(found) == there

@@ -1,5 +1,6 @@
 """A skill tried in a scene that is cleared as it goes, against one built anew every time."""
 
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -19,11 +20,13 @@ from planning.cell.workcell import (
 from planning.geometry.exact import resting_solid
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import BodyPair
+from planning.geometry.standing import StandingBoxes
 from planning.handling.skill_contacts import SkillContacts, ToolContact
 from planning.handling.skill_scene import SkillScene
 from planning.handling.skill_targets import SkillTargets, Subgoal, skill_postures
 from planning.handling.skill_trial import (
     PathObstacle,
+    ResolvedSkill,
     SkillTrial,
     find_obstruction,
     resolve_skill,
@@ -31,7 +34,7 @@ from planning.handling.skill_trial import (
 from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.robots.registry import robot_model
 from planning.steps.skill import Obstruction, SkillPath, contacts_with
-from planning.transforms import read_only_copy, translation
+from planning.transforms import Transform, read_only_copy, translation
 
 MODEL = robot_model("gp4")
 ROBOT = PlacedRobot("arm", MODEL, read_only_copy(np.eye(4)), MODEL.home)
@@ -49,7 +52,7 @@ WAY = MODEL.home + np.array(
 )
 
 
-def item(name, pose):
+def item(name: str, pose: Transform) -> tuple[CellObject, Attachment]:
     size = read_only_copy([0.016, 0.032, 0.0096])
     return (
         CellObject(name, "2x4", box_shape(name, size), read_only_copy(pose)),
@@ -57,7 +60,9 @@ def item(name, pose):
     )
 
 
-def scene_on_the_way(where, *, change):
+def scene_on_the_way(
+    where: Sequence[tuple[float, float, float, float]], *, change: bool
+) -> tuple[SkillScene, SkillPath]:
     """Bricks around the tool on its way, and a part that is gripped half-way through."""
     objects = {}
     for k, (share, x, y, z) in enumerate(where):
@@ -78,12 +83,14 @@ def scene_on_the_way(where, *, change):
     return SkillScene(CELL, objects, home, contacts, handed), path
 
 
-def clear_by_hand(path, scene, loose):
+def clear_by_hand(
+    path: SkillPath, scene: SkillScene, loose: Collection[str]
+) -> tuple[Obstruction | None, list[str]]:
     """Take away one obstacle after another, and start all over again each time."""
-    gone = []
+    gone: list[str] = []
     while True:
         found = find_obstruction(path, scene)
-        if found is None or found.by not in loose:
+        if found is None or found.by is None or found.by not in loose:
             return found, gone
         gone.append(found.by)
         kept = {k: v for k, v in scene.objects.items() if k != found.by}
@@ -104,7 +111,9 @@ bricks = st.lists(
 
 @settings(max_examples=40, deadline=None)
 @given(bricks, st.booleans(), st.sets(st.integers(0, 7)))
-def test_going_on_is_starting_all_over_again(where, change, fast):
+def test_going_on_is_starting_all_over_again(
+    where: Sequence[tuple[float, float, float, float]], change: bool, fast: set[int]
+) -> None:
     scene, path = scene_on_the_way(where, change=change)
     loose = {f"b{k}" for k in range(8) if k not in fast}
     trial = SkillTrial(path, scene)
@@ -115,7 +124,7 @@ def test_going_on_is_starting_all_over_again(where, change, fast):
 
 
 @pytest.mark.parametrize("change", [False, True])
-def test_what_is_in_the_way_is_found_and_taken_away(change):
+def test_what_is_in_the_way_is_found_and_taken_away(change: bool) -> None:
     scene, path = scene_on_the_way([(0.5, 0, 0, 0), (2.5, 0, 0, 0)], change=change)
     trial = SkillTrial(path, scene)
     assert isinstance(trial.found, Obstruction)
@@ -125,29 +134,33 @@ def test_what_is_in_the_way_is_found_and_taken_away(change):
     assert trial.gone == ["b0", "b1"]
 
 
-def resolve_by_trials(ways, scene, loose):
+def resolve_by_trials(
+    ways: Iterable[SkillTargets], scene: SkillScene, loose: Collection[str]
+) -> ResolvedSkill | Obstruction:
     """Try every way in every posture; the reason is the most telling one of the first way."""
-    reason = None
+    reason: Obstruction | None = None
     for targets in ways:
         paths = list(skill_postures(ROBOT, targets))
         for taken in ((), loose):
-            trials = [
-                p if isinstance(p, Obstruction) else SkillTrial(p, scene) for p in paths
-            ]
-            left = [
-                t if isinstance(t, Obstruction) else t.remove_obstacles(taken)
-                for t in trials
-            ]
-            if None in left:
-                return trials[left.index(None)].resolved()
+            left = []
+            for path in paths:
+                if isinstance(path, Obstruction):
+                    left.append(path)
+                    continue
+                trial = SkillTrial(path, scene)
+                found = trial.remove_obstacles(taken)
+                if found is None:
+                    return trial.resolved()
+                left.append(found)
             most = next((found for found in left if found.by is not None), left[0])
             if most.by not in loose:
                 break
         reason = reason or most
+    assert reason is not None
     return reason
 
 
-def ways_along(shifts):
+def ways_along(shifts: Sequence[tuple[float, float]]) -> Iterator[SkillTargets]:
     """The skill of scene_on_the_way as poses of the tool, shifted a little."""
     for x, y in shifts:
         poses = [frame_pose(ROBOT, q, "tool") @ translation(x, y, 0.0) for q in WAY]
@@ -171,8 +184,12 @@ little = st.sampled_from([0.0, 0.005, -0.005, 0.02, -0.02, 0.05])
     *[st.sets(st.integers(0, 2))] * 3,
 )
 def test_what_refused_one_path_refuses_no_path_that_is_free(
-    where, shifts, fast, meant, leaning
-):
+    where: Sequence[tuple[float, float, float, float]],
+    shifts: Sequence[tuple[float, float]],
+    fast: set[int],
+    meant: set[int],
+    leaning: set[int],
+) -> None:
     scene, _ = scene_on_the_way(where, change=True)
     during = GRIP | contacts_with("arm/tool", [f"b{k}" for k in meant])
     tool = ToolContact(0.001, 0.003, frozenset(f"b{k}" for k in leaning))
@@ -184,13 +201,16 @@ def test_what_refused_one_path_refuses_no_path_that_is_free(
     if isinstance(expected, Obstruction):
         assert found == expected
     else:
+        assert isinstance(found, ResolvedSkill)
         assert (found.gone, found.touched) == (expected.gone, expected.touched)
         assert np.array_equal(found.path.waypoints, expected.path.waypoints)
 
 
 @pytest.mark.parametrize("at", [0, 1])
 @pytest.mark.parametrize("fast", [set(), {0}, {1}, {0, 1}])
-def test_a_way_beside_what_refused_the_first_one_is_found(at, fast):
+def test_a_way_beside_what_refused_the_first_one_is_found(
+    at: int, fast: set[int]
+) -> None:
     where = [(at, 0, 0, 0), (3, 0, 0, 0)]
     scene = replace(
         scene_on_the_way(where, change=False)[0],
@@ -210,7 +230,7 @@ def test_a_way_beside_what_refused_the_first_one_is_found(at, fast):
 
 
 @pytest.mark.parametrize("at", [0, 1])
-def test_what_may_be_gone_refuses_no_other_path(at):
+def test_what_may_be_gone_refuses_no_other_path(at: int) -> None:
     where = [(at, 0, 0, 0), (3, 0, 0, 0)]
     scene, _ = scene_on_the_way(where, change=False)
     scene = replace(scene, contacts=SkillContacts(NONE, NONE, NONE))
@@ -218,12 +238,15 @@ def test_what_may_be_gone_refuses_no_other_path(at):
         replace(targets, change_at=None) for targets in ways_along([(0, 0), (0.06, 0)])
     )
     other = replace(one, subgoals=(*one.subgoals[:-1], aside.subgoals[-1]))
-    assert resolve_skill(ROBOT, [one], scene, {"b0"}).by == "b1"
+    refused = resolve_skill(ROBOT, [one], scene, {"b0"})
+    assert isinstance(refused, Obstruction)
+    assert refused.by == "b1"
     found = resolve_skill(ROBOT, [one, other], scene, {"b0"})
+    assert isinstance(found, ResolvedSkill)
     assert found.gone == {"b0"}
 
 
-def test_what_refuses_poses_refuses_every_posture_through_them():
+def test_what_refuses_poses_refuses_every_posture_through_them() -> None:
     targets = next(ways_along([(0, 0)]))
     targets = replace(targets, subgoals=targets.subgoals[:2], change_at=None)
     paths = [p for p in skill_postures(ROBOT, targets) if isinstance(p, SkillPath)]
@@ -242,12 +265,18 @@ def test_what_refuses_poses_refuses_every_posture_through_them():
     assert refused == {MODEL.dof - 1}
 
 
-def test_a_brick_in_the_way_of_all_paths_is_looked_at_as_a_whole_once(monkeypatch):
+def test_a_brick_in_the_way_of_all_paths_is_looked_at_as_a_whole_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     scene, _ = scene_on_the_way([(0, 0, 0, 0)], change=True)
-    tried = []
-    monkeypatch.setattr(
-        SkillScene, "near", lambda *a, near=SkillScene.near: tried.append(a) or near(*a)
-    )
+    near, tried = SkillScene.near, []
+
+    def counted(scene: SkillScene, path: SkillPath) -> StandingBoxes:
+        tried.append(path)
+        return near(scene, path)
+
+    monkeypatch.setattr(SkillScene, "near", counted)
     found = resolve_skill(ROBOT, ways_along([(0, 0), (0.001, 0), (0, 0.001)]), scene)
+    assert isinstance(found, Obstruction)
     assert found.by == "b0"
     assert len(tried) == 1

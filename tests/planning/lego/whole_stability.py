@@ -101,8 +101,9 @@ def _least_pull(
     cost[-1] = 1.0
     found = linprog(cost, A_eq=matrix, b_eq=target, bounds=bounds)
     if found.status == 4:  # presolving leaves some in doubt
-        options = {"presolve": False}
-        found = linprog(cost, A_eq=matrix, b_eq=target, bounds=bounds, options=options)
+        found = linprog(
+            cost, A_eq=matrix, b_eq=target, bounds=bounds, options={"presolve": False}
+        )
     assert found.status in (0, 2), found.message
     if found.status == 2:
         return StabilityReport(math.inf, None)
@@ -110,5 +111,6 @@ def _least_pull(
     for c, marginal in zip(contacts, found.lower.marginals, strict=False):
         price[c.second or c.first or ""] += c.pull * marginal
     worst = max(price, key=lambda name: price[name] > 0.999999 * max(price.values()))
+    assert found.fun is not None
     score = 0.0 if found.fun < 1e-9 else float(found.fun)
     return StabilityReport(score, worst if score else None)

@@ -1,8 +1,10 @@
 """Meshes become convex pieces that contain them; what cannot be used is named with a remedy."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 import trimesh
 from hypothesis import assume, example, given, settings
@@ -11,6 +13,7 @@ from scipy.spatial import ConvexHull
 from trimesh.creation import annulus, box, icosphere
 
 from planning import caches
+from planning.cell.shape import Mesh
 from planning.errors import ShapeError
 from planning.meshes import mesh_form as module
 from planning.meshes.convex_pieces import _outside
@@ -20,32 +23,36 @@ from planning.transforms import Array, Indices, from_rpy
 
 
 @pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(caches, "LEAST_SECONDS_TO_CACHE", 0.0)
     monkeypatch.setattr(module, "_FORMS", caches.BoundedCache(64))
 
 
-def written(mesh, path):
+def written(mesh: trimesh.parent.Geometry, path: Path) -> Path:
     mesh.export(path)
     return path
 
 
-def tray():
+def tray() -> trimesh.Trimesh:
     """Five boxes that touch, as a CAD program writes them: two walls end at the others."""
     walls = [box((0.12, 0.08, 0.004))]
     for x in (-0.058, 0.058):
         walls.append(box((0.004, 0.08, 0.04)).apply_translation((x, 0, 0.02)))
     for y in (-0.038, 0.038):
         walls.append(box((0.12, 0.004, 0.04)).apply_translation((0, y, 0.02)))
-    return trimesh.util.concatenate(walls)
+    whole = trimesh.util.concatenate(walls)
+    assert isinstance(whole, trimesh.Trimesh)
+    return whole
 
 
-def ring(sections=24):
-    return annulus(r_min=0.02, r_max=0.04, height=0.03, sections=sections)
+def ring(sections: int = 24) -> trimesh.Trimesh:
+    made: trimesh.Trimesh
+    made = annulus(r_min=0.02, r_max=0.04, height=0.03, sections=sections)
+    return made
 
 
-def with_holes(mesh, *gone):
+def with_holes(mesh: trimesh.Trimesh, *gone: int) -> trimesh.Trimesh:
     keep = np.ones(len(mesh.faces), bool)
     keep[list(gone)] = False
     mesh = mesh.copy()
@@ -53,7 +60,7 @@ def with_holes(mesh, *gone):
     return mesh
 
 
-def beyond(form, points):
+def beyond(form: Mesh, points: Array) -> float:
     return float(np.min([_outside(hull, points) for hull in form.hulls], axis=0).max())
 
 
@@ -63,7 +70,9 @@ def beyond(form, points):
     [(box((0.1, 0.2, 0.3)), 1), (icosphere(2, 0.02), 1), (tray(), 5)],
     ids=["box", "ball", "tray"],
 )
-def test_convex_bodies_are_their_hulls(mesh, pieces, suffix, tmp_path):
+def test_convex_bodies_are_their_hulls(
+    mesh: trimesh.Trimesh, pieces: int, suffix: str, tmp_path: Path
+) -> None:
     form = mesh_form(written(mesh, tmp_path / f"part{suffix}"))
     assert len(form.hulls) == pieces
     assert len(form.faces) == len(mesh.faces)
@@ -73,7 +82,9 @@ def test_convex_bodies_are_their_hulls(mesh, pieces, suffix, tmp_path):
     assert beyond(form, points) <= 1e-6
 
 
-def test_pieces_of_a_ring_contain_it_and_leave_its_hole_open(tmp_path, monkeypatch):
+def test_pieces_of_a_ring_contain_it_and_leave_its_hole_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     mesh = ring()
     file = written(mesh, tmp_path / "ring.stl")
     form = mesh_form(file)
@@ -86,7 +97,7 @@ def test_pieces_of_a_ring_contain_it_and_leave_its_hole_open(tmp_path, monkeypat
     assert form.volume == pytest.approx(mesh.volume, rel=1e-4)
 
     # The next time they are remembered, also for a copy of the file.
-    def never(*_):
+    def never(*_: object) -> None:
         raise AssertionError("cut again")
 
     monkeypatch.setattr(module, "cut_convex", never)
@@ -98,7 +109,7 @@ def test_pieces_of_a_ring_contain_it_and_leave_its_hole_open(tmp_path, monkeypat
         mesh_form(file, within=0.004)
 
 
-def test_millimetres_and_holes(tmp_path):
+def test_millimetres_and_holes(tmp_path: Path) -> None:
     big = with_holes(icosphere(2, 25.0), 3, 150, 300)
     form = mesh_form(written(big, tmp_path / "mm.stl"), 0.001)
     assert len(form.hulls) == 1
@@ -107,14 +118,14 @@ def test_millimetres_and_holes(tmp_path):
     assert form.volume == pytest.approx(whole, rel=0.05)
 
 
-def test_an_open_ring_is_closed(tmp_path):
+def test_an_open_ring_is_closed(tmp_path: Path) -> None:
     form = mesh_form(written(with_holes(ring(), 5, 17), tmp_path / "open.stl"))
     assert len(form.hulls) < 30
     points = trimesh.sample.sample_surface(ring(), 2000, seed=2)[0]
     assert beyond(form, points) <= 1e-3
 
 
-def test_a_fine_ball_has_few_corners_around_it(tmp_path):
+def test_a_fine_ball_has_few_corners_around_it(tmp_path: Path) -> None:
     mesh = icosphere(5, 0.02)
     form = mesh_form(written(mesh, tmp_path / "fine.stl"))
     (hull,) = form.hulls
@@ -123,7 +134,7 @@ def test_a_fine_ball_has_few_corners_around_it(tmp_path):
     assert np.linalg.norm(hull, axis=1).max() < 0.0225
 
 
-def stl(*triangles):
+def stl(*triangles: npt.ArrayLike) -> bytes:
     body = b"".join(
         struct.pack("<12fH", 0, 0, 0, *np.ravel(t).tolist(), 0) for t in triangles
     )
@@ -162,7 +173,9 @@ LINE = stl([(0, 0, 0), (1, 0, 0), (2, 0, 0)])
         ("a.stl", FLAT, r"a\.stl is flat, .*give the sheet a thickness"),
     ],
 )
-def test_useless_files_are_named_with_a_remedy(name, content, words, tmp_path):
+def test_useless_files_are_named_with_a_remedy(
+    name: str, content: bytes | None, words: str, tmp_path: Path
+) -> None:
     file = tmp_path / name
     if content is not None:
         file.write_bytes(content)
@@ -171,7 +184,7 @@ def test_useless_files_are_named_with_a_remedy(name, content, words, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["stl_ascii", "obj"])
-def test_names_in_any_encoding_do_no_harm(kind, tmp_path):
+def test_names_in_any_encoding_do_no_harm(kind: str, tmp_path: Path) -> None:
     text = trimesh.exchange.export.export_mesh(
         box((0.1, 0.2, 0.3)), None, file_type=kind
     )
@@ -194,7 +207,9 @@ def test_names_in_any_encoding_do_no_harm(kind, tmp_path):
         (5e-5, None, r"less than a tenth of a millimetre"),
     ],
 )
-def test_sizes_that_nothing_has_are_refused(edge, scale, words, tmp_path):
+def test_sizes_that_nothing_has_are_refused(
+    edge: float, scale: float | None, words: str, tmp_path: Path
+) -> None:
     file = written(box((edge,) * 3), tmp_path / "cube.stl")
     with pytest.raises(ShapeError, match=words):
         mesh_form(file, scale)
@@ -206,7 +221,7 @@ def test_sizes_that_nothing_has_are_refused(edge, scale, words, tmp_path):
         mesh_form(file)
 
 
-def test_too_many_pieces_ask_for_a_coarser_cut(tmp_path):
+def test_too_many_pieces_ask_for_a_coarser_cut(tmp_path: Path) -> None:
     grid = [
         box((0.01, 0.01, 0.01)).apply_translation((0.03 * i, 0.03 * j, 0.03 * k))
         for i in range(7)
@@ -294,7 +309,7 @@ def _inside(piece: Array, points: Array) -> Array:
     return np.asarray((points @ planes[:, :3].T + planes[:, 3]).max(axis=1) < 0.0)
 
 
-def _touch_in_an_edge(solid: Array) -> bool:
+def _touch_in_an_edge(solid: npt.NDArray[np.bool_]) -> bool:
     """Tell whether two cells have an edge in common and no face: four faces meet in it."""
     for one, other in ((0, 1), (0, 2), (1, 2)):
         moved = np.moveaxis(solid, (one, other), (0, 1))
@@ -304,7 +319,7 @@ def _touch_in_an_edge(solid: Array) -> bool:
     return False
 
 
-def _surface(solid: Array, sides: Array) -> tuple[Array, Indices]:
+def _surface(solid: npt.NDArray[np.bool_], sides: Array) -> tuple[Array, Indices]:
     """Return the surface of cells, two triangles a face, whose corners are shared."""
     quads = []
     for axis in range(3):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from planning.cell.shape import box_shape
-from planning.cell.workcell import CellObject, PlacedRobot, Workcell, start_state
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import TransitError
 from planning.geometry.scene_checker import Contact, SceneChecker
 from planning.kinematics.kinematics import frame_pose
@@ -24,7 +24,7 @@ from planning.motion.sequential import (
 from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
 from planning.robots.registry import robot_model
-from planning.tasks.task import TRANSIT, AllowedContact, Handling, StepTasks, Task
+from planning.tasks.task import AllowedContact, Handling, StepTasks, Task, TaskKind
 from planning.transforms import Array, from_rpy, inverse, translation
 
 SIZE = np.array([0.016, 0.032, 0.0096])
@@ -72,11 +72,11 @@ def _fetch(cell: Workcell, first: int, reach: Array = REACH) -> StepTasks:
     take = Handling("box", 1, "left", grip)
     ahead = robot.home + reach * 0.9
     tasks = (
-        Task(first, "left", TRANSIT, 1, "to box", ahead[None]),
+        Task(first, "left", TaskKind.TRANSIT, 1, "to box", ahead[None]),
         Task(
             first + 1, "left", "pick", 1, "pick box", np.array([here, lifted]), (take,)
         ),
-        Task(first + 2, "left", TRANSIT, 1, "HOME", robot.home[None]),
+        Task(first + 2, "left", TaskKind.TRANSIT, 1, "HOME", robot.home[None]),
     )
     contact = AllowedContact("left/tool", "box", frozenset(range(first, first + 3)))
     return StepTasks(1, tasks, ((first, first + 2),), (contact,))
@@ -109,7 +109,7 @@ def test_paths_join_times_rise_and_the_box_comes_along(cell: Workcell) -> None:
     assert np.max(np.diff(transit.time)) <= 0.05 + 1e-12
     rate = np.abs(np.diff(transit.path, axis=0)).sum(axis=1) / np.diff(transit.time)
     assert np.allclose(rate, 1.0)
-    checker = SceneChecker(cell, "left", start_state(cell))
+    checker = SceneChecker(cell, "left", cell.start_state())
     assert all(checker.motion_free(a, b) for a, b in pairwise(transit.path))
 
 
@@ -187,10 +187,10 @@ def _step(turning_cell: Workcell, wrists: list[list[float]]) -> StepTasks:
     home = turning_cell.robots[0].home
     tasks: list[Task] = []
     for wrist in wrists:
-        for kind, angles in ((TRANSIT, wrist[:1]), ("pick", wrist[1:])):
+        for kind, angles in ((TaskKind.TRANSIT, wrist[:1]), ("pick", wrist[1:])):
             path = np.array([[0.2, 0.5, 0.0, 0.1, -1.0, angle] for angle in angles])
             tasks.append(Task(len(tasks), "arm", kind, 1, kind, path))
-        tasks.append(Task(len(tasks), "arm", TRANSIT, 1, "HOME", home[None]))
+        tasks.append(Task(len(tasks), "arm", TaskKind.TRANSIT, 1, "HOME", home[None]))
     return StepTasks(1, tuple(tasks), (), ())
 
 

@@ -76,6 +76,7 @@ def test_the_same_seed_gives_the_same_path_whatever_ran_before() -> None:
     again = _planner().plan(world, _START, _GOAL, seed=3)
     other = _planner().plan(world, _START, _GOAL, seed=4)
     assert first is not None
+    assert again is not None
     assert np.array_equal(first, again)
     assert other is None or not np.array_equal(first, other)
 
@@ -96,6 +97,7 @@ def test_what_only_seems_free_is_gone_around(seed: int, count: int) -> None:
         assert np.array_equal(path[[0, -1]], [_START, _GOAL])
         assert all(world.motion_free(a, b) for a, b in pairwise(path))
         again = _planner().plan(seeming, _START, _GOAL, seed)
+        assert again is not None
         assert np.array_equal(path, again)
 
 

@@ -20,7 +20,14 @@ from planning.errors import InfeasibleStepError
 from planning.grips.grip import DOWN, UP, GripRules
 from planning.handling.skill_targets import STRIDE, SkillTargets
 from planning.kinematics.kinematics import frame_pose
-from planning.parts.assembly import PartAssembly, PartHandling, Process, Spot, Work
+from planning.parts.assembly import (
+    PartAssembly,
+    PartHandling,
+    PlacePart,
+    Process,
+    Spot,
+    Work,
+)
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.order import find_ordered_candidates, order_steps_by_search
 from planning.parts.part_skills import (
@@ -31,13 +38,14 @@ from planning.parts.part_skills import (
     place_targets,
     process_targets,
 )
+from planning.parts.part_steps import PartStep
 from planning.parts.step_paths import Pairing
 from planning.parts.work import part_work
 from planning.steps.candidate_collector import CandidateCollector
 from planning.steps.skill import Obstruction, Phase
 from planning.tasks.assignment import PrimaryCandidate, TaskPlan
 from planning.tasks.highs_solver import assign_steps
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import TaskKind
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, from_rpy, translation
 from tests.planning.parts.boxes import built, part, two_arms
@@ -87,7 +95,9 @@ def plan(found: PartCandidates) -> TaskPlan:
 def test_what_a_part_touches_is_found_from_the_poses(
     found: PartCandidates,
 ) -> None:
-    assert set(found.steps[2].at_start) == {"table"}
+    across = found.steps[2]
+    assert isinstance(across, PartStep)
+    assert set(across.at_start) == {"table"}
     assert set(found.steps[0].touched) == {"table"}
     assert set(found.steps[2].touched) == {"south", "north"}
     assert set(found.steps[3].touched) == {"table"}
@@ -100,6 +110,8 @@ def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
     assert {c.robot for c in plan.choices} == {"west", "east"}
     for item, (pick, place) in found.paths.unpaired.items():
         robot, step = found.cell.robot(item.robot), found.steps[item.step - 1]
+        assert isinstance(item, PrimaryCandidate)
+        assert isinstance(step, PartStep)
         grip = step.grips[item.grasp].pose
         for path, lying in ((pick, step.part.start), (place, step.place)):
             tool = frame_pose(robot, path.contact, "tool")
@@ -134,7 +146,14 @@ def test_a_step_carries_its_part_over_home(
     step = part_work(found).expand(plan, 3, 20)
     robot = found.cell.robot(plan[3].robot)
     kinds = [task.kind for task in step.tasks]
-    assert kinds == [TRANSIT, "pick", TRANSIT, TRANSIT, "place-down", TRANSIT]
+    assert kinds == [
+        TaskKind.TRANSIT,
+        "pick",
+        TaskKind.TRANSIT,
+        TaskKind.TRANSIT,
+        "place-down",
+        TaskKind.TRANSIT,
+    ]
     np.testing.assert_array_equal(step.tasks[2].path[-1], robot.home)
     np.testing.assert_array_equal(step.tasks[-1].path[-1], robot.home)
     (taken,), (put,) = step.tasks[1].handlings, step.tasks[4].handlings
@@ -257,15 +276,14 @@ def test_blocks_are_stacked_from_below_whatever_the_list(
         cell, built(goals, *(names[k] for k in listed))
     ).placed
     assert sorted(order) == names
-    for column in "ab":
-        assert [n for n in order if n[0] == column] == [
-            f"{column}{k}" for k in range(3)
-        ]
+    for first in "ab":
+        assert [n for n in order if n[0] == first] == [f"{first}{k}" for k in range(3)]
 
 
 def test_what_cannot_follow_is_explained() -> None:
     cell, assembly = two_arms_and_rods(), crossing("south", "north", "across")
     south, north, across = assembly.steps
+    assert isinstance(south, PlacePart)
     circle = replace(assembly, steps=(replace(south, after=("across",)), north, across))
     with pytest.raises(InfeasibleStepError, match="across rests on south"):
         order_steps_by_search(cell, circle)

@@ -160,7 +160,7 @@ def test_boxes_for_sequencing_are_around_the_bodies_and_close(name: str) -> None
         inside = (there[:, None] >= boxes[:, 0] - 1e-9) & (
             there[:, None] <= boxes[:, 1] + 1e-9
         )
-        assert inside.all(axis=2).any(axis=1).all()
+        assert np.all(inside, axis=2).any(axis=1).all()
         assert boxes[:, 0].min(axis=0) == pytest.approx(
             np.vstack([there, shape.pieces[0] @ pose[:3, :3].T + pose[:3, 3]]).min(
                 axis=0

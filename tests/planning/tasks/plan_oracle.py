@@ -82,7 +82,7 @@ def objective(problem: AssignmentProblem, plan: TaskPlan) -> float:
 
 def task_order(
     tasks: Sequence[Task], dependencies: Iterable[tuple[int, int]]
-) -> nx.DiGraph:
+) -> "nx.DiGraph[int]":
     """Return tasks by index, after what they wait for and after the one before of their robot."""
     graph = nx.DiGraph([(int(a), int(b)) for a, b in dependencies])
     for robot in {task.robot for task in tasks}:

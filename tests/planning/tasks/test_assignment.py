@@ -85,8 +85,8 @@ def problems(draw: st.DrawFn) -> AssignmentProblem:
     ]
     clashes = draw(st.sets(st.sampled_from(pairs), max_size=3)) if pairs else set()
     unlimited = draw(st.sets(st.sampled_from(objects), max_size=1))
-    for item in primaries:
-        unlimited -= item.after
+    for primary in primaries:
+        unlimited -= primary.after
     return AssignmentProblem(
         robots,
         tuple(f"step number {k}" for k in range(1, count + 1)),
@@ -361,7 +361,9 @@ def stacks_problem(seed: int, steps: int, stock: int, stack: int) -> AssignmentP
     rng = np.random.default_rng(seed)
     goal, base = rng.uniform(0.0, 1.0, steps), {"left": 0.0, "right": 1.0}
     source = np.repeat(rng.uniform(0.0, 1.0, stock), stack)[:stock]
-    primaries, supports, clashing = [], [], []
+    primaries: list[PrimaryCandidate] = []
+    supports: list[SupportCandidate] = []
+    clashing: list[tuple[int, int]] = []
     for step in range(1, steps + 1):
         for robot, x in base.items():
             supports.append(

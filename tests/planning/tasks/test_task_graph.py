@@ -42,9 +42,10 @@ def test_paths_say_what_must_be_complete_before(
     assert nx.is_directed_acyclic_graph(graph)
     for a in range(count):
         assert nx.descendants(graph, a) == set(np.flatnonzero(waits[a]).tolist())
-    for a, b, kind in graph.edges(data="kind"):
-        assert kind == (DEPENDENCY if (a, b) in needs else ORDER)
+    for a, b, edge in graph.edges(data=True):
+        assert edge["kind"] == (DEPENDENCY if (a, b) in needs else ORDER)
     assert [graph.nodes[k]["task"] for k in range(count)] == tasks
-    for k, target in graph.nodes(data="target"):
-        expected = np.full(2, float(k)) if k % 3 else None
-        assert np.array_equal(target, expected) if k % 3 else target is None
+    for k in graph.nodes:
+        target = graph.nodes[k]["target"]
+        same = np.array_equal(target, np.full(2, float(k)))
+        assert same if k % 3 else target is None

@@ -4,11 +4,10 @@ import numpy as np
 import pinocchio
 import pytest
 
-from planning.cell.motion_limits import MotionLimits, limits_of
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import box_shape
 from planning.cell.workcell import PlacedRobot
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.robots.registry import ROBOTS, robot_model
 from planning.timing.torque import ArmDynamics, HandPayload
 from planning.transforms import from_rpy
@@ -35,7 +34,7 @@ class PinocchioArm:
         self.body = (
             pinocchio.buildReducedModel(whole, held, at) if held else whole.copy()
         )
-        tip = pinocchio.SE3(frame_in_last_joint(model, frame))
+        tip = pinocchio.SE3(model.frame_in_last_joint(frame))
         last = self.body.njoints - 1
         self._tip = self.body.addFrame(
             pinocchio.Frame("tip", last, tip, pinocchio.FrameType.OP_FRAME)
@@ -78,7 +77,7 @@ class Drawn:
         self.payload = HandPayload(mass, box, pose)
         held = [self.payload] if mass else []
         self.dynamics = ArmDynamics(self.robot, model, held)
-        usual = limits_of(model)
+        usual = MotionLimits.of(model)
         scale = rng.choice([1.0, 4.0, 10.0])
         self.limits = MotionLimits(
             usual.velocity, usual.acceleration * scale, usual.jerk * scale

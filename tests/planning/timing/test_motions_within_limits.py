@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from planning.cell.motion_limits import MotionLimits
 from planning.timing.braking import StoppedPath, stop_along_path
-from planning.timing.smooth_path import STRAY, SmoothPath, smooth_path
+from planning.timing.rounded_path import STRAY
+from planning.timing.smooth_path import SmoothPath, smooth_path
 from planning.timing.stretch import (
     brake_within_piece,
     exit_bound,

@@ -6,7 +6,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from planning.kinematics.chain import joint_table
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.robots.registry import robot_model
 from planning.timing.path_bounds import PathBounds
 from planning.timing.rounded_path import BlendedPath, ordered_windows
@@ -126,7 +125,7 @@ def test_along_straight_lines(name: str, seed: int) -> None:
     start, end = rng.uniform(low, high), rng.uniform(low, high)
     way = (end - start) * rng.choice([1.0, 0.3, 0.01])
     way[rng.random(model.dof) < 0.3] = 0.0
-    tip = frame_in_last_joint(model, "tool")[:3, 3]
+    tip = model.frame_in_last_joint("tool")[:3, 3]
     bound = tool_speed_along(joint_table(model), tip, start, way)
     shares = np.linspace(0.0, 1.0, 400)
     q = start + shares[:, None] * way
@@ -148,7 +147,7 @@ def test_along_cubic_motions(name: str, seed: int) -> None:
         q.append(q[-1] + h * v[-1] + h * h * (2.0 * a[k] + a[k + 1]) / 6.0)
         v.append(v[-1] + h * (a[k] + a[k + 1]) / 2.0)
     rows = t, np.array(q), np.array(v), a
-    tip = frame_in_last_joint(model, "tool")[:3, 3]
+    tip = model.frame_in_last_joint("tool")[:3, 3]
     bound = greatest_tool_speed(joint_table(model), tip, *rows)
     at, rate, _ = cubic_at(t, rows[1], rows[2], np.linspace(0.0, t[-1], 600))
     most = PinocchioArm(model).tool_speeds(at, rate).max()

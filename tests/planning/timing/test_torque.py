@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from planning.cell.motion_limits import limits_of
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.shape import box_shape
 from planning.cell.workcell import PlacedRobot
 from planning.robots.registry import robot_model
@@ -115,7 +115,7 @@ def test_what_an_arm_cannot_hold_is_said() -> None:
     heavy = HandPayload(30.0, box_shape("part", (0.1, 0.1, 0.1)), np.eye(4))
     stretched = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     way = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-    stretch = straight_stretch(limits_of(model), way)
+    stretch = straight_stretch(MotionLimits.of(model), way)
     loaded = ArmDynamics(robot, model, [heavy]).along_stretch(stretched, way, stretch)
     assert loaded.overloaded == 1
     assert (
@@ -152,7 +152,7 @@ def test_a_joint_of_unknown_effort_bears_anything() -> None:
     model = replace(model, drives=replace(model.drives, effort=effort))
     robot = PlacedRobot("arm", model, np.eye(4), model.home)
     way = np.array([0.5, 0.0, 0.5, 0.0, 0.0, 0.0])
-    stretch = straight_stretch(limits_of(model), way)
+    stretch = straight_stretch(MotionLimits.of(model), way)
     found = ArmDynamics(robot, model).along_stretch(model.home, way, stretch)
     assert found.overloaded < 0
     assert found.joint != 2

@@ -119,7 +119,7 @@ def test_what_was_observed_counts_even_when_it_was_not_allowed(
 def _plain_ends(
     tpg: TemporalPlanGraph, durations: list[np.ndarray]
 ) -> dict[tuple[int, int], float]:
-    graph = nx.DiGraph()
+    graph: nx.DiGraph[tuple[int, int]] = nx.DiGraph()
     for r, chain in enumerate(tpg.chains):
         nx.add_path(graph, [(r, n) for n in range(len(chain))])
     graph.add_edges_from(((r, u), (s, v)) for r, u, s, v in tpg.edges.tolist())

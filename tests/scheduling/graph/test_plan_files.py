@@ -25,7 +25,8 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.motion_times import assign_node_times
 from scheduling.shortcuts.corners import round_corners
-from tests.planning.robots.test_robot_models import cone_obj, joint, write
+from tests.planning.robots.drawn_meshes import cone_obj
+from tests.planning.robots.test_robot_models import joint, write
 from tests.scheduling.mini_world import random_plan
 
 
@@ -45,8 +46,8 @@ def refused(
     folder: Path,
     words: str,
     *,
-    arrays: Callable[[Numbers], None] = lambda _: None,
-    document: Callable[[Document], None] = lambda _: None,
+    arrays: Callable[[Numbers], object] = lambda _: None,
+    document: Callable[[Document], object] = lambda _: None,
 ) -> None:
     """A saved plan whose arrays or document were damaged, its sum made good, is refused."""
     save_plan(tpg, folder)
@@ -325,7 +326,9 @@ def rounded() -> TemporalPlanGraph:
         dataclasses.replace(
             robot,
             limits=MotionLimits(
-                *(np.full(robot.model.dof, top) for top in (1.5, 3.0, 60.0))
+                velocity=np.full(robot.model.dof, 1.5),
+                acceleration=np.full(robot.model.dof, 3.0),
+                jerk=np.full(robot.model.dof, 60.0),
             ),
         )
         for robot in plan.cell.robots

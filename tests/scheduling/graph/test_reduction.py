@@ -34,8 +34,10 @@ def graphs(draw: st.DrawFn) -> tuple[Ranks, list[tuple[int, int, int, int]]]:
     return ranks, edges
 
 
-def _graph(ranks: Ranks, edges: list[tuple[int, int, int, int]]) -> nx.DiGraph:
-    graph = nx.DiGraph()
+def _graph(
+    ranks: Ranks, edges: list[tuple[int, int, int, int]]
+) -> "nx.DiGraph[tuple[int, int]]":
+    graph: nx.DiGraph[tuple[int, int]] = nx.DiGraph()
     for r, chain in enumerate(ranks):
         graph.add_nodes_from((r, n) for n in range(len(chain)))
         nx.add_path(graph, [(r, n) for n in range(len(chain))])

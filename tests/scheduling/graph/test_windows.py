@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.tasks.task import EARLIER, TimeWindow
+from planning.tasks.task import TimeWindow
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.graph.windows import (
@@ -32,7 +32,8 @@ def windowed_tpg(
     dofs = tuple(rng.integers(1, 3, robots).tolist())
     tpg = random_tpg(seed, dofs=dofs, tasks=tasks, edges=edges)
     skills = [t.index for t in tpg.tasks if t.index % 2 == 1]
-    first, last = {}, {}
+    first: dict[int, tuple[int, int]] = {}
+    last: dict[int, tuple[int, int]] = {}
     for k, chain in enumerate(tpg.chains):
         for node, task in enumerate(chain.task.tolist()):
             first.setdefault(task, (k, node))
@@ -84,7 +85,8 @@ def plain_graph(tpg: TemporalPlanGraph) -> nx.DiGraph[int]:
 
 def longest(graph: nx.DiGraph[int], busy: Times, begin: int, end: int) -> int:
     """Return the longest way from the start of a node to the start of another."""
-    inside = nx.descendants(graph, begin) & nx.ancestors(graph, end) | {begin, end}
+    later, earlier = nx.descendants(graph, begin), nx.ancestors(graph, end)
+    inside = later & earlier | {begin, end}
     far = {begin: 0}
     for node in nx.topological_sort(graph.subgraph(inside)):
         for source in graph.predecessors(node):
@@ -120,7 +122,9 @@ def test_a_window_that_was_open_before_is_due_and_nobody_is_held_back_for_it(
     seed: int, ago: float
 ) -> None:
     tpg = windowed_tpg(seed, windows=1)
-    open_before = replace(tpg.windows[0], begun=EARLIER, done=EARLIER, ago=ago)
+    open_before = replace(
+        tpg.windows[0], begun=TimeWindow.EARLIER, done=TimeWindow.EARLIER, ago=ago
+    )
     tpg, busy = replace(tpg, windows=(open_before,)), nominal(tpg)
     start, end = plain_times(tpg, busy)
     due = int(window_nodes(tpg)[0, 2])
@@ -170,4 +174,5 @@ def test_the_least_time_is_the_longest_way_between() -> None:
         ):
             assert gap == longest(graph, busy, done, due) - busy[done, 0]
         start, end = plain_times(tpg, busy)
-        assert np.all(window_gaps(tpg, start, end) >= least_gaps(tpg, busy)[:, 0])
+        gaps: Times = np.asarray(window_gaps(tpg, start, end))
+        assert np.all(gaps >= least_gaps(tpg, busy)[:, 0])

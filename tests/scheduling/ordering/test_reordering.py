@@ -15,7 +15,7 @@ from planning.geometry.exact import TOLERANCE
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import L1Speed
-from planning.tasks.task import EARLIER, TRANSIT, TimeWindow
+from planning.tasks.task import TaskKind, TimeWindow
 from scheduling.build_tpg import build_tpg, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.barriers import with_barriers
@@ -115,7 +115,9 @@ def test_windows_of_time_come_before_the_makespan(seed: int, ago: float | None) 
         free = _connected(replace(plain, dependencies=needs), plain.chains)
         window = TimeWindow(done, done, due, 0.0, 0.2, "")
         if ago is not None:
-            window = replace(window, begun=EARLIER, done=EARLIER, ago=ago)
+            window = replace(
+                window, begun=TimeWindow.EARLIER, done=TimeWindow.EARLIER, ago=ago
+            )
         tpg = replace(free, windows=(window,))
         relations, blocks, search = _parts(tpg)
         order = [blocks[b] for b in search.best_path(width=50).order()]
@@ -258,7 +260,7 @@ def transits(plan: SynchronousPlan) -> set[int]:
     return {
         task.index
         for task in plan.motion_plan.tasks
-        if task.kind == TRANSIT and not task.handlings
+        if task.kind == TaskKind.TRANSIT and not task.handlings
     }
 
 
@@ -348,7 +350,7 @@ def test_who_cannot_be_planned_with_the_others_comes_later(
     assert sorted(m for own in movers(plan, slots).values() for m in own) == sorted(
         task.index
         for task, motion in zip(plan.tasks, plan.motions, strict=True)
-        if task.kind != TRANSIT or np.any(np.diff(motion.path, axis=0))
+        if task.kind != TaskKind.TRANSIT or np.any(np.diff(motion.path, axis=0))
     )
     free, pairs = transits(slots), 0
     for own in movers(plan, slots).values():

@@ -34,8 +34,8 @@ def some_prefix(tpg: TemporalPlanGraph, seed: int, share: float) -> list[int]:
     return [dispatcher.completed(k) for k in range(len(tpg.chains))]
 
 
-def precedence(tpg: TemporalPlanGraph) -> nx.DiGraph:
-    graph = nx.DiGraph()
+def precedence(tpg: TemporalPlanGraph) -> nx.DiGraph[tuple[int, int]]:
+    graph: nx.DiGraph[tuple[int, int]] = nx.DiGraph()
     for k, chain in enumerate(tpg.chains):
         nx.add_path(graph, [(k, n) for n in range(len(chain))])
     graph.add_edges_from(((k, u), (i, v)) for k, u, i, v in tpg.edges.tolist())
@@ -59,10 +59,12 @@ def test_a_cut_is_closed_and_leaves_out_what_waits_for_what_never_happens(
     for node in inside:
         assert set(graph.predecessors(node)) <= inside
     for node in never:
-        assert not inside & ({node} | nx.descendants(graph, node))
+        later = nx.descendants(graph, node)
+        assert not inside & ({node} | later)
     # The world is what a plain replay in the planned order comes to.
     committed = committed_subgraph(tpg, counts)
     state = world_state_after(tpg, counts)
+    holders: dict[str, str | None]
     holders = {o.name: None for o in tpg.cell.objects if not o.later}
     starts = [c.planned_start for c in tpg.chains]
     done = [h for h in tpg.handlings if h.node < counts[h.robot]]

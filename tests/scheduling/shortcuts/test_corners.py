@@ -61,7 +61,7 @@ def test_conflicting_nodes_stay_ordered_and_ends_stay_where_they_are(
         assert len(old) == len(new)
         assert np.array_equal(old.waypoints[-1], new.waypoints[-1])
         skills = [c.waypoints[np.repeat(c.skill, np.diff(c.first))] for c in (old, new)]
-        assert np.array_equal(*skills)
+        assert np.array_equal(skills[0], skills[1])
 
 
 def test_corners_are_rounded_at_all_and_plans_get_shorter() -> None:
@@ -86,7 +86,7 @@ def test_a_rounded_plan_is_proved_safe_and_stands_still_safely(seed: int) -> Non
         robot = writer.cell.robots[turn % 2]
         for _ in range(3):
             goal = robot.home + rng.normal(0.0, 0.35, robot.model.dof)
-            if writer.free(robot.name, goal):
+            if writer.line_free(robot.name, goal):
                 writer.move(robot.name, goal)
     tpg = assign_node_times(round_corners(build_tpg(writer.plan())))
     assert _corners(tpg)

@@ -70,7 +70,7 @@ def nearest(world: AuditWorld, q: tuple[Array, Array]) -> float:
 
 def at_once(tpg: TemporalPlanGraph) -> list[tuple[int, int]]:
     """Ends of nodes of two robots at which both may stand at once, by paths of the graph."""
-    graph = nx.DiGraph()
+    graph: nx.DiGraph[tuple[int, int]] = nx.DiGraph()
     for k, chain in enumerate(tpg.chains):
         graph.add_nodes_from((k, n) for n in range(len(chain)))
         graph.add_edges_from(((k, n - 1), (k, n)) for n in range(1, len(chain)))

@@ -27,7 +27,8 @@ def points_of(shape: object, rng: np.random.Generator) -> Array:
     import coal
 
     if isinstance(shape, coal.Box):
-        return np.array(list(product((-1.0, 1.0), repeat=3))) * shape.halfSide
+        corners: Array = np.array(list(product((-1.0, 1.0), repeat=3))) * shape.halfSide
+        return corners
     if isinstance(shape, coal.Cylinder):
         angle = rng.uniform(0.0, 2.0 * np.pi, 200)
         rim = shape.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -166,14 +167,14 @@ def test_pairs_that_are_settled_keep_their_distance(seed: int) -> None:
     least = np.full(25, np.inf)
     for k, (i, j) in enumerate(zip(rows, columns, strict=True)):
         for s, t in product(np.linspace(0.0, 1.0, 5), repeat=2):
-            frames = [
+            now = [
                 m.robot.joint_frame(
                     m.knots[p] + u * (m.knots[p + 1] - m.knots[p]), m.part.joint
                 )
                 for m, p, u in ((x, i, s), (y, j, t))
                 if m.robot is not None
             ]
-            least[k] = min(least[k], measure(x.part, frames[0], y.part, frames[1]))
+            least[k] = min(least[k], measure(x.part, now[0], y.part, now[1]))
     for limit in np.quantile(least, [0.2, 0.5, 0.8]):
         near = Measuring().too_close(x, y, (rows, columns), limit, np.arange(25))
         found = {pair: gap for pair, gap, _ in near}

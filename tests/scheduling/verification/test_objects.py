@@ -12,7 +12,7 @@ from planning.errors import PlanInvariantError
 from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import frame_pose
-from planning.tasks.task import GONE, AllowedContact, Handling
+from planning.tasks.task import AllowedContact, Handling
 from planning.transforms import Array, Transform, inverse, translation
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -98,12 +98,12 @@ def test_what_is_elsewhere_by_a_rounding_is_not_found() -> None:
 
 def test_what_is_handled_by_who_does_not_have_it_is_found() -> None:
     tpg = carried()
-    for holder in ("right", GONE):
+    for holder in ("right", Handling.GONE):
         problems = verify_plan(handled(0, holder=holder)(tpg)).problems
         first, *others = (p.message for p in problems if p.kind == "jump")
         assert "changes hands, and 'left' neither has it nor gets it" in first
         assert any("after it has left the cell" in p for p in others) is (
-            holder == GONE
+            holder == Handling.GONE
         )
 
 

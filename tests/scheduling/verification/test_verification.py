@@ -356,7 +356,7 @@ def test_precedence_is_that_of_networkx(seed: int) -> None:
     tpg = replace(graph(writer), chains=chains, edges=np.array(edges).reshape(-1, 4))
     precedence = find_precedence(tpg)
     assert precedence is not None
-    reference = nx.DiGraph()
+    reference: nx.DiGraph[tuple[int, int]] = nx.DiGraph()
     for a, n in enumerate(lengths):
         reference.add_nodes_from((a, k) for k in range(n))
         nx.add_path(reference, [(a, k) for k in range(n)])

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.tasks.task import HOLD, STRAIGHT
+from planning.tasks.task import TaskKind
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.activities.lane_oracle import Span, robot_lanes
 from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
@@ -100,7 +100,11 @@ def test_who_holds_something_until_others_are_done_does_not_wait(kept: bool) -> 
     """A support, and a robot that keeps hold of what it placed; one with no such task waits."""
     tpg = two_robot_tpg([(0, 2, 1, 1)])
     first, second = tpg.tasks
-    kinds = ("place-down", STRAIGHT) if kept else (HOLD, STRAIGHT)
+    kinds = (
+        ("place-down", TaskKind.STRAIGHT)
+        if kept
+        else (TaskKind.HOLD, TaskKind.STRAIGHT)
+    )
     own = [replace(second, index=k + 1, kind=kinds[k], object="ring") for k in (0, 1)]
     chain = replace(tpg.chains[1], task=np.array([1, 2, 2]))
     held = replace(tpg, tasks=(first, *own), chains=(tpg.chains[0], chain))

@@ -6,6 +6,7 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -23,6 +24,7 @@ from planning.transforms import (
 )
 from scheduling.graph.plan_files import save_plan
 from scheduling.graph.temporal_plan_graph import (
+    NodeChain,
     TemporalPlanGraph,
     pose_nodes,
 )
@@ -129,7 +131,9 @@ class HandWrittenRun:
 
     edges: list[tuple[int, int, int, int]] = field(default_factory=list)
 
-    def move(self, robot: str, times: Sequence[float] | Array, q: Array) -> None:
+    def move(
+        self, robot: str, times: npt.ArrayLike, q: Array | Sequence[Array]
+    ) -> None:
         """Let a robot pass configurations at times; the k-th row (from 1) ends node k - 1."""
         self.motions[robot] = (np.asarray(times, dtype=float), np.asarray(q))
 
@@ -144,7 +148,8 @@ class HandWrittenRun:
 
     def tpg(self) -> TemporalPlanGraph:
         """Each robot's nodes are one task: 0 for the first robot with rows, 1 for the next."""
-        chains, tasks = [], []
+        chains: list[NodeChain] = []
+        tasks: list[Task] = []
         for robot in self.cell.robots:
             if robot.name not in self.motions:
                 continue

@@ -26,7 +26,7 @@ def swing(
     home: Array | float = 0.0,
 ) -> RobotRows:
     """From rest at HOME to rest in four pieces; each joint does its share of that."""
-    pieces = jerk * np.outer((1.0, -1.0, -1.0, 1.0), shares)
+    pieces = jerk * np.outer(np.array([1.0, -1.0, -1.0, 1.0]), np.asarray(shares))
     rows = jerked([seconds] * 4, pieces)
     return RobotRows(rows.t, home + rows.q, rows.node, rows.v, rows.a)
 

@@ -308,7 +308,8 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
         report = auditor.audit(recording)
     world = AuditWorld(tpg.cell)
     exempt = overlapping_at_home(world)
-    least, deepest, samples, largest = np.inf, {}, 0, 0.0
+    least, samples, largest = np.inf, 0, 0.0
+    deepest: dict[tuple[str, str], float] = {}
     for stretch in stretches(world, ReplayedRun(tpg.cell, recording)):
         moving, resting = stretch.movers.tracks, stretch.boxes.tracks
         largest = max(largest, float(stretch.movers.steps.max()))
@@ -318,6 +319,8 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
             for index, robot in enumerate(stretch.robots):
                 world.configure(index, robot.q[sample])
             for load in moving[arms:]:
+                assert load.holder is not None
+                assert load.pose is not None
                 at, link = stretch.robots[load.holder], np.eye(4)
                 link[:3, :3] = at.rotation[sample, load.link]
                 link[:3, 3] = at.position[sample, load.link]

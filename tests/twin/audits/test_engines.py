@@ -26,7 +26,7 @@ from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.contacts.touching import nearby_entities
 from planning.errors import RequestError
 from planning.robots.registry import robot_model
-from planning.transforms import from_rpy, rotation, translation
+from planning.transforms import Transform, from_rpy, rotation, translation
 from scheduling.witness.parts import measure, resting_parts
 from tests.planning.cell.round_forms import stands_out
 from tests.shipped_runs import ShippedRuns
@@ -163,7 +163,7 @@ def test_what_lasts_is_seen_by_bullet_alone(
 def test_bullet_sees_nothing_more_in_shipped_runs(
     shipped: ShippedRuns, name: str, robots: int | None
 ) -> None:
-    folder = shipped(name, robots).trial.folder
+    folder = shipped(name, robots).trial.files
     bullet = audit_run(folder, engine="pybullet")
     coal = audit_run(folder, engine="coal")
     assert bullet.violations == coal.violations == ()
@@ -243,7 +243,8 @@ def test_distances_of_cylinders_are_true(tmp_path: Path) -> None:
             continue
         apart += 1
         world.configure(0, np.array([angle]))
-        found = world.distance(*world.robot_shapes, 1.0)
+        first, second = world.robot_shapes
+        found = world.distance(first, second, 1.0)
         assert found == pytest.approx(expected, abs=2e-6)
     assert apart > 4
 
@@ -265,7 +266,7 @@ FAR = 0.3
 _WEDGE = trimesh.creation.icosphere(1, 0.06).apply_scale((1.0, 0.6, 0.4))
 
 
-def wedge():
+def wedge() -> Mesh:
     corners = np.array(_WEDGE.vertices) + np.array([0.02, 0.0, 0.01])
     return Mesh(corners, np.array(_WEDGE.faces), (corners,), 1e-4, np.zeros(3))
 
@@ -289,7 +290,7 @@ places = st.builds(
 )
 
 
-def exact(one, other):
+def exact(one: CellObject, other: CellObject) -> float:
     """Return coal's distance of the forms themselves, one pair after another."""
     eye = np.eye(4)
     return min(
@@ -299,7 +300,7 @@ def exact(one, other):
     )
 
 
-def engine_distance(world, measured=None):
+def engine_distance(world: AuditWorld, measured: BulletWorld | None = None) -> float:
     by_name = shapes_by_entity(world.objects)
     distance = (measured or world).distance
     return min(distance(a, b, FAR) for a in by_name["one"] for b in by_name["other"])
@@ -308,7 +309,9 @@ def engine_distance(world, measured=None):
 @needs_pybullet
 @settings(max_examples=60, deadline=None)
 @given(compounds, compounds, places, places)
-def test_engines_and_planning_agree_on_compounds(first, second, at, there):
+def test_engines_and_planning_agree_on_compounds(
+    first: list[Element], second: list[Element], at: Transform, there: Transform
+) -> None:
     one = CellObject("one", "part", shape_of("one", first), at)
     other = CellObject("other", "part", shape_of("other", second), there)
     cell = Workcell((), (), (one, other))
@@ -342,7 +345,9 @@ def test_engines_and_planning_agree_on_compounds(first, second, at, there):
 @pytest.mark.parametrize(
     ("radius", "length", "ball"), [(0.125, 0.125, 0.125), (0.15, 0.01, 0.1)]
 )
-def test_a_ball_in_the_middle_of_a_disc_leaves_it_through_an_end(radius, length, ball):
+def test_a_ball_in_the_middle_of_a_disc_leaves_it_through_an_end(
+    radius: float, length: float, ball: float
+) -> None:
     eye = np.eye(4)
     shapes = [
         shape_of(name, [Element(form, eye)])
@@ -361,7 +366,7 @@ def test_a_ball_in_the_middle_of_a_disc_leaves_it_through_an_end(radius, length,
     assert engine_distance(world) == depth
 
 
-def test_a_pin_fits_a_hole_that_is_a_little_wider():
+def test_a_pin_fits_a_hole_that_is_a_little_wider() -> None:
     """Round against flat: exact forms keep apart what polyhedra would let touch."""
     pin = CellObject(
         "one",

@@ -13,7 +13,7 @@ from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Capsule, Cylinder, Element, Shape, box_shape, shape_of
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.grips.pads import pads_at
-from planning.kinematics.kinematics import frame_in_last_joint, frame_pose
+from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
 from planning.transforms import Transform, from_rpy, identity, inverse, translation
@@ -64,7 +64,7 @@ def found(
     """
     robot = PlacedRobot("arm", model, np.eye(4), model.home)
     part = CellObject("part", "part", shape, frame_pose(robot, model.home, "tool") @ at)
-    fixtures = ()
+    fixtures: tuple[Fixture, ...] = ()
     if beside is not None:
         fixtures = (Fixture("slat", beside[0], part.start @ beside[1]),)
     run = HandWrittenRun(Workcell((robot,), fixtures, (part,)))
@@ -204,7 +204,7 @@ def test_planning_and_audit_measure_the_same(
     """They share neither bodies nor ways to measure; pieces of planning are polygons around round forms."""
     pose = from_rpy(at, turned)
     model = hand()
-    tip = frame_in_last_joint(model, "tool")
+    tip = model.frame_in_last_joint("tool")
     pads = pads_at(model, tip, PEG, inverse(pose))
     audited = grasp(pose)
     sides = audited.sides()
@@ -228,14 +228,15 @@ def test_planning_and_audit_measure_the_same(
         ):
             # Where a rim is met, a little aside is a long way on.
             beside = ways_beside(pose, sign)
-            assert None in beside or min(beside) - 3e-3 < way < max(beside) + 3e-3
+            near = [other for other in beside if other is not None]
+            assert len(near) < len(beside) or min(near) - 3e-3 < way < max(near) + 3e-3
 
 
 def ways_beside(pose: Transform, sign: float) -> list[float | None]:
     """Return how far a pad closes by planning on a peg that lies a little aside in each direction."""
     found: list[float | None] = []
     model = hand()
-    tip = frame_in_last_joint(model, "tool")
+    tip = model.frame_in_last_joint("tool")
     for own in (*np.eye(3), *-np.eye(3)):
         pads = pads_at(model, tip, PEG, inverse(translation(*(BESIDE * own)) @ pose))
         assert pads is not None

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -92,7 +93,8 @@ def test_what_is_beyond_a_limit_is_found_at_any_scale(jerk: float, number: int) 
     joint = int(np.argmax(most))
     limit = np.array(getattr(robot.limits, KEYS[number]))
     limit[joint] = most[joint] / 1.00012
-    tight = replace(robot.limits, **{KEYS[number]: limit})
+    changes: dict[str, Any] = {KEYS[number]: limit}
+    tight = replace(robot.limits, **changes)
     found = found_in(limited(cell, tight), {"robot_0": own})
     seen = {(v.kind, v.second) for v in found}
     assert seen == {(KINDS[number], robot.model.joint_names[joint])}
@@ -107,7 +109,7 @@ def test_an_acceleration_that_is_there_at_once_is_found() -> None:
     a = np.array([[0.0], [0.0], [9.0], [9.0]])
     since = np.maximum(t - 0.5, 0.0)[:, None]
     rows = RobotRows(t, 4.5 * since**2, np.arange(4), 9.0 * since, a)
-    limits = MotionLimits(*(np.array([top]) for top in (10.0, 10.0, 1e6)))
+    limits = MotionLimits(np.array([10.0]), np.array([10.0]), np.array([1e6]))
     (found,) = found_in(limited(toy_cell([1]), limits), {"robot_0": rows})
     assert found.kind == "joint-jerk"
     assert found.detail.startswith("9e+09 rad/s^3, its limit is 1e+06 rad/s^3")
@@ -162,7 +164,8 @@ def test_a_limit_is_exceeded_where_looking_often_says_so(
     tops = greatest(rows)
     wide = {name: top * 1.01 for name, top in tops.items()}
     wide[kind][joint] = tops[kind][joint] * share
-    limits = MotionLimits(*(wide[name] for name in KINDS))
+    speed, acceleration, jerk = (wide[name] for name in KINDS)
+    limits = MotionLimits(speed, acceleration, jerk)
     cell = limited(toy_cell([2]), limits)
     found = found_in(cell, {"robot_0": rows})
     seen = {(v.kind, v.first, v.second) for v in found}
@@ -192,7 +195,8 @@ def test_columns_that_do_not_fit_are_found(
     wide = np.full(2, np.inf)
     cell = limited(toy_cell([2]), MotionLimits(wide, wide, wide))
     assert found_in(cell, {"robot_0": rows}) == []
-    (found,) = found_in(cell, {"robot_0": replace(rows, **{column: values})})
+    changes: dict[str, Any] = {column: values}
+    (found,) = found_in(cell, {"robot_0": replace(rows, **changes)})
     assert (found.kind, found.second) == ("joint-motion", "joint_1")
     assert found.t_start == pytest.approx(rows.t[row - 1])
     assert found.t_end == pytest.approx(rows.t[row + 1])
@@ -246,12 +250,13 @@ def test_the_audit_of_a_run_holds_it_to_its_limits(
     joint: int, lowered: str | None, kinds: list[str], tmp_path: Path
 ) -> None:
     cell = two_arm_cell()
-    limits = MotionLimits(*(np.full(6, top) for top in (1.0, 4.0, 40.0)))
+    limits = MotionLimits(np.full(6, 1.0), np.full(6, 4.0), np.full(6, 40.0))
     tops = {"velocity": 0.225, "acceleration": 1.5, "jerk": 10.0}
     if lowered is not None:
         tight = np.array(getattr(limits, lowered))
         tight[joint] = tops[lowered] / 1.00001
-        limits = replace(limits, **{lowered: tight})
+        changes: dict[str, Any] = {lowered: tight}
+        limits = replace(limits, **changes)
     left, right = (replace(robot, limits=limits) for robot in cell.robots)
     run = HandWrittenRun(replace(cell, robots=(left, right)))
     rows = swing(10.0, 0.15, np.eye(6)[joint], left.home)

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from benchmarks.timing_graphs import SCENARIOS, contracted_graph, load_timing_graph
 from planning.errors import PlanInvariantError
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -46,7 +45,7 @@ from twin.durations.nanoseconds import Nanoseconds
 from twin.durations.normal import Lognormal
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import OTHER, ExecutionModel, Messages
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.recorders.observers import MemoryRecorder
 from twin.runs.execution_record import Policy
 from twin.studies.replications.timing_graph import timing_graph
@@ -135,7 +134,7 @@ def simulator(
     stalls = Stalls(count_per_robot=1, duration_s=(0.5, 3.0))
     model = ExecutionModel(
         VARIED,
-        policy,  # type: ignore[arg-type]
+        policy,
         Messages.of_seconds(depth, report, release),
         Disturbances(stalls=stalls),
     )
@@ -161,8 +160,8 @@ def test_end_times_are_those_of_the_event_engine(
         ],
         axis=1,
     )
-    graph = policy_graph(tpg, policy)  # type: ignore[arg-type]
-    talk = Messages.of_seconds(depth, report, release).under(policy)  # type: ignore[arg-type]
+    graph = policy_graph(tpg, policy)
+    talk = Messages.of_seconds(depth, report, release).under(policy)
     end = end_times(graph, busy, talk)
     assert np.array_equal(end.T, [np.concatenate(run.end_ns) for run in runs])
 
@@ -272,7 +271,7 @@ def test_one_robot_works_at_a_time_and_machines_beside_it(
     line: TemporalPlanGraph,
 ) -> None:
     run = Simulator(line, ExecutionModel(OF_MACHINES, "sequential")).run(seed=0)
-    machines = machine_chains(line)
+    machines = line.machine_chains()
     robots = [k for k in range(len(line.chains)) if k not in machines]
     spans = np.concatenate(
         [np.stack([run.start_ns[k], run.end_ns[k]], axis=1) for k in robots]
@@ -291,7 +290,7 @@ def test_nothing_disturbs_a_machine(line: TemporalPlanGraph) -> None:
         OF_MACHINES, disturbances=Disturbances(emergency_stops=stops, stalls=stalls)
     )
     run = Simulator(line, model).run(seed=1)
-    for k in machine_chains(line):
+    for k in line.machine_chains():
         assert run.stopped_ns(k, run.makespan_ns) == 0
         assert not np.any(run.stood_ns[k])
 
@@ -317,7 +316,7 @@ def test_engines_hold_back_to_the_same_nanosecond(
         ),
         hold=hold,
     )
-    held = with_window_holds(tpg, model)
+    held = with_model_holds(tpg, model)
     assert_same_ends(held, model, seed, [0, 1, 2])
     if latency == 0.0:
         run = Simulator(held, model).run(seed=seed)
@@ -335,7 +334,7 @@ def test_engines_agree_where_robots_keep_to_limits(seed: int, windows: int) -> N
     tpg = windowed_tpg(seed, windows=windows)
     driven = with_limits(tpg, np.random.default_rng(seed), lambda chain, _: chain)
     model = ExecutionModel(VARIED, hold=0.9)
-    assert_same_ends(with_window_holds(driven, model), model, seed, [0, 1])
+    assert_same_ends(with_model_holds(driven, model), model, seed, [0, 1])
 
 
 @settings(max_examples=25, deadline=None)
@@ -348,7 +347,7 @@ def test_every_run_ends_whatever_stops_it(
     model = ExecutionModel(
         VARIED, disturbances=Disturbances(emergency_stops=(stop,)), hold=0.95
     )
-    run = Simulator(with_window_holds(tpg, model), model).run(seed=seed)
+    run = Simulator(with_model_holds(tpg, model), model).run(seed=seed)
     assert run.outcome == "completed"
 
 
@@ -358,9 +357,9 @@ def test_nothing_is_held_back_where_nothing_asks_for_it() -> None:
         ExecutionModel(VARIED),
         ExecutionModel(VARIED, "sequential", hold=0.95),
     ):
-        assert with_window_holds(tpg, model) is tpg
+        assert with_model_holds(tpg, model) is tpg
     assert (
-        with_window_holds(
+        with_model_holds(
             replace(tpg, windows=()), ExecutionModel(VARIED, hold=0.9)
         ).windows
         == ()

@@ -11,7 +11,7 @@ import pytest
 from planning.errors import TwinError
 from tests.planted import planted
 from tests.twin.program import invoke
-from tests.twin.written import checked, written
+from tests.twin.written import Change, checked, written
 from twin.reading.scenario_file import read_scenario
 from twin.trial.planning import plan_scenario
 
@@ -80,6 +80,11 @@ def test_a_sound_cell_passes(tmp_path: Path) -> None:
     assert checked(written(tmp_path, CELL)).findings == ()
 
 
+def planted_change(mistake: str) -> Change:
+    old, new, *_ = MISTAKES[mistake]
+    return old, new
+
+
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_found_at_its_line(mistake: str, tmp_path: Path) -> None:
     old, new, level, words, line = MISTAKES[mistake]
@@ -144,7 +149,7 @@ def test_many_findings_at_one_place_are_counted(tmp_path: Path) -> None:
 
 def test_all_mistakes_are_found_at_once(tmp_path: Path) -> None:
     names = ("parts in each other", "goal in the air", "speeds beyond the limits")
-    file = written(tmp_path, CELL, *(MISTAKES[name][:2] for name in names))
+    file = written(tmp_path, CELL, *map(planted_change, names))
     messages = " ".join(f.message for f in checked(file).findings)
     assert all(MISTAKES[name][3] in messages for name in names)
 
@@ -187,7 +192,7 @@ def test_bricks_that_no_robot_reaches(tmp_path: Path) -> None:
     assert "# a" in lines[report.problem(report.errors[0]).mark.line - 1]
 
 
-OVERLAP = MISTAKES["parts in each other"][:2]
+OVERLAP = planted_change("parts in each other")
 
 
 def test_the_command_prints_places_and_draws_the_cell(tmp_path: Path) -> None:

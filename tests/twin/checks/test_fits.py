@@ -14,6 +14,7 @@ from twin.checks.finding import CheckContext, Finding
 from twin.checks.placements import check_starts
 from twin.kinds.parts.checks.context import ordered_parts
 from twin.kinds.parts.checks.places import check_goals
+from twin.kinds.parts.fits import KnownFit
 from twin.trial.simulation import scenario_execution
 
 CELL = """\
@@ -127,6 +128,7 @@ def test_the_fit_is_told_and_how_often_a_robot_that_repeats_so_well_meets_it(
     (fit,) = CheckContext(given, folder).checks.fits()
     # The radius in the plane is a Rayleigh distribution of 0.2 mm / 3.616.
     chance = 1.0 - math.exp(-0.5 * (0.1 / (0.2 / 3.616)) ** 2)
+    assert isinstance(fit, KnownFit)
     assert fit.chances == {"arm": pytest.approx(chance, abs=1e-3)}
     assert fit.words.endswith(f"; fits in {100 * fit.chances['arm']:.3g} % by arm")
     assert fit.content()["play_m"] == pytest.approx(1e-4, abs=1e-6)
@@ -143,6 +145,7 @@ def test_the_fit_is_told_and_how_often_a_robot_that_repeats_so_well_meets_it(
         loaded(folder, CELL, stated, *pressed), folder
     ).checks.fits()
     assert tight.words == "peg in block: pressed in by 0.02 mm"
+    assert isinstance(tight, KnownFit)
     assert tight.chances == {}
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.cell.shape import Element, shape_of
+from planning.cell.shape import Element, Mesh, shape_of
 from tests.planning.robots.descriptions.vendors import GRIPPER
 from tests.planted import planted
 from tests.twin.written import Change, checked, refusal, written
@@ -184,7 +184,9 @@ def test_what_is_outside_of_all_pieces_is_told() -> None:
     subject = CheckContext(load_scenario(FILE), FILE.parent)
     assert list(check_meshes(subject)) == []
     housing = subject.cell.object("housing")
-    form = replace(housing.shape.elements[0].form, missed=0.0012)  # type: ignore[type-var]
+    form = housing.shape.elements[0].form
+    assert isinstance(form, Mesh)
+    form = replace(form, missed=0.0012)
     shape = shape_of("housing", [Element(form, np.eye(4))])
     objects = (replace(housing, shape=shape), *subject.cell.objects[1:])
     subject.__dict__["cell"] = replace(subject.cell, objects=objects)

@@ -7,6 +7,7 @@ import json
 import re
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 import twin
-from planning.cell.motion_limits import limits_of
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.shape import Box, Cylinder, Element
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
@@ -208,9 +209,9 @@ def test_a_tool_weighs_what_the_scenario_says(
         Element(Box((0.06, 0.06, 0.1)), translation(0.0, 0.0, 0.05)),
         Element(Cylinder(0.01, 0.1), translation(0.0, 0.0, 0.15)),
     )
-    one = {"shapes": forms} if shapes else {"description": path}
+    one: dict[str, Any] = {"shapes": forms} if shapes else {"description": path}
     bare = robot_model("ur5e", None, Fitting(limits=GivenLimits(payload=5.0)))
-    tool = Tool(name="hand", tcp=translation(0.0, 0.0, 0.2), mass=0.9, **one)  # type: ignore[arg-type]
+    tool = Tool(name="hand", tcp=translation(0.0, 0.0, 0.2), mass=0.9, **one)
     model = robot_model(
         "ur5e", None, Fitting(tool=tool, limits=GivenLimits(payload=5.0))
     )
@@ -283,7 +284,7 @@ def test_links_are_where_pinocchio_puts_them() -> None:
     model = robot_model("panda")
     found = robot_overview(model)
     values = dict(zip(model.joint_names, model.home, strict=True))
-    wanted = link_poses(model.urdf, values | ROBOTS["panda"].frozen)
+    wanted = link_poses(model.urdf, {**values, **ROBOTS["panda"].frozen})
     own = {row.name: row.pose for row in found.links}
     for link in ("panda_link4", "panda_link8", "panda_hand"):
         assert np.allclose(own[link], wanted[link], atol=1e-9)
@@ -330,9 +331,9 @@ def test_a_maker_s_limits_stay_when_a_cell_adds_a_tool_or_a_limit() -> None:
         "panda", None, Fitting(limits=GivenLimits(acceleration=(2.0,)))
     )
     for model in (own, fitted):
-        assert limits_of(model).acceleration.tolist()[:3] == [15.0, 7.5, 10.0]
-        assert limits_of(model).jerk.tolist()[-1] == 10000.0
-    assert set(limits_of(slower).acceleration.tolist()) == {2.0}
+        assert MotionLimits.of(model).acceleration.tolist()[:3] == [15.0, 7.5, 10.0]
+        assert MotionLimits.of(model).jerk.tolist()[-1] == 10000.0
+    assert set(MotionLimits.of(slower).acceleration.tolist()) == {2.0}
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planning.cell.motion_limits import MotionLimits, limits_of
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import robot_model
 from planning.transforms import Array, identity
@@ -153,7 +153,7 @@ def node(
     number: int, *ways: float, task: int = 0, act: str = "", seconds: float = 0.1
 ) -> ClearedNode:
     points = np.array([way * ONE for way in ways])
-    times = seconds * np.arange(1, len(ways) + 1)
+    times: Array = seconds * np.arange(1.0, len(ways) + 1)
     return ClearedNode(number, task, "skill", "", points, times, act)
 
 
@@ -207,15 +207,13 @@ def test_a_motion_becomes_longer_while_it_runs(driver: FrankaDriver) -> None:
 
 def test_no_motion_is_faster_than_planned(driver: FrankaDriver) -> None:
     driver.begin(np.zeros(7), 0)
-    factors = []
-    driver._franky = SimpleNamespace(
-        **{
-            **vars(FRANKY),
-            "JointMotion": lambda q, relative_dynamics_factor: (
-                factors.append(relative_dynamics_factor) or q
-            ),
-        }
-    )
+    factors: list[Any] = []
+
+    def joint_motion(q: Any, relative_dynamics_factor: Any) -> Any:
+        factors.append(relative_dynamics_factor)
+        return q
+
+    driver._franky = SimpleNamespace(**{**vars(FRANKY), "JointMotion": joint_motion})
     driver.take([node(0, 1.0, seconds=1.0), node(1, 1.5, seconds=1.0)])
     when(driver, lambda s: s.done == 2)
     assert factors == [(pytest.approx(0.25), 1.0, 1.0)]
@@ -375,7 +373,9 @@ def test_a_drivers_file_names_a_franka_robot(
     chosen = read_drivers(file, ("arm",)).driver_of("arm")
     assert isinstance(chosen, FrankaArm)
     model = robot_model("fr3")
-    arm = PlacedRobot("arm", model, identity(), model.home, limits=limits_of(model))
+    arm = PlacedRobot(
+        "arm", model, identity(), model.home, limits=MotionLimits.of(model)
+    )
     driver = franka_driver(chosen, arm)
     assert driver._hand.grip == HandGrip(width=0.05, goal=0.0)
     np.testing.assert_array_equal(driver._limits[0][1], np.minimum(model.velocity, 4.0))

@@ -12,7 +12,7 @@ from twin.drivers.legs import STRAIGHT, ClearedPath
 def node(
     number: int, points: list[list[float]], task: int = 0, act: str = ""
 ) -> ClearedNode:
-    seconds = 0.5 * np.arange(1, len(points) + 1)
+    seconds: Array = 0.5 * np.arange(1.0, len(points) + 1)
     return ClearedNode(number, task, "transit", "", np.array(points), seconds, act)
 
 

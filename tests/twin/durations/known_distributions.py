@@ -1,5 +1,7 @@
 """Distributions by their parameters, and the same ones of scipy."""
 
+from typing import Any
+
 import numpy as np
 from scipy import stats
 
@@ -8,7 +10,10 @@ from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.normal import Lognormal, TruncatedNormal
 from twin.fit.shifted import Family, ShiftedFamily
 
-KNOWN: list[tuple[Family, list[float], object]] = [
+Frozen = Any
+"""A distribution of SciPy with its parameters; SciPy has no public name for the type."""
+
+KNOWN: list[tuple[Family, list[float], Frozen]] = [
     (Uniform, [2, 5], stats.uniform(2, 3)),
     (Triangular, [2, 3, 7], stats.triang(0.2, 2, 5)),
     (Triangular, [2, 2, 7], stats.triang(0, 2, 5)),

@@ -13,7 +13,7 @@ from scipy import stats
 
 from planning.errors import ScenarioError
 from planning.transforms import Array
-from tests.twin.durations.known_distributions import KNOWN
+from tests.twin.durations.known_distributions import KNOWN, Frozen
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
 from twin.durations.composed import Retries, Shifted
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
@@ -26,11 +26,11 @@ U = (np.arange(2000) + 0.5) / 2000
 SECONDS = st.floats(0.01, 1000)
 
 
-def truncated(mean: float, sd: float, low: float, high: float) -> object:
+def truncated(mean: float, sd: float, low: float, high: float) -> Frozen:
     return stats.truncnorm((low - mean) / sd, (high - mean) / sd, mean, sd)
 
 
-MODELS: list[tuple[DurationModel, object]] = [
+MODELS: list[tuple[DurationModel, Frozen]] = [
     *(
         (section_model(family.section(np.array(theta))), reference)
         for family, theta, reference in KNOWN
@@ -59,7 +59,7 @@ MODELS: list[tuple[DurationModel, object]] = [
 
 @pytest.mark.parametrize(("model", "reference"), MODELS, ids=lambda m: repr(m)[:40])
 def test_quantiles_and_means_are_scipys(
-    model: DurationModel, reference: object
+    model: DurationModel, reference: Frozen
 ) -> None:
     u = np.append(U, [0.5, 0.95])  # which some are given by
     assert model.ppf(u) == pytest.approx(reference.ppf(u), rel=1e-9, abs=1e-9)
@@ -308,7 +308,7 @@ def test_what_would_make_durations_negative_is_refused_with_its_files(
 def test_a_mean_next_to_nothing_is_nothing() -> None:
     model = Lognormal(mean_s=5e-324, cv=2.0)
     assert model.mean == 0.0
-    assert list(model.ppf([0.1, 0.9])) == [0.0, 0.0]
+    assert list(model.ppf(np.array([0.1, 0.9]))) == [0.0, 0.0]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from benchmarks.packaged_timings import PACKAGED, SPREAD_S, SPREAD_SHARE, write_timings
 from planning.errors import ScenarioError
-from planning.tasks.task import SKILLS, TRANSIT
+from planning.tasks.task import TaskKind
 from scheduling.build_nodes import build_nodes
 from tests.twin.drawn_runs import sample
 from tests.twin.program import invoke
@@ -85,7 +85,7 @@ def test_timings_are_read_from_the_column_asked_for(tmp_path: Path) -> None:
 
 def test_packaged_timings_keep_the_two_facts_of_the_paper() -> None:
     timings = packaged_timings()
-    assert set(timings) == set(SKILLS)
+    assert set(timings) == set(TaskKind.SKILLS)
     seconds, shares = [], []
     for model in timings.values():
         assert isinstance(model, Packaged)
@@ -95,12 +95,14 @@ def test_packaged_timings_keep_the_two_facts_of_the_paper() -> None:
         shares.append(deviation / median)
     assert max(seconds) == pytest.approx(SPREAD_S, abs=1e-3)
     assert max(shares) == pytest.approx(SPREAD_SHARE, abs=2e-3)
-    assert np.median(timings["handover"].values_s) == pytest.approx(8.7, abs=0.01)
+    handover = timings["handover"]
+    assert isinstance(handover, Packaged)
+    assert np.median(handover.values_s) == pytest.approx(8.7, abs=0.01)
 
 
 def test_packaged_timings_come_out_of_their_script(tmp_path: Path) -> None:
     write_timings(tmp_path)
-    for skill in SKILLS:
+    for skill in TaskKind.SKILLS:
         name = f"{skill}.csv"
         assert (tmp_path / name).read_text() == (PACKAGED / name).read_text()
 
@@ -133,7 +135,7 @@ def test_seed_and_replication_change_the_draws() -> None:
 def test_a_task_cut_into_more_nodes_takes_as_long_in_all() -> None:
     tpg = random_tpg(5, tasks=12)
     durations = SkillDurations(
-        {skill: Lognormal(median_s=7.0, p95_s=9.0) for skill in SKILLS}
+        {skill: Lognormal(median_s=7.0, p95_s=9.0) for skill in TaskKind.SKILLS}
     )
     whole = sample(durations, tpg, seed=3)
     node = int(np.flatnonzero(tpg.chains[0].skill)[0])
@@ -157,7 +159,7 @@ def test_they_move_at_the_speed_of_transits_and_never_vary() -> None:
     for task, motion in zip(
         turns.motion_plan.tasks, turns.motion_plan.motions, strict=True
     ):
-        if task.kind == TRANSIT:
+        if task.kind == TaskKind.TRANSIT:
             continue
         seen.add(task.kind)
         travel = np.abs(np.diff(motion.path, axis=0)).sum(axis=1)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from planning.transforms import Array, Indices
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
@@ -53,12 +54,13 @@ QUIET = st.builds(
 )
 
 
-def travelled(motion: Trajectory, t_ns: np.ndarray) -> np.ndarray:
+def travelled(motion: Trajectory, t_ns: Indices) -> Array:
     """Return how far along its path a robot is at some times: every row in between is looked at."""
     times = np.unique(np.concatenate([motion.t_ns, t_ns]))
     q = motion.at(times)
     way = np.linalg.norm(np.diff(q, axis=0), axis=1)
-    return np.interp(t_ns, times, np.concatenate([[0.0], np.cumsum(way)]))
+    passed: Array = np.interp(t_ns, times, np.concatenate([[0.0], np.cumsum(way)]))
+    return passed
 
 
 def path_borders(tpg: TemporalPlanGraph, k: int) -> np.ndarray:
@@ -193,8 +195,8 @@ def test_robots_that_the_clock_stops_keep_to_limits_in_skills_too(
     assert_within_limits(tpg, run)
     assert_inside_cleared_nodes(tpg, run)
     quiet = simulate(tpg, skills, seed=seed, disturbances=disturbances)
-    for told, found in zip(run.end_ns, quiet.end_ns, strict=True):
-        assert told.tolist() == found.tolist()
+    for own, found in zip(run.end_ns, quiet.end_ns, strict=True):
+        assert own.tolist() == found.tolist()
     told = [e for e in events if e.kind in ("attached", "detached")]
     placed = [p for p in object_placements(tpg, run) if p.t_ns > 0]
     assert sorted((e.t_ns, e.object) for e in told if e.t_ns > 0) == sorted(
@@ -215,7 +217,8 @@ def test_robots_that_the_clock_stops_keep_to_limits_in_skills_too(
 
 def jumble_messages(execution: Execution, seed: int) -> None:
     """Let messages take random times, those to one robot in order."""
-    rng, arrivals, enqueue = np.random.default_rng(seed), {}, execution.enqueue
+    rng, enqueue = np.random.default_rng(seed), execution.enqueue
+    arrivals: dict[int, int] = {}
 
     def enqueue_late(chain: int, node: int) -> None:
         late = int(rng.integers(0, 400_000_000))
@@ -223,7 +226,7 @@ def jumble_messages(execution: Execution, seed: int) -> None:
         message = execution.env.timeout(arrivals[chain] - execution.now_ns)
         message.callbacks.append(lambda _: enqueue(chain, node))
 
-    execution.enqueue = enqueue_late
+    execution.enqueue = enqueue_late  # type: ignore[method-assign]  # of this one only
 
 
 @settings(max_examples=30, deadline=None)

@@ -1,9 +1,11 @@
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,7 +14,7 @@ from typer.testing import Result
 from planning.cell.workcell import Workcell
 from planning.errors import TwinError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task import TRANSIT, Task
+from planning.tasks.task import Task, TaskKind
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import save_plan
 from scheduling.graph.rollout import earliest_times
@@ -33,8 +35,12 @@ from twin.runs.execution_record import DeadlockError, ExecutionRecord
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import Disturbances, Stalls
 
+AnyArray = npt.NDArray[Any]
 
-def same_times(run: ExecutionRecord, start: tuple, end: tuple) -> bool:
+
+def same_times(
+    run: ExecutionRecord, start: Sequence[AnyArray], end: Sequence[AnyArray]
+) -> bool:
     return all(map(np.array_equal, run.start_ns, start)) and all(
         map(np.array_equal, run.end_ns, end)
     )
@@ -196,7 +202,7 @@ def test_no_node_starts_before_what_it_waits_for(
         VARIED,
         seed=seed,
         messages=Messages.of_seconds(depth, latency, latency),
-        policy=policy,  # type: ignore[arg-type]
+        policy=policy,
         disturbances=Disturbances(
             stalls=Stalls(count_per_robot=1, duration_s=(0.5, 3.0))
         ),
@@ -287,7 +293,7 @@ def test_a_recorder_that_fails_is_dropped(
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Simulator(two_robot_tpg([]), ExecutionModel(NOMINAL, "parallel")),  # type: ignore[arg-type]
+        lambda: Simulator(two_robot_tpg([]), ExecutionModel(NOMINAL, "parallel")),
         lambda: Messages.of_seconds(queue_depth=0),
         lambda: Messages.of_seconds(report_s=-1.0),
     ],
@@ -321,7 +327,9 @@ def reaching_plan(cell: Workcell) -> MotionPlan:
             path = straight(robot.home + a * REACH, robot.home + b * REACH, 25)
             time = clock + np.linspace(0.0, 1.2, len(path))
             label = f"{'back' if k else 'there'} of {robot.name}"
-            tasks.append(Task(len(tasks), robot.name, TRANSIT, 1, label, path[-1:]))
+            tasks.append(
+                Task(len(tasks), robot.name, TaskKind.TRANSIT, 1, label, path[-1:])
+            )
             motions.append(TaskMotion(path, time))
             clock = float(time[-1])
     nothing = np.empty((0, 2), dtype=np.int64)
@@ -339,7 +347,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(plan: Path, out: Path, policy: str) -> tuple[Result, dict]:
+def run(plan: Path, out: Path, policy: str) -> tuple[Result, dict[str, Any]]:
     where = ("run", plan / "two.yaml", "--plan", plan, "--out", out)
     result = invoke(*where, "--policy", policy, "--no-recording", "--json")
     return result, json.loads((out / "summary.json").read_text())

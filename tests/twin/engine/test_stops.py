@@ -137,9 +137,11 @@ def test_a_stop_after_the_end_changes_nothing() -> None:
     assert "stopped" not in {event.kind for event in events}
 
 
-def dependent_nodes(tpg: TemporalPlanGraph, sources: list[tuple[int, int]]) -> set:
+def dependent_nodes(
+    tpg: TemporalPlanGraph, sources: list[tuple[int, int]]
+) -> set[tuple[int, int]]:
     """Every node that can be reached from some, themselves included, by brute force."""
-    graph = nx.DiGraph()
+    graph: nx.DiGraph[tuple[int, int]] = nx.DiGraph()
     for k, chain in enumerate(tpg.chains):
         graph.add_nodes_from((k, n) for n in range(len(chain)))
         graph.add_edges_from(pairwise((k, n) for n in range(len(chain))))

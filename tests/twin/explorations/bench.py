@@ -72,7 +72,7 @@ def exploration_of(setting: ExplorationSetting, folder: Path) -> Exploration:
 
 
 def sliders_explored(
-    folder: Path, more: str = EXPLORE, right: float = 0.3, **changes: object
+    folder: Path, more: str = EXPLORE, right: float = 0.3, **changes: Any
 ) -> tuple[ExplorationSetting, Exploration]:
     """Return what designs of the sliders have in common, and an exploration of them in ``out``."""
     setting = setting_of(slider_file(folder, more, right=right), **changes)

@@ -139,7 +139,8 @@ def test_the_luck_of_a_plan_is_told_from_what_a_design_is_worth(tmp_path: Path) 
         rows.append(row)
     bench = Bench(setting, 2, evaluated)
     finals = Finals(exploration, setting, report_nothing)
-    gain = finals.gain_by_plans(*rows, 0, bench)
+    base, best = rows
+    gain = finals.gain_by_plans(base, best, 0, bench)
     every = [one - other for one, other in luck.values()]
     shared = rows[0].evaluation.goals[0] - rows[1].evaluation.goals[0] - every[0]
     assert gain is not None
@@ -152,7 +153,7 @@ def test_the_luck_of_a_plan_is_told_from_what_a_design_is_worth(tmp_path: Path) 
     assert told.high - 1e-9 <= gain.high
     assert len(bench.evaluated) == 6
     again = Finals(exploration_of(setting, tmp_path / "out"), setting, report_nothing)
-    assert again.gain_by_plans(*rows, 0, Bench(setting)) == gain, (
+    assert again.gain_by_plans(base, best, 0, Bench(setting)) == gain, (
         "all is in the journal"
     )
 
@@ -193,10 +194,10 @@ def test_compromises_are_told_from_those_that_draws_flattered(tmp_path: Path) ->
         left = item.row.values[LEFT]
         told = pytest.approx((2.4 * abs(0.1 - left), left), abs=0.02)
         assert item.goals == told
-    found = summary_of("sliders", exploration, race, (), 0)
-    assert [item.design for item in found.compromises] == [2, 1, 0]
-    assert found.decided
-    (words,) = verdict(found)
+    summary = summary_of("sliders", exploration, race, (), 0)
+    assert [item.design for item in summary.compromises] == [2, 1, 0]
+    assert summary.decided
+    (words,) = verdict(summary)
     assert words.startswith("of the compromises of the search #4, #5 are none: others")
     # Where draws hide what differs, it is said to be open.
     rng = np.random.default_rng(0)
@@ -204,9 +205,9 @@ def test_compromises_are_told_from_those_that_draws_flattered(tmp_path: Path) ->
         write_sample(exploration.samples_of(row), rng.normal(1.0, 0.1, 80))
     race = Finals(exploration, setting, report_nothing).race()
     assert {item.row.design for item in race if item.unsure} == {0, 1}
-    found = summary_of("sliders", exploration, race, (), 0)
-    assert not found.decided
-    assert "are compromises is not known after 80" in list(verdict(found))[1]
+    summary = summary_of("sliders", exploration, race, (), 0)
+    assert not summary.decided
+    assert "are compromises is not known after 80" in list(verdict(summary))[1]
 
 
 def test_several_goals_constraints_and_prices(tmp_path: Path) -> None:

@@ -59,8 +59,9 @@ def test_designs_that_can_be_counted_up_are_each_tried_once(
 ) -> None:
     values = (-0.3, -0.1, 0.1)
     vary = tuple(VarySection(key=key, values=values) for key in (LEFT, RIGHT))
-    changes = {"vary": vary, "sampler": sampler, "designs": 9}
-    setting, exploration = sliders_explored(tmp_path, **changes)
+    setting, exploration = sliders_explored(
+        tmp_path, vary=vary, sampler=sampler, designs=9
+    )
     exploration.search(Bench(setting, evaluate=cheap), 9, None)
     tried = [
         (row.values[LEFT], row.values[RIGHT]) for row in exploration.journal.searched

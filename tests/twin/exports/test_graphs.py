@@ -128,7 +128,7 @@ def handover() -> TemporalPlanGraph:
 
 def edges(tpg: TemporalPlanGraph, kind: str) -> set[tuple[str, str]]:
     graph = task_graph(tpg)
-    return {(a, b) for a, b, found in graph.edges(data="kind") if found == kind}
+    return {(a, b) for a, b, edge in graph.edges(data=True) if edge["kind"] == kind}
 
 
 def test_tasks_are_ordered_by_their_robot_and_by_what_they_wait_for() -> None:

@@ -33,7 +33,7 @@ def rows_of(content: bytes) -> list[dict[str, str]]:
 
 def test_csv_holds_every_event_exactly(run: RunResult) -> None:
     rows = rows_of(exported(run, "csv")["events.csv"])
-    lines = (run.folder / "events.jsonl").read_text().splitlines()
+    lines = (run.files / "events.jsonl").read_text().splitlines()
     assert len(rows) == len(lines) > 50
     assert list(rows[0]) == KEYS
     for row, line in zip(rows, lines, strict=True):
@@ -44,7 +44,7 @@ def test_csv_holds_every_event_exactly(run: RunResult) -> None:
 
 def test_csv_holds_the_tables_exactly(run: RunResult) -> None:
     files = exported(run, "csv")
-    moves = pq.read_table(run.folder / "trajectory.parquet").to_pylist()
+    moves = pq.read_table(run.files / "trajectory.parquet").to_pylist()
     rows = rows_of(files["trajectory.csv"])
     assert list(rows[0]) == list(moves[0])
     for row, move in zip(rows, moves, strict=True):
@@ -54,7 +54,7 @@ def test_csv_holds_the_tables_exactly(run: RunResult) -> None:
                 None if given == "" else given if key == "robot" else type(value)(given)
             )
     assert any(row["q_2"] == "" for row in rows)  # a robot with a joint less
-    placed = pq.read_table(run.folder / "objects.parquet").to_pylist()
+    placed = pq.read_table(run.files / "objects.parquet").to_pylist()
     rows = rows_of(files["objects.csv"])
     assert list(rows[0]) == ["t_s", "object", "parent", *"xyz", "qw", "qx", "qy", "qz"]
     for row, place in zip(rows, placed, strict=True):
@@ -66,7 +66,7 @@ def test_csv_holds_the_tables_exactly(run: RunResult) -> None:
 def test_csv_is_read_by_arrow_with_the_same_types(run: RunResult) -> None:
     files = exported(run, "csv")
     table = pyarrow.csv.read_csv(BytesIO(files["trajectory.csv"]))
-    moves = pq.read_table(run.folder / "trajectory.parquet")
+    moves = pq.read_table(run.files / "trajectory.parquet")
     assert table.column_names == moves.column_names
     for name in table.column_names:
         assert table.column(name).to_pylist() == moves.column(name).to_pylist()
@@ -75,7 +75,7 @@ def test_csv_is_read_by_arrow_with_the_same_types(run: RunResult) -> None:
 def test_parquet_comes_back_as_it_was(run: RunResult) -> None:
     files = exported(run, "parquet")
     for name in ("trajectory", "objects"):
-        source = pq.read_table(run.folder / f"{name}.parquet")
+        source = pq.read_table(run.files / f"{name}.parquet")
         found = pq.read_table(BytesIO(files[f"{name}.parquet"]))
         assert found.equals(source)
         assert found.schema.metadata[b"scenario"] == b'toy: "run"'
@@ -84,18 +84,18 @@ def test_parquet_comes_back_as_it_was(run: RunResult) -> None:
     lines = [
         event_line(Event(round(e.pop("t_s") * 10**9), **e)) for e in map(dict, events)
     ]
-    assert "".join(lines) == (run.folder / "events.jsonl").read_text()
+    assert "".join(lines) == (run.files / "events.jsonl").read_text()
 
 
 def test_texts_with_commas_quotes_and_line_ends_survive(run: RunResult) -> None:
     detail = 'a, "b"\nc'
-    log = run.folder / "events.jsonl"
+    log = run.files / "events.jsonl"
     log.write_text(event_line(Event(1, "robot_0", "waiting", 0, 0, "", detail)))
     assert rows_of(exported(run, "csv")["events.csv"])[0]["detail"] == detail
 
 
 def test_a_torn_last_line_is_left_out(run: RunResult) -> None:
-    log = run.folder / "events.jsonl"
+    log = run.files / "events.jsonl"
     whole = log.read_text()
     log.write_text(whole[:-20])
     count = len(rows_of(exported(run, "csv")["events.csv"]))
@@ -109,7 +109,7 @@ REQUIRED = {
     "f": {"name", "cat", "id", "ts", "pid", "tid", "bp"},
     "i": {"name", "cat", "s", "ts", "pid", "tid", "args"},
 }
-TYPES = {
+TYPES: dict[str, type | tuple[type, ...]] = {
     "name": str,
     "cat": str,
     "ts": (int, float),

@@ -13,7 +13,7 @@ import yaml
 from scipy import stats
 from typer.testing import Result
 
-from planning.tasks.task import SKILLS
+from planning.tasks.task import TaskKind
 from planning.transforms import Array
 from tests.twin import program
 from tests.twin.scenarios.cells import ONE_BRICK as SMALL
@@ -152,7 +152,7 @@ BAD = {
     "unknown skill": (
         "skill,duration_s\n" + "screw it,1\n" * 10,
         ("--by", "skill"),
-        f"skill 'screw it' is no skill (valid: {', '.join(SKILLS)})",
+        f"skill 'screw it' is no skill (valid: {', '.join(TaskKind.SKILLS)})",
     ),
     "no skill": (
         "skill,duration_s\n" + ",1\n" * 10,

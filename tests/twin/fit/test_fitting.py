@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import optimize, stats
 
 from planning.transforms import Array
-from tests.twin.durations.known_distributions import KNOWN
+from tests.twin.durations.known_distributions import KNOWN, Frozen
 from twin.durations.bounded import Pert, Triangular, Uniform
 from twin.durations.fittable import golden_section
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
@@ -32,7 +32,7 @@ IDS = [f"{family.title} {theta}" for family, theta, _ in KNOWN]
 
 @pytest.mark.parametrize(("family", "theta", "reference"), KNOWN, ids=IDS)
 def test_densities_and_probabilities_are_scipys(
-    family: Family, theta: list[float], reference: object
+    family: Family, theta: list[float], reference: Frozen
 ) -> None:
     row = np.array([theta], dtype=float)
     density = np.exp(family.log_density(T, row))[0]
@@ -80,7 +80,7 @@ SAMPLES = {
     ids=lambda v: getattr(v, "title", ""),
 )
 def test_nothing_scipy_finds_is_likelier(
-    family: Family, reference: object, sample: Array
+    family: Family, reference: stats.rv_continuous, sample: Array
 ) -> None:
     x = np.sort(sample)
     parameters = reference.fit(x, floc=0)
@@ -228,7 +228,7 @@ def test_p_values_of_the_right_family_are_uniform() -> None:
     ],
 )
 def test_the_right_family_is_not_rejected_and_near_the_top(
-    right: str, sample: object
+    right: str, sample: Frozen
 ) -> None:
     found = fit_candidates(sample.rvs(400, random_state=11), resamples=39)
     own = by_name(found)[right]

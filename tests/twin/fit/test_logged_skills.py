@@ -30,8 +30,13 @@ def test_disturbances_leave_what_was_drawn(tmp_path: Path, seed: int) -> None:
     skills = {task.kind for task in tpg.tasks if task.kind != "transit"}
     durations = SkillDurations({s: Uniform(low_s=1, high_s=3) for s in skills})
     log = tmp_path / "events.jsonl"
-    how = {"seed": seed, "disturbances": DISTURBANCES}
-    run = simulate(tpg, durations, recorders=(JsonlRecorder(log),), **how)
+    run = simulate(
+        tpg,
+        durations,
+        recorders=(JsonlRecorder(log),),
+        seed=seed,
+        disturbances=DISTURBANCES,
+    )
     assert run.outcome == "completed"
     draws = durations.bind(tpg)
     totals = draws.totals(seed=seed, replications=[0])[:, 0] / NANOSECONDS

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pytest
@@ -36,7 +37,9 @@ TPG = random_tpg(16, tasks=14, edges=12)
 LINES = [event_line(event) for event in watched(TPG, VARIED)[1]]
 
 
-def followed(lines: Iterator[str | None], every_s: float = 5.0) -> tuple:
+def followed(
+    lines: Iterator[str | None], every_s: float = 5.0
+) -> tuple[FollowedRun, list[Any]]:
     out: list[str] = []
     run = FollowedRun(TPG)
     follow(

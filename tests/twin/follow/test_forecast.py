@@ -86,7 +86,7 @@ def test_before_it_begins_a_run_is_any_run(
     )
     model = ExecutionModel(
         VARIED,
-        policy,  # type: ignore[arg-type]
+        policy,
         Messages.of_seconds(depth, latency, latency),
         disturbances,
     )
@@ -140,9 +140,11 @@ def seen_from(
 
 def test_forecasts_bracket_the_truth_as_often_as_they_say() -> None:
     """Of 150 runs nine in ten end before their P90, half before their P50."""
-    slowed = {"robot_0": UniformFactor(kind="uniform", low=0.5, high=1.0)}
+    slow = UniformFactor(kind="uniform", low=0.5, high=1.0)
     broken = Breakdowns(mtbf_s=60.0, mttr_s=4.0)
-    disturbances = Disturbances(speed=Speed(robots=slowed), breakdowns=broken)
+    disturbances = Disturbances(
+        speed=Speed(robots={"robot_0": slow}), breakdowns=broken
+    )
     tpg = random_tpg(16, tasks=14, edges=12)
     model = ExecutionModel(SPREAD, disturbances=disturbances)
     engine, forecaster = Simulator(tpg, model), Forecaster(tpg, model, samples=120)

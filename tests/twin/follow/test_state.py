@@ -15,7 +15,7 @@ from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.execution_model import Messages
 from twin.engine.passage import drive_times
 from twin.follow.state import FollowedRun
-from twin.runs.events import Event, EventLogError, event_line, parse_event
+from twin.runs.events import Event, EventLogError, event_line
 from twin.runs.execution_record import Policy
 from twin.uncertainty.disturbances import (
     Breakdowns,
@@ -58,7 +58,7 @@ def test_the_state_equals_the_run_and_nothing_is_flagged(
     )
     followed = FollowedRun(tpg)
     for event in events:
-        followed.apply(parse_event(event_line(event)))
+        followed.apply(Event.parse(event_line(event)))
     assert texts(followed) == []
     assert followed.outcome == run.outcome
     for k, robot in enumerate(followed.robots):
@@ -275,9 +275,9 @@ def test_an_open_loop_run_breaks_the_graph() -> None:
 )
 def test_lines_that_are_no_events_say_why(line: str, text: str) -> None:
     with pytest.raises(EventLogError, match=text):
-        parse_event(line)
+        Event.parse(line)
 
 
 def test_times_are_read_exactly() -> None:
     event = Event(12_345_678_901_234_567, "left", "started", 3, 4, "b", 'a "b"\n')
-    assert parse_event(event_line(event)) == event
+    assert Event.parse(event_line(event)) == event

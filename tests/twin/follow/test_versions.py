@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from twin.follow.followed_folder import PlanHistory, followed_execution, plan_hi
 from twin.follow.forecast import Forecaster
 from twin.follow.recording import LiveRecording
 from twin.follow.state import FollowedRun
-from twin.runs.events import Event, event_line, parse_event
+from twin.runs.events import Event, event_line
 from twin.runs.folder import EVENTS, FIRST, SUMMARY, VERSIONS
 
 FAILS = (
@@ -62,7 +62,7 @@ def run(
     code = int(outcome == "failed")
     invoke("operate", folder / "own.yaml", *words, code=code)
     lines = (out / EVENTS).read_text().splitlines()
-    events = [parse_event(line) for line in lines]
+    events = [Event.parse(line) for line in lines]
     assert sum(e.kind == "replanned" for e in events) >= 2
     return Operated(out, plan_history(out), events, outcome)
 
@@ -147,14 +147,15 @@ def test_a_node_that_begins_too_early_is_found_in_every_version(run: Operated) -
 
 def test_another_task_or_robot_or_object_is_found(run: Operated) -> None:
     row = max(k for k, event in enumerate(run.events) if event.kind == "attached")
-    for change in (
+    changes: list[dict[str, Any]] = [
         {"task": 0},
         {"robot": "nobody"},
         {"object": "nothing"},
         {"node": 9999},
-    ):
+    ]
+    for change in changes:
         events = [*run.events]
-        events[row] = replace(events[row], **change)  # type: ignore[arg-type]
+        events[row] = replace(events[row], **change)
         assert followed(run, events).violations, change
 
 

@@ -26,7 +26,8 @@ def test_an_unforeseen_error_is_one_line_and_a_report(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with pytest.raises(typer.Exit) as ended:
         broken()
-    assert ended.value.exit_code == ExitCode.UNFORESEEN == 70
+    assert ended.value.exit_code == ExitCode.UNFORESEEN
+    assert ended.value.exit_code == 70
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "Traceback" not in said

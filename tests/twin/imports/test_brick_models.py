@@ -28,7 +28,7 @@ def lego(path: Path) -> LegoSection:
     return section
 
 
-def built(path: Path):
+def built(path: Path) -> list[tuple[str, int, int, int, int, int]]:
     """Return type and span of each brick that a scenario builds or builds upon, from its corner."""
     section = lego(path)
     assembly = build_lego(section)

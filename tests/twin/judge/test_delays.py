@@ -31,7 +31,8 @@ def content_of(
     robots: dict[str, Any] = {}
     number = 0
     for k, own in enumerate(lengths):
-        motions, t = [], 0.0
+        motions: list[dict[str, Any]] = []
+        t = 0.0
         for seconds in own:
             waits = tuple(f"m{a}" for a, b in after if b == number)
             motion = {

@@ -58,9 +58,8 @@ def test_the_same_plan_by_the_clock_is_clean_until_somebody_is_late(
 
 def _set(place: str, value: str) -> Plant:
     """Return the fault that another value stands somewhere in a plan."""
-    robot, *displacement, last = (
-        int(key) if key.isdigit() else key for key in place.split()
-    )
+    robot, *keys = place.split()
+    *displacement, last = (int(key) if key.isdigit() else key for key in keys)
 
     def plant(west: Motions, east: Motions) -> None:
         found: Any = {"west": west, "east": east}[robot]

@@ -90,8 +90,9 @@ def live(
     memory, links, wires = memory or MemoryRecorder(), {}, {}
     for robot in plan.tpg.cell.robots:
         arm = arms.get(robot.name) or SimulatedArm(pace=PACE)
-        own = {"cut": cuts[robot.name]} if cuts and robot.name in cuts else {}
-        wires[robot.name] = Watched(DriverEnd(arm, robot.name, 1), **own)
+        wires[robot.name] = Watched(DriverEnd(arm, robot.name, 1))
+        if cuts and robot.name in cuts:
+            wires[robot.name].cut = cuts[robot.name]
         links[robot.name] = Link(
             "run", robot.name, robot.home, lease_s=lease_s, ahead_s=None
         )
@@ -163,6 +164,7 @@ def test_a_cell_of_drivers_is_audited_by_what_they_have_measured(
     planned = twin.operate(tmp_path / "stack.yaml", out=tmp_path / "twin")
     assert planned.summary["makespan_s"] < done.summary["makespan_s"]
     took, planned_s = [], []
+    assert done.record is not None
     for chain, start, end in zip(
         done.tpg.chains, done.record.start_ns, done.record.end_ns, strict=True
     ):

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cache, partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -45,6 +45,7 @@ from twin.live.wire_format import (
     report_bytes,
 )
 from twin.operations.commitment import PlanRevision
+from twin.operations.planner import Planner
 from twin.operations.replanner import RollingReplanner
 from twin.recorders.observers import MemoryRecorder, Observers
 from twin.runs.events import Event
@@ -113,12 +114,13 @@ def driven(falsify: Falsify | None) -> tuple[Execution, list[Event], ModelWire]:
         clock=clock.monotonic,
         inbox=ModelInbox(clock),
     )
+    planner = cast(Planner[Any], SameAgain())
     execution = Execution(
         tpg,
         times,
         Dispatcher(tpg),
         Messages(),
-        Ports(robots, replanner=partial(RollingReplanner, planner=SameAgain())),
+        Ports(robots, replanner=partial(RollingReplanner, planner=planner)),
         observers=Observers((memory,)),
     )
     execution.execute()
@@ -319,7 +321,7 @@ def test_reports_that_nobody_hears_take_little_room() -> None:
     for number in range(10_000):
         inbox.put(replace(report, number=number))
     inbox.put(replace(report, robot="another"))
-    heard = []
+    heard: list[Report] = []
     while inbox.is_behind() and len(heard) < 9_000:
         heard.append(inbox.get(0.0))
     assert len(heard) < 9_000

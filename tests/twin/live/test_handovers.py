@@ -71,8 +71,10 @@ def test_the_receiver_closes_while_both_stand_and_before_the_giver_opens(
     assert arms["left"].orders == []
     # The receiver stands at the end of all that it has, and the giver has not been told to go on.
     ((order, state, given),) = arms["right"].orders
-    assert order == ToolOrder(f"left:{node}", "close", pytest.approx(0.8), "a")
+    assert order == ToolOrder(f"left:{node}", "close", order.seconds, "a")
+    assert order.seconds == pytest.approx(0.8)
     assert (state.begun, state.done) == (given, given)
+    assert done.record is not None
     start, end = done.record.start_ns[giver], done.record.end_ns[giver]
     assert end[node] - start[node] >= 0.8e9
     assert end[node] <= start[node + 1]

@@ -20,7 +20,8 @@ START = np.zeros(2)
 
 def some_nodes(rng: random.Random, count: int) -> list[ClearedNode]:
     """Return nodes of tasks of one to three nodes each, every other one a skill."""
-    nodes, task, at = [], 0, START
+    nodes: list[ClearedNode] = []
+    task, at = 0, START
     while len(nodes) < count:
         for _ in range(rng.randint(1, 3)):
             points = rng.randint(1, 3)

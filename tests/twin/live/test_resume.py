@@ -191,7 +191,7 @@ class Cell:
             tuple(-1 for _ in motion),
         )
         robots = [r for r in self.tpg.cell.robots if r.name in self.driven]
-        planner = SimpleNamespace(
+        planner: Any = SimpleNamespace(
             initial=None,
             due=lambda *_: False,
             is_short=lambda _: False,

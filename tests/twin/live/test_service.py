@@ -132,9 +132,7 @@ def node_modules() -> Path | None:
     return folder
 
 
-def asked(
-    address: str, held: Certificates | None, robot: str = "left"
-) -> grpc.StatusCode | None:
+def asked(address: str, held: Certificates | None, robot: str = "left") -> object:
     """Return how a driver that asks for a robot is refused, None where it is let in."""
     report = report_bytes(
         DriverEnd(SimulatedArm(stands=np.zeros(6)), robot, 1).report()
@@ -218,7 +216,7 @@ def test_what_is_no_message_is_left_aside_and_changes_nothing(
     assert command is not None
     end.receive(replace(command, instance=1))
     whole = report_bytes(end.report())
-    broken = []
+    broken: list[bytes] = []
     while len(broken) < 2000:
         one = bytearray(whole)
         for _ in range(rng.randint(1, 6)):

@@ -10,7 +10,7 @@ from typing import Any
 
 import twin
 from planning.cell.workcell import Attachment
-from planning.tasks.task import GONE, Task
+from planning.tasks.task import Handling, Task
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
@@ -72,7 +72,7 @@ def stack(folder: Path) -> PlanResult:
 
 
 def operated(
-    plan: PlanResult, seed: int, *, halting: bool = False, **values: Any
+    plan: PlanResult, seed: int, halting: bool = False, /, **values: Any
 ) -> tuple[Operation, list[Event]]:
     """Operate a plan with other values of its execution; return what was told, too."""
     case = plan.scenario.varied(values)
@@ -95,7 +95,7 @@ def lost(chance: float, retries: int = 0) -> dict[str, Any]:
     return {f"failures.{skill}": item for skill in ("pick", "place-down")}
 
 
-def tasks_of(done: Operation, *kinds: str) -> list[Task]:
+def tasks_of(done: Operation | RunResult, *kinds: str) -> list[Task]:
     """Return the tasks of some kinds that were executed."""
     return [task for task in done.tpg.tasks if task.kind in kinds]
 
@@ -107,7 +107,7 @@ def placed(done: Operation) -> list[int]:
 
 def gone(done: Operation) -> set[str]:
     """Return what has left the cell."""
-    return {h.object for h in done.tpg.handlings if h.holder == GONE}
+    return {h.object for h in done.tpg.handlings if h.holder == Handling.GONE}
 
 
 def at_the_end(done: Operation) -> Mapping[str, Attachment]:

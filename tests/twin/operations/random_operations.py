@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.operate import audited
 from planning.errors import PlanInvariantError
-from planning.tasks.task import FAILED, HANDLING, LEFT_OUT, TRANSIT
+from planning.tasks.task import TaskKind
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.invariant import check_invariant
@@ -187,7 +187,7 @@ def _failure(draw: Draw, skill: str, processes: Mapping[str, object]) -> Values:
         "probability": float(draw.choice([0.0, 0.1, 0.3, 0.5])),
         "retries": int(draw.integers(0, 2)),
     }
-    if skill in HANDLING:
+    if skill in TaskKind.HANDLING:
         item["loses"] = float(draw.choice([0.0, 0.5, 1.0]))
         kind = "wrong" if skill == "pick" else "slips"
         item[kind] = float(draw.choice([0.0, 0.5]))
@@ -267,7 +267,7 @@ def _ends(
 def _untold(done: Operation, plan: PlanResult, whole: PlanResult) -> Iterator[str]:
     """Yield steps of which the world at the end is another than is told, read from the placements of objects."""
     undone = done.given_up.keys() | done.dropped.keys()
-    idle = (TRANSIT, LEFT_OUT, FAILED)
+    idle = (TaskKind.TRANSIT, TaskKind.LEFT_OUT, TaskKind.FAILED)
     last = {task.step: task.kind for task in whole.tpg.tasks if task.kind not in idle}
     wanted = Counter(task.step for task in whole.tpg.tasks if task.kind not in idle)
     executed = {(t.step, t.kind) for t in done.tpg.tasks if t.kind not in idle}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import twin
-from planning.tasks.task import GONE
+from planning.tasks.task import Handling
 from tests.twin.operations.operated import (
     STACK,
     came_at,
@@ -83,7 +83,7 @@ def test_whatever_is_lost_somebody_brings_another_one(
         assert name in came
     left = [e.object for e in events if e.detail == "leaves the cell"]
     assert sorted(left) == sorted(
-        h.object for h in done.tpg.handlings if h.holder == GONE
+        h.object for h in done.tpg.handlings if h.holder == Handling.GONE
     )
     for ask in fresh.values():
         if ask.fresh in came:

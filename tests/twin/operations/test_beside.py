@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import twin
 from planning.kinematics.kinematics import frame_pose
-from planning.tasks.task import FAILED
+from planning.tasks.task import TaskKind
 from planning.transforms import Transform
 from planning.worlds.measured import MeasuredWork, offset_on_surface
 from tests.twin.operations.operated import (
@@ -61,7 +61,7 @@ def require_picked_there(done: Operation, events: Sequence[Event]) -> int:
         task = done.tpg.task_of(h)
         start = done.tpg.cell.object(h.object).start
         lies = places.setdefault(h.object, [start])
-        if task.kind == FAILED and h.holder is None:
+        if task.kind == TaskKind.FAILED and h.holder is None:
             way, turn = off(lies[-1], h.pose)
             assert way <= FAR["m"] + 1e-9
             assert turn <= FAR["rad"] + 1e-6
@@ -99,7 +99,11 @@ def test_how_far_it_lies_is_told_and_is_all_that_is_different(plan: PlanResult) 
     done, events = operated(plan, 0, **sure, **{"recovery.again": 1})
     # It is found twice, the second time beside where it was found the first time, and then given up.
     (first, second) = [e.detail for e in events if e.kind == "recovered"]
-    lies = [h.pose for h in done.tpg.handlings if done.tpg.task_of(h).kind == FAILED]
+    lies = [
+        h.pose
+        for h in done.tpg.handlings
+        if done.tpg.task_of(h).kind == TaskKind.FAILED
+    ]
     way, turn = off(done.tpg.cell.object("block_b").start, lies[0])
     assert first == (
         f"step 7 is begun anew: block_b lies beside its place, {1e3 * way:.1f} mm and"
@@ -180,7 +184,7 @@ def test_what_is_left_of_a_run_knows_where_parts_were_found(
         f"    pick: {{probability: 0, parts: {{block_a: 0.5}}, retries: 0, loses: 1, beside: 1, offset: {FAR}}}\n"
     )
     file = written(tmp_path, text)
-    for seed in range(9):
+    for seed in range(1, 9):
         again = load(file).varied({**FEW, "seed": seed})
         out = tmp_path / f"{seed}"
         run = twin.operate(again, out=out, recording=False, audit=False)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import RequestError
-from planning.tasks.task import BROUGHT, FAILED, TAKEN_OUT
+from planning.tasks.task import TaskKind
 from scheduling.motion_times import is_driven
 from tests.twin.operations.operated import (
     STACK,
@@ -83,7 +83,7 @@ def test_what_is_wanted_is_done_and_the_rest_is_said(
     last: dict[str, str | None] = {}
     for handling in done.tpg.handlings:
         last[handling.object] = handling.holder
-    assert {t.object for t in tasks_of(done, TAKEN_OUT)} <= gone(done)
+    assert {t.object for t in tasks_of(done, TaskKind.TAKEN_OUT)} <= gone(done)
 
 
 def test_steps_that_have_begun_are_brought_to_an_end(plan: PlanResult) -> None:
@@ -102,7 +102,7 @@ def test_what_is_in_a_hand_and_rests_on_what_is_dropped_is_taken_out(
     slow = {"recovery.planning_s": 20.0}
     done, events = operated(plan, 0, **late, **slow, **dropping(5.0, 1))
     assert [e.object for e in events if e.kind == "attached"] == ["left_a"]
-    (out,) = tasks_of(done, TAKEN_OUT)
+    (out,) = tasks_of(done, TaskKind.TAKEN_OUT)
     assert out.object == "left_a"
     assert [e.object for e in events if e.detail == "leaves the cell"] == ["left_a"]
     assert done.record.outcome == "completed"
@@ -136,7 +136,7 @@ def late(**times: float) -> dict[str, Any]:
 
 def picked_at(done: Operation) -> dict[str, int]:
     """Return when the picks of what was picked began, by object [ns]."""
-    found = {}
+    found: dict[str, int] = {}
     for k, chain in enumerate(done.tpg.chains):
         for node, index in enumerate(chain.task.tolist()):
             task = done.tpg.tasks[index]
@@ -188,9 +188,9 @@ def test_another_brick_is_taken_and_the_late_one_is_let_be(plan: PlanResult) -> 
     (cured,) = [e for e in events if e.kind == "recovered"]
     assert cured.detail == f"step 1 is begun anew: {first} has not come yet"
     assert first not in picked_at(done)
-    (tried,) = tasks_of(done, FAILED)
+    (tried,) = tasks_of(done, TaskKind.FAILED)
     assert tried.object == first
-    (brought,) = tasks_of(done, BROUGHT)
+    (brought,) = tasks_of(done, TaskKind.BROUGHT)
     assert brought.object == first
     assert came_at(events) == {first: 40_000_000_000}
     require_kept(done)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import twin
 from benchmarks.operate import audited
 from planning.errors import RequestError
-from planning.tasks.task import BROUGHT, FAILED, TAKEN_OUT
+from planning.tasks.task import TaskKind
 from tests.twin.operations.operated import (
     at_the_end,
     came_at,
@@ -63,7 +63,9 @@ def require_true(plan: PlanResult, done: Operation) -> list[int]:
         assert at.holder is None
         assert np.allclose(at.pose, goals[task.step - 1], atol=1e-9)
     assert not gone(done) & {t.object for t in put}
-    brought = {t.object for t in done.tpg.tasks if t.kind == BROUGHT and t.object}
+    brought = {
+        t.object for t in done.tpg.tasks if t.kind == TaskKind.BROUGHT and t.object
+    }
     assert len(gone(done)) + len(state) == LEVELS + len(brought)
     holders = {at.holder for at in state.values()}
     assert holders <= {None, *done.out} or done.given_up
@@ -82,7 +84,7 @@ def test_whatever_fails_it_goes_on(plan: PlanResult, seed: int) -> None:
     done, events = operated(plan, seed, **lost(0.2), **{"recovery.again": 3})
     require_true(plan, done)
     failures = [e for e in events if e.kind == "failed"]
-    assert len(tasks_of(done, FAILED)) == len(failures)
+    assert len(tasks_of(done, TaskKind.FAILED)) == len(failures)
 
 
 @pytest.mark.nightly
@@ -116,7 +118,7 @@ def test_what_goes_nowhere_is_taken_out(plan: PlanResult) -> None:
     dones = (operated(plan, k, **never, **{"recovery.again": 0})[0] for k in range(20))
     done = next(d for d in dones if 1 < len(d.given_up) < LEVELS)
     require_true(plan, done)
-    assert any(t.kind == TAKEN_OUT for t in done.tpg.tasks)
+    assert any(t.kind == TaskKind.TAKEN_OUT for t in done.tpg.tasks)
 
 
 LOSES = {"failures.place-down": {"probability": 0.4, "retries": 0, "loses": 1.0}}
@@ -205,6 +207,7 @@ def test_whatever_is_asked_for_it_goes_on(
         assert sum(ask.step == step for ask in done.asks) <= times
 
 
+@pytest.mark.nightly
 def test_what_a_person_brings_is_audited_and_resumed(
     plan: PlanResult, tmp_path: Path
 ) -> None:
@@ -337,6 +340,7 @@ def test_who_keeps_hold_is_audited_and_goes_on_in_what_is_left(
     (put,) = (t for t in run.tpg.tasks if t.label == "place long")
     k = run.tpg.chain_index[put.robot]
     last = np.flatnonzero(run.tpg.chains[k].task == put.index)[-1]
+    assert run.record is not None
     at_s = (run.record.end_ns[k][last] + 1) / 1e9
     left, _ = gone_on(run, at_s, tmp_path / "went")
     first = next(t for t in left.tpg.tasks if t.robot == put.robot)

@@ -34,7 +34,7 @@ OFTEN = tuple(
     for word in ("--set", f"execution.failures.{skill}.{key}={value}")
 )
 
-KILLS = 17
+KILLS = 7
 """Of each cell, at events that are drawn."""
 
 

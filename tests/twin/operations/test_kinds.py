@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from benchmarks.operate import audited
-from planning.tasks.task import FAILED, TAKE_TOOL, TAKEN_OUT
+from planning.tasks.task import TaskKind
 from tests.twin.operations.operated import (
     at_the_end,
     gone,
@@ -41,13 +41,13 @@ def fails(plan: PlanResult, skill: str, **values: Any) -> tuple[Operation, list[
 
 def test_what_has_slipped_is_brought_to_a_person(plan: PlanResult) -> None:
     done, words = fails(plan, "place-down", slips=1.0)
-    (tried,) = tasks_of(done, FAILED)
+    (tried,) = tasks_of(done, TaskKind.FAILED)
     assert words == [
         f"step {tried.step} is begun anew: {tried.object} has slipped in the hand"
     ]
     # It stays in the hand, and leaves it at HOME.
     assert tried.handlings == ()
-    (taken,) = tasks_of(done, TAKEN_OUT)
+    (taken,) = tasks_of(done, TaskKind.TAKEN_OUT)
     assert (taken.robot, taken.object) == (tried.robot, tried.object)
     placed = {t.step: t.object for t in done.tpg.tasks if t.kind == "place-down"}
     assert sorted(placed) == [1, 2, 3, 4]
@@ -57,7 +57,7 @@ def test_what_has_slipped_is_brought_to_a_person(plan: PlanResult) -> None:
 
 def test_a_wrong_part_stays_where_it_lies(plan: PlanResult) -> None:
     done, words = fails(plan, "pick", wrong=1.0)
-    (tried,) = tasks_of(done, FAILED)
+    (tried,) = tasks_of(done, TaskKind.FAILED)
     assert words == [f"step {tried.step} is begun anew: {tried.object} is a wrong part"]
     state = at_the_end(done)
     start = done.tpg.cell.object(str(tried.object)).start
@@ -97,7 +97,7 @@ def inspected(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
 
 def test_what_is_rejected_is_worked_at_again(inspected: PlanResult) -> None:
     done, (words,) = fails(inspected, "inspecting", loses=0.0, then="rework")
-    (tried,) = tasks_of(done, FAILED)
+    (tried,) = tasks_of(done, TaskKind.FAILED)
     name = tried.object
     assert words == f"milling {name} is done again, and then inspecting {name}"
     order = [t.kind for t in done.tpg.tasks if t.object == name]
@@ -123,7 +123,7 @@ def test_what_is_rejected_is_worked_at_again(inspected: PlanResult) -> None:
 
 def works_of(done: Operation) -> list[tuple[int, str, str]]:
     """Return step, kind and robot of what was done to the cover besides placing it, in order."""
-    kinds = "clean", "screw", "inspect", FAILED
+    kinds = "clean", "screw", "inspect", TaskKind.FAILED
     begins = {
         task: start
         for chain, own in zip(done.tpg.chains, done.record.start_ns, strict=True)
@@ -146,7 +146,7 @@ def test_all_that_was_done_to_a_part_since_it_came_is_done_again() -> None:
     before = [(3, "screw", "left"), (4, "screw", "right"), (5, "clean", "right")]
     first, failed, last = (
         (1, "clean", "left"),
-        (6, FAILED, "left"),
+        (6, TaskKind.FAILED, "left"),
         (6, "inspect", "left"),
     )
     assert works_of(done) == [first, *before, failed, *before, last]
@@ -171,10 +171,10 @@ def test_what_is_given_up_is_not_done_again_with_the_rest() -> None:
 
 def test_what_is_rejected_is_scrapped(inspected: PlanResult) -> None:
     done, (words,) = fails(inspected, "inspecting", loses=0.0, then="scrap")
-    (tried,) = tasks_of(done, FAILED)
+    (tried,) = tasks_of(done, TaskKind.FAILED)
     assert words == f"step {tried.step} is given up: {tried.object} is scrapped"
     assert done.given_up[tried.step] == f"{tried.object} is scrapped"
-    (taken,) = tasks_of(done, TAKEN_OUT)
+    (taken,) = tasks_of(done, TaskKind.TAKEN_OUT)
     assert taken.object == tried.object
 
 
@@ -198,7 +198,7 @@ def test_a_robot_leaves_the_rack_of_its_tools_as_it_would_have() -> None:
     plan = plan_scenario(load(SCENARIOS / "assembly" / "gearbox.yaml"), keep=True)
     fails = {"probability": 0.25, "retries": 0, "loses": 1.0, "slips": 0.5}
     done, _ = operated(plan, 24, **{"failures.place-down": fails})
-    taken = [t.index for t in done.tpg.tasks if t.kind == TAKE_TOOL]
+    taken = [t.index for t in done.tpg.tasks if t.kind == TaskKind.TAKE_TOOL]
     assert done.given_up
     assert taken
     ways = {t.index: t.label for t in done.tpg.tasks if t.robot == "right"}

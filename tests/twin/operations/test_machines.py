@@ -13,18 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import twin
-from planning.tasks.task import (
-    FAILED,
-    GOES_ON,
-    GONE,
-    LEAVE,
-    LEFT_OUT,
-    PRESENT,
-    STILL,
-    TAKEN_OUT,
-    Handling,
-    Task,
-)
+from planning.tasks.task import STILL, Handling, Task, TaskKind
 from planning.transforms import translation
 from planning.worlds.supplied import REMOVAL, RemovalPlan
 from planning.worlds.world import World
@@ -69,7 +58,9 @@ def plan() -> PlanResult:
 def require_true(done: Operation) -> None:
     """Check what was executed: the guarantee, the order, and that the world at the end is as it is told."""
     require_kept(done)
-    tasks = [t for t in done.tpg.tasks if t.kind not in (LEFT_OUT, FAILED)]
+    tasks = [
+        t for t in done.tpg.tasks if t.kind not in (TaskKind.LEFT_OUT, TaskKind.FAILED)
+    ]
     # Every skill of a step is done once, or the step is not done to its end and told.
     skills = Counter(
         (t.step, t.kind)
@@ -90,17 +81,17 @@ def require_clear(done: Operation) -> None:
     came = Counter(
         h.object
         for t in done.tpg.tasks
-        if t.kind == PRESENT
+        if t.kind == TaskKind.PRESENT
         for h in t.handlings
         if h.holder is None
     )
     assert came == {f"blank.{k}": 1 for k in range(2, PRODUCTS + 1)}
-    left = Counter(h.object for h in done.tpg.handlings if h.holder == GONE)
+    left = Counter(h.object for h in done.tpg.handlings if h.holder == Handling.GONE)
     blanks = {name: n for name, n in left.items() if name.startswith("blank")}
     assert blanks == {f"blank.{k}": 1 for k in range(1, PRODUCTS + 1)}
     state = at_the_end(done)
     assert not [name for name in state if name.startswith("blank")]
-    leaves = tasks_of(done, LEAVE)
+    leaves = tasks_of(done, TaskKind.LEAVE)
     assert len(leaves) == PRODUCTS
 
 
@@ -160,7 +151,9 @@ def test_what_is_in_a_machine_that_is_out_is_taken_away(plan: PlanResult) -> Non
     taken = {t.object for t in done.tpg.tasks if t.robot == REMOVAL}
     everyone = {f"blank.{k}" for k in range(1, PRODUCTS + 1)}
     assert taken == everyone - set(milled)
-    assert all(t.kind == TAKEN_OUT for t in done.tpg.tasks if t.robot == REMOVAL)
+    assert all(
+        t.kind == TaskKind.TAKEN_OUT for t in done.tpg.tasks if t.robot == REMOVAL
+    )
     words = "; ".join(done.given_up.values())
     assert "mill is out" in words
 
@@ -190,7 +183,7 @@ def remaining(tpg: TemporalPlanGraph) -> dict[str, float]:
     """Return how long machines go on with what they were at, by name."""
     found = {}
     for task in tpg.tasks:
-        if task.kind == GOES_ON:
+        if task.kind == TaskKind.GOES_ON:
             chain = tpg.chains[tpg.chain_index[task.robot]]
             assert chain.task[0] == task.index
             found[task.robot] = float(chain.duration[0])
@@ -228,13 +221,23 @@ def test_what_is_left_begins_with_machines_at_work(
 
 def test_what_comes_up_waits_for_what_an_earlier_plan_had_taken_from_there() -> None:
     here, there = translation(0.0, 0.0, 0.1), translation(0.2, 0.0, 0.1)
-    gone = (Handling("bolt.4", 1, GONE, here),)
-    about = REMOVAL, TAKEN_OUT, 15, "bolt.4 is taken away", STILL, gone, "bolt.4"
+    gone = (Handling("bolt.4", 1, Handling.GONE, here),)
+    about = (
+        REMOVAL,
+        TaskKind.TAKEN_OUT,
+        15,
+        "bolt.4 is taken away",
+        STILL,
+        gone,
+        "bolt.4",
+    )
     tasks = [Task(3, *about)]
     for index, pose in ((2, here), (7, here), (8, there)):
         name = f"bolt.{index}"
         comes = (Handling(name, 1, None, pose),)
-        tasks.append(Task(index, "bolts", PRESENT, index, name, STILL, comes, name))
+        tasks.append(
+            Task(index, "bolts", TaskKind.PRESENT, index, name, STILL, comes, name)
+        )
     scrap = RemovalPlan(cast(World, None), (), frozenset())
     assert [*scrap.waits(tasks)] == [(3, 7)]
 

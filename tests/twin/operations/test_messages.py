@@ -88,7 +88,7 @@ def planned_anew(
     plan: PlanResult, *, halting: bool, **values: Any
 ) -> tuple[list[Event], int, int, set[int]]:
     """Operate until something fails; return events, when, when it is planned, and tasks at hand then."""
-    done, events = operated(plan, 6, halting=halting, **lost(0.3), **values)
+    done, events = operated(plan, 6, halting, **lost(0.3), **values)
     fails = next(e.t_ns for e in events if e.kind == "failed")
     swap = next(e.t_ns for e in events if e.kind == "replanned")
     at_hand = set()

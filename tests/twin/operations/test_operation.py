@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import RequestError
-from planning.tasks.task import FAILED, TAKEN_OUT
+from planning.tasks.task import TaskKind
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
@@ -65,7 +65,7 @@ def test_whatever_fails_the_union_keeps_the_invariant(
     assert left == gone(done)
     failures = [e for e in events if e.kind == "failed"]
     assert len([e for e in events if e.kind == "recovered"]) == len(failures)
-    assert len(tasks_of(done, FAILED)) == len(failures)
+    assert len(tasks_of(done, TaskKind.FAILED)) == len(failures)
     if len(gone(done)) < 4:
         assert done.record.outcome == "completed", done.given_up
 
@@ -100,14 +100,14 @@ def tries(done: Operation) -> dict[tuple[int, str], list[int]]:
     """Return how many attempts failed in each try at each skill of a step."""
     found: dict[tuple[int, str], list[int]] = {}
     for task in done.tpg.tasks:
-        kind = task.label.split()[0] if task.kind == FAILED else task.kind
+        kind = task.label.split()[0] if task.kind == TaskKind.FAILED else task.kind
         if kind in ("pick", "place-down"):
             k = done.tpg.chain_index[task.robot]
             (node, *_) = np.flatnonzero(done.tpg.chains[k].task == task.index)
             skill = done.tpg.chains[k].skill
             node += int(np.argmax(skill[node:]))
             own = [s.node for s in done.record.standstills[k] if s.cause == "retry"]
-            found.setdefault((task.step, kind), []).append(own.count(node))
+            found.setdefault((task.step, kind), []).append(own.count(int(node)))
     return found
 
 
@@ -118,7 +118,7 @@ def test_luck_is_that_of_the_step_however_it_is_planned_anew(
     plan: PlanResult, seed: int
 ) -> None:
     one, other = (
-        operated(plan, seed, halting=halting, **lost(0.3, 1), **{"recovery.again": 100})
+        operated(plan, seed, halting, **lost(0.3, 1), **{"recovery.again": 100})
         for halting in (False, True)
     )
     if not one[0].given_up and not other[0].given_up:
@@ -132,7 +132,7 @@ def test_what_cannot_be_put_down_is_taken_from_the_hand(plan: PlanResult) -> Non
     )
     assert done.given_up[1].endswith("failed 1 times")
     assert {done.given_up[step] for step in (2, 3, 4)} == {"it rests on step 1"}
-    taken = {t.object for t in done.tpg.tasks if t.kind == TAKEN_OUT}
+    taken = {t.object for t in done.tpg.tasks if t.kind == TaskKind.TAKEN_OUT}
     assert taken == {e.object for e in events if e.kind == "attached"}
     for chain in done.tpg.chains:
         home = done.tpg.cell.robot(chain.robot).home
@@ -151,7 +151,7 @@ def test_on_the_way_aside_nothing_may_touch_that_does_not_where_it_begins(
     assert may == {
         frozenset((f"{t.robot}/tool", str(t.object)))
         for t in done.tpg.tasks
-        if t.kind == TAKEN_OUT
+        if t.kind == TaskKind.TAKEN_OUT
     }
 
 
@@ -248,7 +248,7 @@ def test_what_fails_for_a_reason_that_no_section_names_is_planned_anew(
     model = replace(model, disturbances=wrong)
     done = operate(case.sections, plan.motions, plan.tpg, model, seed=0)
     assert done.versions
-    tried = next(t for t in done.tpg.tasks if t.kind == FAILED)
+    tried = next(t for t in done.tpg.tasks if t.kind == TaskKind.FAILED)
     assert tried.object == missed.object
 
 
@@ -264,8 +264,10 @@ def test_a_robot_lets_go_of_what_comes_later_where_nobody_else_can_go_on(
         plan_scenario(load(file), keep=True), 3, **{"failures.place-down": sure}
     )
     require_safe(done.tpg)
-    assert [t.object for t in done.tpg.tasks if t.kind == FAILED] == ["left_a"]
-    assert [t.object for t in done.tpg.tasks if t.kind == TAKEN_OUT] == ["right_b"]
+    assert [t.object for t in done.tpg.tasks if t.kind == TaskKind.FAILED] == ["left_a"]
+    assert [t.object for t in done.tpg.tasks if t.kind == TaskKind.TAKEN_OUT] == [
+        "right_b"
+    ]
     assert done.record.outcome == "completed"
 
 
@@ -277,7 +279,7 @@ def test_a_robot_that_keeps_hold_can_support_what_is_begun_anew(tmp_path: Path) 
         for skill in ("pick", "place-down")
     }
     done, _ = operated(plan_scenario(load(file), keep=True), 4, **fails)
-    assert any(t.object == "pin" and t.kind == FAILED for t in done.tpg.tasks)
+    assert any(t.object == "pin" and t.kind == TaskKind.FAILED for t in done.tpg.tasks)
     assert done.record.outcome == "completed"
 
 

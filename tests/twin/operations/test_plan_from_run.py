@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import twin
 from planning.errors import OutputError, RequestError, ScenarioError
 from planning.kinematics.kinematics import frame_pose
-from planning.tasks.task import FAILED
+from planning.tasks.task import TaskKind
 from planning.transforms import from_quat_wxyz
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
@@ -228,7 +228,7 @@ def test_runs_in_which_skills_failed_go_on_without_what_was_lost(
         except RequestError as error:
             refused.append(str(error))
             continue
-        assert FAILED not in {task.kind for task in left.tpg.tasks}
+        assert TaskKind.FAILED not in {task.kind for task in left.tpg.tasks}
         assert verify_plan(left.tpg).problems == ()
         calm = replace(left, scenario=left.scenario.varied({"failures": {}}))
         done = twin.run(calm, out=tmp_path / f"{share}", recording=False)

@@ -1,5 +1,7 @@
 """Recovery is a function: of a state and what has happened, without a simulation."""
 
+from collections.abc import Mapping
+
 import pytest
 import simpy
 
@@ -12,11 +14,12 @@ from twin.operations.person import Person
 from twin.operations.recovery import Recovery
 from twin.trial.plan_result import PlanResult
 from twin.uncertainty.disturbances import Disturbances
-from twin.uncertainty.node_times import NodeTimeSampler
+from twin.uncertainty.draws import TaskName
+from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
 
 
 def recovery(plan: PlanResult) -> Recovery:
-    def draw(graph: TemporalPlanGraph, names):
+    def draw(graph: TemporalPlanGraph, names: Mapping[int, TaskName]) -> NodeTimes:
         times = with_full_speed_times(graph), NOMINAL, Disturbances(), names
         return NodeTimeSampler(*times).sample(seed=0)
 
@@ -45,6 +48,8 @@ def test_a_failure_gives_a_revision_and_changes_no_state(
     assert revision.counts[failure.chain] == failure.node + 1
     assert plan_sha256(revision.tpg) != plan_sha256(plan.tpg)
     assert "failed" in revision.cause
+    assert before.measure is not None
+    assert after.measure is not None
     assert after.measure.is_below(before.measure)
     lost = plan.tpg.task_at(failure.chain, failure.node).object
     assert after.ledger.gone == {lost}

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import twin
 from benchmarks.operate import audited
 from planning.lego.bricks.brick_world import station_of
-from planning.tasks.task import FAILED
+from planning.tasks.task import TaskKind
 from tests.twin.operations.operated import (
     CLIFF,
     FEW,
@@ -48,7 +48,9 @@ IN_TWO_LAYERS = ", ".join(
 )
 
 
-@pytest.fixture(scope="module", params=["beside", "above"])
+@pytest.fixture(
+    scope="module", params=["beside", pytest.param("above", marks=pytest.mark.nightly)]
+)
 def file(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
@@ -88,7 +90,7 @@ def test_a_lost_pin_is_replaced_while_there_are_others(
 ) -> None:
     done, _ = operated(plan, seed, **lost(rate))
     require_safe(done.tpg)
-    tried = [t.object for t in done.tpg.tasks if t.kind == FAILED]
+    tried = [t.object for t in done.tpg.tasks if t.kind == TaskKind.FAILED]
     beside = len({goal[2, 3] for goal in plan.motions.assembly.goals.values()}) == 1
     # What failed was lost, or was tried in vain: each time one pin less at most.
     if beside and PINS - len(set(tried)) >= GOALS:
@@ -101,7 +103,7 @@ SURE = {"failures.pick": {"probability": 0.3, "retries": 0, "loses": 1.0}}
 
 def test_what_would_be_lost_can_be_known_beforehand(plan: PlanResult) -> None:
     done, _ = operated(plan, 1, **SURE)
-    assert any(task.kind == FAILED for task in done.tpg.tasks)
+    assert any(task.kind == TaskKind.FAILED for task in done.tpg.tasks)
     assert not done.given_up
     case = plan.scenario.varied(SURE)
     model = scenario_execution(case.sections, case.folder)
@@ -120,7 +122,7 @@ def test_it_is_audited_and_what_is_left_knows_the_spares_that_were_used(
     )
     assert run.outcome == "completed"
     assert run.summary["audit"]["violations"] == []
-    lost_ones = {t.object for t in run.tpg.tasks if t.kind == FAILED}
+    lost_ones = {t.object for t in run.tpg.tasks if t.kind == TaskKind.FAILED}
     assert lost_ones
     left = twin.plan(world=f"{run.files}@{0.8 * run.makespan_s}")
     require_safe(left.tpg)
@@ -184,6 +186,7 @@ def require_presented(plan: PlanResult, done: Operation) -> None:
     places = {t.step: t.object for t in done.tpg.tasks if t.kind.startswith("place")}
     assert len(places) == len(plan.motions.task_plan.choices)
     assert gone(done).isdisjoint(places.values())
+    assert plan.motions.work is not None
     stations = plan.motions.work.problem.unlimited
     for station in stations:
         own = {name for name in names if station_of(name, stations) == station}
@@ -222,7 +225,7 @@ def test_what_a_station_presents_may_fail_by_the_name_of_the_station(
     fails = {"failures.pick": {**item, "parts": {"left_a": 0.7}}}
     done, _ = operated(presented, 1, **fails, **{"recovery.again": 100})
     require_presented(presented, done)
-    tried = [t.object for t in done.tpg.tasks if t.kind == FAILED]
+    tried = [t.object for t in done.tpg.tasks if t.kind == TaskKind.FAILED]
     assert len(tried) > 1
     assert {str(name).rpartition(".")[0] for name in tried} == {"left_a"}
 
@@ -271,14 +274,16 @@ def test_what_is_left_goes_on_with_what_a_station_presents_by_then(
     case = load(fed_stack).varied({**FEW, **spoiled(0.3, 1.0, 0.0, 0.0), "seed": 2})
     run = twin.operate(case, out=tmp_path / "run", recording=False, audit=False)
     assert run.outcome == "completed"
-    assert any(task.kind == FAILED for task in run.tpg.tasks)
+    assert any(task.kind == TaskKind.FAILED for task in run.tpg.tasks)
     left = twin.plan(world=f"{run.files}@{0.7 * run.makespan_s}")
     require_own_contacts(left.tpg)
     require_safe(left.tpg)
     picks = {t.object for t in left.tpg.tasks if t.kind == "pick"}
     done = {t.object for t in run.tpg.tasks if t.kind == "place-down"}
     assert picks
-    assert picks - done <= {t.object for t in run.tpg.tasks if t.kind == FAILED}
+    assert picks - done <= {
+        t.object for t in run.tpg.tasks if t.kind == TaskKind.FAILED
+    }
 
 
 WANTED, SPARE, STEPS = 2, 2, 5

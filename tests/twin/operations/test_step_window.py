@@ -137,9 +137,9 @@ def test_it_is_resumed_after_a_kill(
     stack_file: Path, kits: int, tmp_path: Path
 ) -> None:
     run, file = tmp_path / "run", ASSEMBLY / "kitting.yaml" if kits else stack_file
-    said = ("--set", "window={steps: 2, least: 1}", "--failures", "0.3")
+    said = ["--set", "window={steps: 2, least: 1}", "--failures", "0.3"]
     if kits:
-        said = (*said, "--set", f"assembly.products.count={kits}")
+        said += ["--set", f"assembly.products.count={kits}"]
     options = ("--no-recording", "--no-audit", "--quiet", "--out", str(run))
     invoke("operate", str(file), *said, *options)
     assert "come next" in require_resumed(run)

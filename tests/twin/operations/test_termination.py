@@ -29,7 +29,7 @@ BY_DAY = {
 }
 """How many drawn operations of each cell are tried by day: those that are cheap."""
 
-AT_NIGHT = 36
+AT_NIGHT = 10
 """Of each cell."""
 
 

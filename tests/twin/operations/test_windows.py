@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import twin
-from planning.tasks.task import EARLIER, FAILED, LAG, LEFT_OUT, Task
+from planning.tasks.task import Task, TaskKind, TimeWindow
 from scheduling.graph.plan_files import load_plan, save_plan
 from tests.twin.operations.operated import operated, planned, require_safe, tasks_of
 from tests.twin.written import written
 from twin.engine.engine import Simulator
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.operations.operation import Operation
 from twin.recorders.observers import MemoryRecorder
 from twin.runs.windows import window_summary
@@ -82,9 +82,7 @@ def require_windows(done: Operation) -> None:
 def test_without_failures_it_is_the_run(plan: PlanResult, hold: float) -> None:
     case, memory = plan.scenario.varied({"windows.hold": hold}), MemoryRecorder()
     model = scenario_execution(case.sections, case.folder)
-    Simulator(with_window_holds(plan.tpg, model), model).run(
-        seed=3, recorders=(memory,)
-    )
+    Simulator(with_model_holds(plan.tpg, model), model).run(seed=3, recorders=(memory,))
     done, events = operated(plan, 3, **{"windows.hold": hold})
     assert events == memory.events
     require_windows(done)
@@ -112,7 +110,7 @@ def test_whatever_fails_least_times_pass_and_all_windows_are_told(
     told = {e.detail.split(":")[0] for e in events if e.kind == "window_broken"}
     assert told == {row["window"] for row in broken}
     # A least time passes once after each step that opens a window, whatever is planned anew.
-    lags = [t.robot for t in done.tpg.tasks if t.kind == LAG]
+    lags = [t.robot for t in done.tpg.tasks if t.kind == TaskKind.LAG]
     assert len(lags) == len(set(lags)) == 4
 
 
@@ -167,7 +165,7 @@ def test_what_is_done_again_opens_its_window_again(tmp_path: Path) -> None:
         looked = [
             span(done, t)
             for t in done.tpg.tasks
-            if t.step == 4 and t.kind in (FAILED, "inspecting")
+            if t.step == 4 and t.kind in (TaskKind.FAILED, "inspecting")
         ]
         again += len(glued) - 1
         assert len(glued) == len(looked)
@@ -193,7 +191,7 @@ def test_a_window_that_is_open_goes_on_in_what_is_left(
     left = twin.plan(world=f"{run.files}@{ended_s + 0.2}")
     require_safe(left.tpg)
     (other,) = (w for w in left.tpg.windows if w.words == name)
-    assert (other.begun, other.done) == (EARLIER, EARLIER)
+    assert (other.begun, other.done) == (TimeWindow.EARLIER, TimeWindow.EARLIER)
     assert other.ago >= 0.2
     # Others are as they were, and what is over is left out.
     assert {w.words for w in left.tpg.windows} <= WINDOWS.keys()
@@ -209,4 +207,4 @@ def test_a_window_that_is_open_goes_on_in_what_is_left(
     begun_s = went.node_times_ns[k][0][first] / 1e9
     assert row["passed_s"] == pytest.approx(other.ago + begun_s)
     assert row["passed_s"] >= other.least - 1e-9
-    assert not tasks_of(went, LEFT_OUT)
+    assert not tasks_of(went, TaskKind.LEFT_OUT)

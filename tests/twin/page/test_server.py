@@ -228,9 +228,9 @@ def test_whatever_comes_is_an_order_or_refused_with_words(given: bytes | str) ->
             return
         order = panel.orders.get_nowait()
         assert order in {
-            *(Order(act, name) for act in ("hold", "go on") for name in ("", "left")),  # type: ignore[arg-type]
+            *(Order(act, name) for act in ("hold", "go on") for name in ("", "left")),
             Order("out", "left"),
-            *(Order(act, name, 2) for act in ("yes", "no") for name in ("", "left")),  # type: ignore[arg-type]
+            *(Order(act, name, 2) for act in ("yes", "no") for name in ("", "left")),
         }
 
 

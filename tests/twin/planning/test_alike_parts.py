@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planning.tasks.task import PRESENT
+from planning.tasks.task import TaskKind
 from planning.transforms import rotation
 from tests.planted import rows
 from tests.shipped_runs import SCENARIOS
@@ -89,7 +89,7 @@ def test_parts_have_names_and_goals_have_steps(tmp_path: Path) -> None:
     assert [part.goal and part.goal.xyz_m[0] for part in pegs] == pytest.approx(
         [-0.1, 0.0, 0.1, None, None]
     )
-    starts = [part.start and part.start.xyz_m[:2] for part in pegs]
+    starts = [part.start.xyz_m[:2] for part in pegs if part.start is not None]
     np.testing.assert_allclose(
         starts, [(-0.2, -0.3), (-0.1, -0.3), (-0.2, -0.2), (-0.1, -0.2), (0.2, -0.3)]
     )
@@ -214,7 +214,9 @@ def test_a_source_gives_parts_of_a_kind_one_after_another(tmp_path: Path) -> Non
         t.object for t in tpg.tasks if t.kind == "pick" and "bolt" in str(t.object)
     ]
     assert bolts == [f"bolt.{k}.{product}" for product in (1, 2, 3) for k in (1, 2)]
-    assert sum(t.kind == PRESENT and t.robot == "bolts" for t in tpg.tasks) >= 5
+    assert (
+        sum(t.kind == TaskKind.PRESENT and t.robot == "bolts" for t in tpg.tasks) >= 5
+    )
     said = str(refusal(tmp_path, text, (goal, goals + "\n      count: 3")))
     assert "3 bolt have 2 goals: leave count out" in said
 

@@ -7,9 +7,11 @@ import pytest
 
 from planning.lego.bricks.assembly import Cell, Press, Support
 from planning.transforms import rotation
+from tests.assembly_section import assembly_section
 from tests.twin.written import loaded
 from twin.audits.expectations import Expectations, scenario_expectations
 from twin.kinds.lego.kind import build_lego
+from twin.kinds.lego.section import LegoSection
 from twin.planning.build_workcell import build_workcell
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.kind import assembly_kind
@@ -51,7 +53,8 @@ assembly:
 
 def test_cell_and_assembly_hold_what_the_file_says(tmp_path: Path) -> None:
     scenario = loaded(tmp_path, SCENARIO)
-    cell, assembly = build_workcell(scenario, tmp_path), build_lego(scenario.assembly)
+    cell = build_workcell(scenario, tmp_path)
+    assembly = build_lego(assembly_section(scenario, LegoSection))
 
     left, right = cell.robots
     np.testing.assert_allclose(np.rad2deg(left.home), [10, -20, -30, 0, -60, 0])

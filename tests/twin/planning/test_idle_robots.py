@@ -3,12 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 import twin
-from planning.parts.assembly import PartAssembly, PlacePart, Process, Work
+from planning.parts.assembly import PartAssembly, PlacePart, Process, Spot, Work
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -59,7 +59,7 @@ def motions(
         tuple(primaries),
         tuple(supports),
     )
-    work = AssemblyWork(problem, lambda *_: None, assembly=assembly)  # type: ignore[arg-type,return-value]
+    work = AssemblyWork(problem, lambda *_: None, assembly=assembly)  # type: ignore[arg-type]
     tasks = (SimpleNamespace(robot=by),)
     cell = without_last().cell
     return SimpleNamespace(
@@ -77,6 +77,11 @@ def candidate(step: int, robot: str, partner: str | None = None) -> PrimaryCandi
 BOTH = [candidate(1, "robot_0"), candidate(2, "robot_0"), candidate(2, "robot_1")]
 ALONE = BOTH[:2]
 SCREW = Process("screw", tool="driver", frame="flange")
+
+
+def work(process: Process) -> Work:
+    """Return work at a spot that nobody asks for."""
+    return Work(process=process, spot=cast(Spot, None))
 
 
 def made_of(*steps: Any) -> PartAssembly:
@@ -100,15 +105,15 @@ def made_of(*steps: Any) -> PartAssembly:
             0,
         ),
         (
-            motions(ALONE, [], assembly=made_of(Work(process=SCREW, spot=None))),
+            motions(ALONE, [], assembly=made_of(work(SCREW))),
             "tools",
             0,
-        ),  # type: ignore[arg-type]
+        ),
         (
             motions(
                 ALONE,
                 [],
-                assembly=made_of(Work(process=replace(SCREW, tool=None), spot=None)),  # type: ignore[arg-type]
+                assembly=made_of(work(replace(SCREW, tool=None))),
             ),
             "no reach",
             0,

@@ -8,17 +8,19 @@ import pytest
 import yaml
 
 from planning.errors import ScenarioError
-from planning.tasks.task import LEAVE, PRESENT
+from planning.tasks.task import TaskKind
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
+from tests.assembly_section import assembly_section
 from tests.planted import rows
 from tests.twin.written import loaded, refusal
 from twin.audits.expectations import scenario_expectations
 from twin.document.validation import InvalidScenarioError
 from twin.host.progress import StageWatch
 from twin.kinds.parts.line import source_places, write_out_line
+from twin.kinds.parts.section import PartsSection
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
@@ -90,7 +92,7 @@ def test_a_tray_and_a_pallet_repeat_when_both_are_as_they_were(tmp_path: Path) -
     assert line.period == 2
     tpg = planned(own, tmp_path)
     tasks = tpg.tasks
-    exchanges = [t for t in tasks if t.kind == PRESENT and t.robot == "bolts"]
+    exchanges = [t for t in tasks if t.kind == TaskKind.PRESENT and t.robot == "bolts"]
     # Thirteen bolts from trays of two: full ones come six times.
     assert [len(t.handlings) for t in exchanges] == [2] * 6
     picks = [t for t in tasks if t.kind == "pick" and str(t.object).startswith("bolt.")]
@@ -108,10 +110,10 @@ def test_a_stack_is_taken_from_above(tmp_path: Path) -> None:
         "pitch_m": 0.03,
     }
     own = scenario(tmp_path, source={"bolts": stack}, products={"count": 3})
-    assembly = own.assembly
-    heights = [at[2, 3] for at in source_places(assembly.sources["bolts"])]  # type: ignore[union-attr]
+    assembly = assembly_section(own, PartsSection)
+    heights = [at[2, 3] for at in source_places(assembly.sources["bolts"])]
     assert np.allclose(heights, [0.135, 0.105, 0.075])
-    line = write_out_line(assembly)  # type: ignore[arg-type]
+    line = write_out_line(assembly)
     assert line.period == line.products
     assert not line.supply.refills.keys() & {"bolt.1", "bolt.2", "bolt.3"}
     planned(own, tmp_path)
@@ -134,7 +136,9 @@ def test_a_slow_conveyor_sets_the_pace(tmp_path: Path) -> None:
     own = scenario(tmp_path, source={"belt": belt}, products={"count": 8})
     tpg = planned(own, tmp_path)
     (chain,) = (
-        k for k, c in enumerate(tpg.chains) if tpg.tasks[c.task[0]].kind == LEAVE
+        k
+        for k, c in enumerate(tpg.chains)
+        if tpg.tasks[c.task[0]].kind == TaskKind.LEAVE
     )
     ends = earliest_times(tpg).end[chain]
     assert np.allclose(np.diff(ends)[1:], 60.0)

@@ -88,7 +88,7 @@ def test_bricks_end_where_the_file_says_and_the_audit_is_clean(
     planned: PlanResult, trial: RunResult
 ) -> None:
     last = {}
-    for row in pq.read_table(trial.folder / "objects.parquet").to_pylist():
+    for row in pq.read_table(trial.files / "objects.parquet").to_pylist():
         last[row["object"]] = row
     for choice in planned.motions.task_plan.choices:
         step = planned.motions.assembly.steps[choice.step - 1]

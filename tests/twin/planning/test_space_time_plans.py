@@ -16,7 +16,7 @@ from planning.construction.planner import ConstructionPlan
 from planning.construction.world.fixed_world import FixedWorld, PlannedTask
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import TaskKind
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -56,7 +56,9 @@ def crossing(count: int, seed: int) -> tuple[FixedWorld, list[PlannedTask]]:
         found = find_path(checker, goals, QUICK, stay=np.inf, seed=seed)
         if found is None:
             continue
-        task = PlannedTask(robot, TRANSIT, found.time, found.path, 1, f"{robot} goes")
+        task = PlannedTask(
+            robot, TaskKind.TRANSIT, found.time, found.path, 1, f"{robot} goes"
+        )
         world = with_task(world, task)
         tasks.append(task)
     return world, tasks
@@ -100,7 +102,7 @@ def test_a_construction_is_proved_safe_and_no_slower_than_planned(
     assert earliest_times(tpg).makespan <= planned_s + 1e-6
     if make is handover_plan:
         kinds = {t.kind for t in plan.tasks}
-        assert kinds == {TRANSIT, "pick", "place-down", "handover"}
+        assert kinds == {TaskKind.TRANSIT, "pick", "place-down", "handover"}
         return
     # They do work at the same time.
     busy = sum(float(m.time[-1] - m.time[0]) for m in plan.motions)
@@ -141,11 +143,16 @@ def test_a_plan_in_which_robots_meet_is_refused_by_name() -> None:
     )
     tasks = [
         PlannedTask(
-            "a", TRANSIT, np.array([0.0, 4.0]), np.array([[-1.0, 0], [1, 0]]), 1, "east"
+            "a",
+            TaskKind.TRANSIT,
+            np.array([0.0, 4.0]),
+            np.array([[-1.0, 0], [1, 0]]),
+            1,
+            "east",
         ),
         PlannedTask(
             "b",
-            TRANSIT,
+            TaskKind.TRANSIT,
             np.array([0.0, 4.0]),
             np.array([[0.0, -1], [0, 1]]),
             1,
@@ -167,7 +174,7 @@ def test_close_robots_get_finer_nodes_than_distant_ones() -> None:
         tasks = [
             PlannedTask(
                 name,
-                TRANSIT,
+                TaskKind.TRANSIT,
                 np.array([0.0, 4.0]),
                 np.array([[x, 0.0], [x + 2.0, 0.0]]),
                 1,

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -64,9 +65,9 @@ def moved_by(tpg: TemporalPlanGraph, model: RobotModel) -> TemporalPlanGraph:
     return replace(tpg, cell=replace(tpg.cell, robots=(robot,)))
 
 
-def rows(path: Path, entity: str, column: str) -> list[tuple[int, list]]:
+def rows(path: Path, entity: str, column: str) -> list[tuple[int, list[Any]]]:
     """Return (time [ns], cell) of a temporal column of an entity, by time."""
-    found = []
+    found: list[tuple[int, list[Any]]] = []
     stream = RrdReader(path).store().stream()
     for chunk in stream.filter(content=entity, has_timeline="sim_time"):
         batch = chunk.to_record_batch()
@@ -76,9 +77,9 @@ def rows(path: Path, entity: str, column: str) -> list[tuple[int, list]]:
     return sorted(found, key=lambda row: row[0])
 
 
-def static(path: Path, entity: str, column: str) -> list:
+def static(path: Path, entity: str, column: str) -> list[Any]:
     """Return the last static cell of a column of an entity."""
-    found: list = []
+    found: list[Any] = []
     for chunk in RrdReader(path).store().stream().filter(content=entity):
         batch = chunk.to_record_batch()
         if chunk.is_static and column in batch.schema.names:

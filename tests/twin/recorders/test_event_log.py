@@ -17,8 +17,13 @@ from twin.uncertainty.disturbances import Disturbances, Stalls
 
 def log_of(path: Path, seed: int) -> bytes:
     stalls = Disturbances(stalls=Stalls(count_per_robot=1))
-    how = {"seed": seed, "disturbances": stalls, "recorders": [JsonlRecorder(path)]}
-    simulate(random_tpg(8, tasks=12), VARIED, **how)
+    simulate(
+        random_tpg(8, tasks=12),
+        VARIED,
+        seed=seed,
+        disturbances=stalls,
+        recorders=[JsonlRecorder(path)],
+    )
     return path.read_bytes()
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Box, Element, box_shape
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.kinematics.kinematics import frame_in_flange, frame_pose
+from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
 from planning.transforms import Transform, identity, inverse, translation
@@ -63,7 +63,7 @@ def test_fingers_touch_the_part_that_they_close_on(turn: float, wide: float) -> 
     for at, _ in was.values():
         assert any(np.allclose(at, now, atol=1e-6) for now, _ in opened.values())
     part = CellObject("part", "part", box_shape("part", (0.03, wide, 0.02)), identity())
-    grip = frame_in_flange(model, "tool")
+    grip = model.frame_in_flange("tool")
     way = closing_distance(robot, part, grip)
     assert way == pytest.approx(0.03 - 0.5 * wide, abs=1e-5)
     tool = frame_pose(robot, model.home, "tool")

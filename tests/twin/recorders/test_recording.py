@@ -1,7 +1,6 @@
 import subprocess
 import sys
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -46,16 +45,17 @@ def gp4_tpg() -> TemporalPlanGraph:
     return replace(tpg, cell=replace(tpg.cell, robots=robots))
 
 
+Recorded = tuple[TemporalPlanGraph, ExecutionRecord, list[Event], Path]
+
+
 @pytest.fixture(scope="module")
-def recorded(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> tuple[TemporalPlanGraph, ExecutionRecord, list[Event], Path]:
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     path = tmp_path_factory.mktemp("recording") / "run.rrd"
     tpg = gp4_tpg()
     return tpg, *recorded_run(path, tpg), path
 
 
-def test_the_file_verifies(recorded: tuple) -> None:
+def test_the_file_verifies(recorded: Recorded) -> None:
     program = Path(sys.executable).parent / "rerun"
     done = subprocess.run(
         [program, "rrd", "verify", str(recorded[-1])],
@@ -66,11 +66,11 @@ def test_the_file_verifies(recorded: tuple) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_the_layout_travels_with_the_file(recorded: tuple) -> None:
+def test_the_layout_travels_with_the_file(recorded: Recorded) -> None:
     assert len(list(RrdReader(recorded[-1]).blueprints())) == 1
 
 
-def test_the_recording_holds_the_event_rows(recorded: tuple) -> None:
+def test_the_recording_holds_the_event_rows(recorded: Recorded) -> None:
     _, _, events, path = recorded
     for column in ("robot", "kind", "node", "object", "detail"):
         cells = rows(path, "/events", column)
@@ -79,7 +79,9 @@ def test_the_recording_holds_the_event_rows(recorded: tuple) -> None:
         ]
 
 
-def test_lanes_say_what_each_robot_does_and_whom_it_waits_for(recorded: tuple) -> None:
+def test_lanes_say_what_each_robot_does_and_whom_it_waits_for(
+    recorded: Recorded,
+) -> None:
     tpg, run, _, path = recorded
     steps = max(task.step for task in tpg.tasks)
     names = [chain.robot for chain in tpg.chains]
@@ -91,7 +93,8 @@ def test_lanes_say_what_each_robot_does_and_whom_it_waits_for(recorded: tuple) -
         values = static(path, entity, "StateConfiguration:values")
         painted = static(path, entity, "StateConfiguration:colors")
         colour = {v: f"#{c >> 8:06x}" for v, c in zip(values, painted, strict=True)}
-        for before, after in pairwise([None, *lane.spans]):
+        befores = [None, *lane.spans[:-1]]
+        for before, after in zip(befores, lane.spans, strict=True):
             if before is not None and before.state == after.state:
                 continue
             text = shown[after.start_ns]
@@ -133,7 +136,7 @@ def test_fixtures_have_the_colours_that_they_are_given(tmp_path: Path) -> None:
     assert grey not in (0xFF000AFF, 0x010203FF)
 
 
-def test_objects_hang_on_what_holds_them(recorded: tuple) -> None:
+def test_objects_hang_on_what_holds_them(recorded: Recorded) -> None:
     tpg, run, _, path = recorded
     placements = object_placements(tpg, run)
     assert len(placements) == 3
@@ -144,7 +147,7 @@ def test_objects_hang_on_what_holds_them(recorded: tuple) -> None:
     ]
 
 
-def test_joints_move_as_the_kinematics_says(recorded: tuple) -> None:
+def test_joints_move_as_the_kinematics_says(recorded: Recorded) -> None:
     """The chain of recorded joint transforms ends where the planner's kinematics does."""
     tpg, run, _, path = recorded
     for robot, motion in zip(
@@ -169,7 +172,7 @@ def test_joints_move_as_the_kinematics_says(recorded: tuple) -> None:
             assert pose == pytest.approx(out[-1], abs=2e-5)
 
 
-def test_motion_is_cut_fine_and_standing_is_not(recorded: tuple) -> None:
+def test_motion_is_cut_fine_and_standing_is_not(recorded: Recorded) -> None:
     tpg, run, _, _ = recorded
     for motion in robot_trajectories(tpg, run):
         times = frame_times(motion)
@@ -217,7 +220,7 @@ def test_an_arm_that_shows_nothing_is_seen_beside_a_tool_that_does(
     assert any("cup" in entity for entity in drawn), drawn
 
 
-def test_a_gantt_chart_is_drawn(recorded: tuple, tmp_path: Path) -> None:
+def test_a_gantt_chart_is_drawn(recorded: Recorded, tmp_path: Path) -> None:
     from matplotlib.image import imread
 
     tpg, run, events, _ = recorded

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from planning.tasks.task import TRANSIT, Task
+from planning.tasks.task import Task, TaskKind
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.recorders.recorded_toys import recorded_run, rows, static, toy_of
@@ -146,7 +146,7 @@ def test_paint_covers_what_is_coloured_and_tints_white_meshes() -> None:
         paint_robot(root, (255, 0, 0))
         color = root.find(".//visual/material/color")
         seen[name] = (
-            [] if color is None else [float(c) for c in color.get("rgba").split()]
+            [] if color is None else [float(c) for c in color.attrib["rgba"].split()]
         )
     assert seen["own"] == seen["named"] == [1, 0, 0, 1]
     assert seen["grey"] == seen["grey mesh"] == [0.6, 0.6, 0.6, 1]
@@ -253,6 +253,8 @@ def test_followed_lanes_say_what_recorded_ones_do(
 def test_the_camera_sees_all_of_the_site_from_near(team: str) -> None:
     tpg = TEAMS[team]
     view = camera(tpg)
+    assert view.position is not None
+    assert view.look_target is not None
     eye = np.array(view.position.as_arrow_array().to_pylist()[0])
     target = np.array(view.look_target.as_arrow_array().to_pylist()[0])
     points = site_points(tpg)
@@ -295,14 +297,14 @@ def _in_picture(
 PATH = np.zeros((1, 1))
 SAID = {
     ("pick b1", "pick", 1, "b1"): "pick b1 (step 1/3)",
-    ("HOME with b1", TRANSIT, 1, "b1"): "HOME with b1 (step 1/3)",
-    ("to b1", TRANSIT, 1, None): "to b1 (step 1/3)",
-    ("to b1", TRANSIT, 1, "b1"): "b1 to its place (step 1/3)",
-    ("HOME", TRANSIT, 1, None): "HOME after b1 (step 1/3)",
-    ("to its support", TRANSIT, 2, None): "to its support for b2 (step 2/3)",
+    ("HOME with b1", TaskKind.TRANSIT, 1, "b1"): "HOME with b1 (step 1/3)",
+    ("to b1", TaskKind.TRANSIT, 1, None): "to b1 (step 1/3)",
+    ("to b1", TaskKind.TRANSIT, 1, "b1"): "b1 to its place (step 1/3)",
+    ("HOME", TaskKind.TRANSIT, 1, None): "HOME after b1 (step 1/3)",
+    ("to its support", TaskKind.TRANSIT, 2, None): "to its support for b2 (step 2/3)",
     ("support step 2", "support-bottom", 2, None): "support for b2 (step 2/3)",
     ("place b2 from below", "place-up", 2, "b2"): "place b2 from below (step 2/3)",
-    ("to goal 3", TRANSIT, 3, None): "to goal 3 (step 3/3)",
+    ("to goal 3", TaskKind.TRANSIT, 3, None): "to goal 3 (step 3/3)",
 }
 
 

@@ -9,7 +9,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import pyarrow as pa
-from rerun.chunk import RrdReader
+from rerun.chunk import Chunk, RrdReader
 
 GEOMETRY = ("half_sizes", "lengths", "radii", "positions", "blob", "vertex_positions")
 ALWAYS = -(2**63)
@@ -23,7 +23,7 @@ def broken_chains(path: Path, root: str = "world") -> list[str]:
     return [text for name in sorted(timelines) for text in _broken(chunks, name, root)]
 
 
-def _broken(chunks: list, timeline: str, root: str) -> list[str]:
+def _broken(chunks: list[Chunk], timeline: str, root: str) -> list[str]:
     """Look at every instant from the first row of a timeline on."""
     frame_of: dict[str, dict[int, str]] = defaultdict(dict)
     parent_of: dict[str, dict[int, str]] = defaultdict(dict)
@@ -97,7 +97,7 @@ def _leads_nowhere(
     return next((reason for reason in found if reason), "")
 
 
-def _timelines(chunk) -> list[str]:
+def _timelines(chunk: Chunk) -> list[str]:
     schema = chunk.to_record_batch().schema
     return [
         field.name
@@ -106,7 +106,9 @@ def _timelines(chunk) -> list[str]:
     ]
 
 
-def _times(chunk, timeline: str) -> list[int]:
+def _times(chunk: Chunk, timeline: str) -> list[int]:
     if timeline not in _timelines(chunk):
         return []
-    return chunk.to_record_batch().column(timeline).cast(pa.int64()).to_pylist()
+    batch = chunk.to_record_batch()
+    times: list[int] = batch.column(timeline).cast(pa.int64()).to_pylist()
+    return times

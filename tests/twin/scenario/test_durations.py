@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from planning.errors import ScenarioError
-from planning.tasks.task import SKILLS
+from planning.tasks.task import TaskKind
 from tests.planted import planted
 from tests.twin.scenarios.cells import ONE_BRICK
 from tests.twin.twin_toys import random_tpg
@@ -188,10 +188,10 @@ def test_the_strongest_exception_wins(tmp_path: Path) -> None:
 def test_exceptions_reach_the_tasks_of_a_plan() -> None:
     tpg = random_tpg(3, tasks=40)
     durations = SkillDurations(
-        {skill: Fixed(value_s=1.0) for skill in SKILLS},
+        {skill: Fixed(value_s=1.0) for skill in TaskKind.SKILLS},
         tuple(
             SkillOverride(skill=s, duration=Fixed(value_s=2.0), robot="robot_1")
-            for s in SKILLS
+            for s in TaskKind.SKILLS
         ),
     )
     draws = durations.bind(tpg)
@@ -205,7 +205,11 @@ def test_exceptions_reach_the_tasks_of_a_plan() -> None:
 
 def test_what_a_file_leaves_out_is_packaged_and_can_be_scaled(tmp_path: Path) -> None:
     scenario = loaded(tmp_path, SMALL)
-    assert set(scenario.execution.skills) == set(SKILLS) == set(get_args(PackagedSkill))
+    assert (
+        set(scenario.execution.skills)
+        == set(TaskKind.SKILLS)
+        == set(get_args(PackagedSkill))
+    )
     content = resolve_scenario(scenario)
     assert content["execution"]["skills"]["handover"] == {
         "kind": "packaged",

@@ -6,10 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.assembly_section import assembly_section
 from tests.planted import planted
 from tests.twin.twin_toys import toy_cell
 from tests.twin.written import loaded, refusal
 from twin.document.validation import InvalidScenarioError
+from twin.kinds.lego.section import LegoSection
+from twin.kinds.parts.section import PartsSection
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.manifest import (
     MANIFEST,
@@ -61,8 +64,9 @@ def test_a_good_file_loads_with_defaults(folder: Path) -> None:
     scenario = loaded(folder, GOOD)
     assert scenario.seed == 0
     assert scenario.cell.clearance.robot_robot_m == 0.001
-    assert scenario.assembly.plate.studs == (48, 48)
-    assert scenario.assembly.twist_deg.place_down == 16.0
+    assembly = assembly_section(scenario, LegoSection)
+    assert assembly.plate.studs == (48, 48)
+    assert assembly.twist_deg.place_down == 16.0
     assert scenario.execution.stalls.duration_s == (1.0, 20.0)
     assert scenario.execution.skills["pick"].median_s == 10.0  # type: ignore[union-attr]
 
@@ -155,14 +159,16 @@ def test_all_mistakes_are_reported_at_once(folder: Path) -> None:
 def test_places_of_bricks_taken_from_named_stock_are_free_again(folder: Path) -> None:
     named = "press: {side: 1, offset: 1}}", "stock: b1}"
     there = "{brick: 2x4, at: [24, 26, 2]}", "{brick: 2x4, at: [0, 1, 1]}"
-    assert loaded(folder, GOOD, named, there).assembly.steps[1].at == (0, 1, 1)
+    assembly = assembly_section(loaded(folder, GOOD, named, there), LegoSection)
+    assert assembly.steps[1].at == (0, 1, 1)
 
 
 def test_a_station_never_runs_out(folder: Path) -> None:
     station = "[4, 0, 1]}", "[4, 0, 1], station: true}"
     step = "    - {brick: 2x4, at: [24, 26, 2]}\n"
     steps = "".join(step.replace("2]", f"{z}]") for z in range(2, 9))
-    assert len(loaded(folder, GOOD, station, (step, steps)).assembly.steps) == 8
+    fed = loaded(folder, GOOD, station, (step, steps))
+    assert len(assembly_section(fed, LegoSection).steps) == 8
 
 
 PARTS = """\
@@ -183,7 +189,8 @@ def test_where_an_order_is_found_all_parts_with_a_goal_are_put_in_place(
     folder: Path,
 ) -> None:
     find = "ORDER", "order: find"
-    assert loaded(folder, PARTS, find).assembly.placed == ("a", "b")
+    assembly = assembly_section(loaded(folder, PARTS, find), PartsSection)
+    assert assembly.placed == ("a", "b")
     said = str(refusal(folder, PARTS, ("ORDER", "order: listed")))
     assert re.search(r"'steps' is missing: .* 'order: find'", said)
     none = ", goal: {xyz_m: [0, 0.5, 0.02]}", ", goal: {xyz_m: [0, 0.5, 0.06]}"

@@ -93,7 +93,7 @@ def test_carried_parts_keep_the_clearance_of_robots(
 ) -> None:
     run = shipped(name)
     tpg = run.planned.tpg
-    recording = read_recording(run.trial.folder, tpg.cell)
+    recording = read_recording(run.trial.files, tpg.cell)
     found = least_distances(tpg, recording)
     clearance = tpg.cell.clearances.robot_robot
     too_near = {key: at for key, at in found.items() if at[0] < clearance - 2e-5}
@@ -107,7 +107,7 @@ def test_the_measurement_sees_what_comes_too_near(shipped: ShippedRuns) -> None:
 
     run = shipped("lego/cliff")
     tpg = run.planned.tpg
-    recording = read_recording(run.trial.folder, tpg.cell)
+    recording = read_recording(run.trial.files, tpg.cell)
     left = recording.robots["left"]
     late = replace(left, t=left.t + 20.0)
     moved = replace(recording, robots={**recording.robots, "left": late})

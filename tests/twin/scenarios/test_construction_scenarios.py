@@ -183,7 +183,7 @@ def test_a_part_goes_over_three_where_fewer_cannot_bring_it(tmp_path: Path) -> N
     ]
     assert check_construction(plan).faults == ()
     motions = motion_plan(problem, plan.building)
-    after = nx.DiGraph(motions.dependencies.tolist())
+    after: nx.DiGraph[int] = nx.DiGraph(motions.dependencies.tolist())
     for robot in problem.team:
         after.add_edges_from(
             pairwise(t.index for t in motions.tasks if t.robot == robot)
@@ -215,7 +215,7 @@ def test_what_is_joined_may_stand_over_an_edge(tmp_path: Path) -> None:
     over = "[0.1, 0, 0.3]", "[0.24, 0, 0.3]"
     glued = "  supply:", "  joined: [[high, low], [low, ground]]\n  supply:"
     problem = problem_of(written(tmp_path, OWN, over, glued))
-    assert problem.balance.needs("high", {"low": 1.0}) == {"low"}
+    assert problem.balance.needs("high", {"low": 1.0}) == frozenset({"low"})
     unlooked = "  supply:", "  balance: {check: false}\n  supply:"
     assert problem_of(written(tmp_path, OWN, over, unlooked)).statics is None
 

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.tasks.task import CLOSE, OPEN
+from planning.tasks.task import Actuation
 from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
+from tests.assembly_section import assembly_section
 from tests.twin.recorders.recorded_toys import recorded_run, rows
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
@@ -22,9 +23,11 @@ from tests.twin.written import checked, written
 from twin.activities.activities import robot_activities
 from twin.engine.engine import Simulator
 from twin.fit.samples import logged_skills
+from twin.kinds.parts.section import PartsSection
 from twin.reading.scenario_file import load_scenario
 from twin.rerun.entities import entity_path, robot_part
 from twin.rerun.fingers import finger_motions
+from twin.runs.execution_record import Policy
 from twin.runs.trajectory import object_placements
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.replications.timing_graph import timing_graph
@@ -85,8 +88,9 @@ def makespan(
     scenario: Scenario, tpg: TemporalPlanGraph, close: float, opening: float
 ) -> float:
     """Return the makespan of the same plan with other times of the tool."""
-    rules = scenario.assembly.grips.changed(close_s=close, open_s=opening)
-    other = scenario.changed(assembly=scenario.assembly.changed(grips=rules))
+    assembly = assembly_section(scenario, PartsSection)
+    rules = assembly.grips.changed(close_s=close, open_s=opening)
+    other = scenario.changed(assembly=assembly.changed(grips=rules))
     return Simulator(tpg, scenario_execution(other, Path())).run(seed=1).makespan_s
 
 
@@ -94,7 +98,12 @@ def test_a_pick_is_motion_then_a_stand_then_motion(planned: PlanResult) -> None:
     tpg = planned.tpg
     handled = {(h.robot, h.node): h for h in tpg.handlings}
     found = list(stands(tpg))
-    assert sorted(act for *_, act in found) == [CLOSE, CLOSE, OPEN, OPEN]
+    assert sorted(act for *_, act in found) == [
+        Actuation.CLOSE,
+        Actuation.CLOSE,
+        Actuation.OPEN,
+        Actuation.OPEN,
+    ]
     for k, node, act in found:
         chain = tpg.chains[k]
         at = int(chain.first[node])
@@ -103,8 +112,8 @@ def test_a_pick_is_motion_then_a_stand_then_motion(planned: PlanResult) -> None:
         assert set(chain.task[node - 1 : node + 2]) == {chain.task[node]}
         change = handled[k, node]
         assert change.waypoint == 1
-        assert (change.holder == chain.robot) == (act == CLOSE)
-        nominal = 0.45 if act == CLOSE else 0.25
+        assert (change.holder == chain.robot) == (act == Actuation.CLOSE)
+        nominal = 0.45 if act == Actuation.CLOSE else 0.25
         assert chain.duration[node] == pytest.approx(nominal)
 
 
@@ -123,13 +132,13 @@ def test_gripping_is_an_activity_and_a_skill_is_measured_whole(
 ) -> None:
     lanes = robot_activities(planned.tpg, trial.history)
     states = [item.state for lane in lanes.values() for item in lane]
-    assert states.count(CLOSE) == states.count(OPEN) == 2
-    whole = [skill.skill for skill in logged_skills(trial.folder)]
+    assert states.count(Actuation.CLOSE) == states.count(Actuation.OPEN) == 2
+    whole = [skill.skill for skill in logged_skills(trial.files)]
     assert sorted(whole) == ["pick", "pick", "place-down", "place-down"]
 
 
 @pytest.mark.parametrize("policy", ["asynchronous", "sequential"])
-def test_engines_agree(scenario: Scenario, planned: PlanResult, policy: str) -> None:
+def test_engines_agree(scenario: Scenario, planned: PlanResult, policy: Policy) -> None:
     model = scenario_execution(scenario, Path())
     model = replace(model, policy=policy)
     assert_same_ends(planned.tpg, model, 4, [0, 1, 77])
@@ -141,7 +150,7 @@ def test_the_makespan_of_one_robot_grows_by_what_its_tool_takes(
 ) -> None:
     scenario, tpg = alone
     acts = [act for *_, act in stands(tpg)]
-    assert acts.count(CLOSE) == acts.count(OPEN) == 2
+    assert acts.count(Actuation.CLOSE) == acts.count(Actuation.OPEN) == 2
     without = makespan(scenario, tpg, 0.0, 0.0)
 
     @settings(max_examples=25, deadline=None)
@@ -233,7 +242,7 @@ def test_fingers_close_on_the_rod_in_the_recording(
             for t, cell in rows(path, entity, "Transform3D:translation")
         }
         for (_, act), start, end in zip(nodes, starts, ends, strict=True):
-            wide = (0.02, 0.0121) if act == CLOSE else (0.0121, 0.02)
+            wide = (0.02, 0.0121) if act == Actuation.CLOSE else (0.0121, 0.02)
             assert (shown[start], shown[end]) == pytest.approx(wide, abs=3e-4)
 
 

@@ -295,7 +295,7 @@ def with_part_moved(tpg: TemporalPlanGraph, k: int, by: Transform) -> TemporalPl
 def test_parts_that_are_moved_as_they_change_hands_are_found(
     shipped: ShippedRuns, name: str, robots: int | None, kinds: list[str]
 ) -> None:
-    tpg = load_plan(shipped(name, robots).trial.folder)
+    tpg = load_plan(shipped(name, robots).trial.files)
     kind = [
         tpg.tasks[int(tpg.chains[h.robot].task[h.node])].kind for h in tpg.handlings
     ]

@@ -15,10 +15,12 @@ import yaml
 
 from planning.errors import InfeasibleStepError
 from planning.lego.sequencing.stable_steps import stable_steps
+from tests.assembly_section import assembly_section
 from tests.planted import rows
 from tests.twin.program import invoke
 from tests.twin.written import written
 from twin.kinds.lego.kind import build_lego
+from twin.kinds.lego.section import LegoSection
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.schema import scenario_schema
 
@@ -33,6 +35,10 @@ FAR_BRICK = (
 )
 SECONDS = 20.0
 """Far more than is needed, as tests share processors; a search that is not cut short takes longer."""
+
+
+def section_of(file: Path) -> LegoSection:
+    return assembly_section(load_scenario(file), LegoSection)
 
 
 def write(folder: Path, *edits: Edit) -> Path:
@@ -191,9 +197,9 @@ def test_what_cannot_be_built_is_refused_in_words(
 
 def test_steps_are_checked_unless_the_rules_say_otherwise(tmp_path: Path) -> None:
     unchecked = write(tmp_path, on_the_edge, rules(check_steps=False))
-    assert load_scenario(unchecked).assembly.rules.check_steps is False
+    assert section_of(unchecked).rules.check_steps is False
     with pytest.raises(InfeasibleStepError, match="step 8"):
-        stable_steps(build_lego(load_scenario(write(tmp_path, on_the_edge)).assembly))
+        stable_steps(build_lego(section_of(write(tmp_path, on_the_edge))))
 
 
 def test_grips_left_to_the_planner_are_those_that_the_structure_bears(
@@ -203,7 +209,7 @@ def test_grips_left_to_the_planner_are_those_that_the_structure_bears(
         for step in content["assembly"]["steps"][:8]:
             del step["press"]
 
-    given = build_lego(load_scenario(write(tmp_path, free)).assembly)
+    given = build_lego(section_of(write(tmp_path, free)))
     borne = stable_steps(given)
     assert borne.steps[0] == given.steps[0]  # on the plate, every grip will do
     narrowed = borne.steps[6]
@@ -213,7 +219,7 @@ def test_grips_left_to_the_planner_are_those_that_the_structure_bears(
         one = replace(narrowed, presses=(press,))
         steps = (*borne.steps[:6], one, *borne.steps[7:])
         assert stable_steps(replace(borne, steps=steps)).steps == steps
-    full = build_lego(load_scenario(write(tmp_path)).assembly)
+    full = build_lego(section_of(write(tmp_path)))
     assert stable_steps(full) == full
 
 

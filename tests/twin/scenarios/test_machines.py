@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError, PlanInvariantError
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
@@ -195,9 +194,12 @@ def ordered_tasks(tpg: TemporalPlanGraph) -> list[tuple[int, int]]:
 
 
 def test_the_line_has_its_machines(line: TemporalPlanGraph) -> None:
-    names = {line.chains[k].robot for k in machine_chains(line)}
+    names = {line.chains[k].robot for k in line.machine_chains()}
     assert names == {"blanks", "mill", "cooling", "outfeed"}
-    assert {line.chains[k].robot for k in working_machines(line)} == {"mill", "cooling"}
+    assert {line.chains[k].robot for k in line.working_machines()} == {
+        "mill",
+        "cooling",
+    }
     doors = [item for item in line.cell.objects if item.kind == "door"]
     assert [door.name for door in doors] == [f"mill.door.{k}" for k in range(1, 6)]
     assert all(door.later for door in doors)
@@ -400,7 +402,7 @@ def test_what_is_unattended_goes_on_side_by_side(tmp_path: Path) -> None:
     line = {**ALONE, "processes": CURING, "parts": parts, "steps": said(steps)}
     own = scenario(tmp_path, **line)
     tpg = plan_scenario(own, tmp_path).tpg
-    chains = {tpg.chains[k].robot for k in machine_chains(tpg)}
+    chains = {tpg.chains[k].robot for k in tpg.machine_chains()}
     assert chains == {"curing.1", "curing.2"}
     run = execute(own, tpg, tmp_path)
     # One arm places both, one after another; both cure from then on.
@@ -515,7 +517,7 @@ def test_run_and_study_say_how_busy_machines_are(
             assert rows.waited_ns[:, r].sum() == sum(
                 run.wait_ns(k)
                 for k in range(len(line.chains))
-                if k not in machine_chains(line)
+                if k not in line.machine_chains()
             )
 
 

@@ -4,7 +4,9 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from scheduling.verification.verify import verify_plan
+from tests.assembly_section import assembly_section
 from tests.twin.scenarios.cells import cell, panda
+from twin.kinds.parts.section import PartsSection
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
@@ -55,10 +57,12 @@ def test_parts_end_at_their_goals_and_the_audit_is_clean(
 ) -> None:
     assert trial.passed
     last = {}
-    for row in pq.read_table(trial.folder / "objects.parquet").to_pylist():
+    for row in pq.read_table(trial.files / "objects.parquet").to_pylist():
         last[row["object"]] = row
-    for part in scenario.assembly.parts:
-        goal = (part.goal or part.start).transform()
+    for part in assembly_section(scenario, PartsSection).parts:
+        goal_or_start = part.goal or part.start
+        assert goal_or_start is not None
+        goal = goal_or_start.transform()
         assert last[part.name]["parent"] == "world"
         np.testing.assert_allclose(last[part.name]["xyz"], goal[:3, 3], atol=1e-9)
 

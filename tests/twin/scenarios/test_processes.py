@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from planning.errors import ScenarioError
-from planning.tasks.task import HOLD
+from planning.tasks.task import TaskKind
 from planning.transforms import from_rpy, translation
 from scheduling.graph.rollout import earliest_times
 from scheduling.verification.verify import verify_plan
@@ -84,14 +84,14 @@ def test_the_plan_is_safe_and_a_run_with_stalls_does_what_the_scenario_says(
     kinds = [task.kind for task in planned.tpg.tasks]
     assert kinds.count("screw") == 2
     assert kinds.count("seal") == 1
-    assert kinds.count(HOLD) == 3
+    assert kinds.count(TaskKind.HOLD) == 3
 
 
 def test_pins_and_precedence_are_kept(planned: PlanResult) -> None:
     tasks = {(task.kind, task.step): task for task in planned.tpg.tasks}
     assert tasks["screw", 3].robot == "right"
-    assert tasks[HOLD, 3].robot == "left"
-    assert tasks[HOLD, 2].robot != tasks["screw", 2].robot
+    assert tasks[TaskKind.HOLD, 3].robot == "left"
+    assert tasks[TaskKind.HOLD, 2].robot != tasks["screw", 2].robot
     times = earliest_times(planned.tpg)
     begin, end = {}, {}
     for k, chain in enumerate(planned.tpg.chains):
@@ -103,8 +103,8 @@ def test_pins_and_precedence_are_kept(planned: PlanResult) -> None:
         (("place-down", 1), ("screw", 2)),
         (("screw", 2), ("screw", 3)),
         (("screw", 2), ("place-down", 5)),
-        ((HOLD, 2), ("screw", 2)),
-        ((HOLD, 5), ("place-down", 5)),
+        ((TaskKind.HOLD, 2), ("screw", 2)),
+        ((TaskKind.HOLD, 5), ("place-down", 5)),
     ):
         assert end[tasks[earlier].index] <= begin[tasks[later].index] + 1e-9
 
@@ -157,7 +157,7 @@ def test_the_audit_finds_what_was_not_done_as_wanted(
     processes = list(wanted.processes)
     processes[step] = change(processes[step])
     other: Expectations = replace(wanted, processes=tuple(processes))
-    report = audit_run(trial.folder, wanted=other)
+    report = audit_run(trial.files, wanted=other)
     assert [v.kind for v in report.violations] == [kind]
     assert says in report.violations[0].detail
 

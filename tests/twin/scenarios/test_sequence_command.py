@@ -53,14 +53,14 @@ def write(folder: Path, structure: str, head: str = HEAD) -> Path:
 run = partial(invoke, "sequence")
 
 
-def test_the_sequence_is_printed_with_reasons(tmp_path):
+def test_the_sequence_is_printed_with_reasons(tmp_path: Path) -> None:
     result = run(write(tmp_path, TOWER), code=0)
     assert "A1" in result.output
     assert "the structure bears the" in result.output
     assert "2 steps: 2 plain" in result.output
 
 
-def test_json_has_a_row_a_step(tmp_path):
+def test_json_has_a_row_a_step(tmp_path: Path) -> None:
     result = run(write(tmp_path, TOWER), "--json")
     rows = json.loads(result.output)
     assert [(r["step"], r["brick"], r["at"], r["kind"]) for r in rows] == [
@@ -72,7 +72,7 @@ def test_json_has_a_row_a_step(tmp_path):
 
 
 @pytest.mark.nightly
-def test_the_written_scenario_builds_the_same_with_steps(tmp_path):
+def test_the_written_scenario_builds_the_same_with_steps(tmp_path: Path) -> None:
     """Steps with all alternatives come back as they were found."""
     source = Path(__file__).parents[3] / "scenarios/lego/faucet.yaml"
     out = tmp_path / "steps.yaml"
@@ -96,14 +96,14 @@ def test_the_written_scenario_builds_the_same_with_steps(tmp_path):
         assert (step.supports or alone) == expected.supports
 
 
-def test_steps_are_sequenced_anew(tmp_path):
+def test_steps_are_sequenced_anew(tmp_path: Path) -> None:
     steps = "  steps:\n    - {brick: 2x4, at: [20, 20, 1]}\n"
     steps += "    - {brick: 2x2, at: [20, 21, 2]}\n"
     result = run(write(tmp_path, steps), "--json")
     assert [r["name"] for r in json.loads(result.output)] == ["step 1", "step 2"]
 
 
-def test_an_unstable_structure_ends_with_2_and_a_reason(tmp_path):
+def test_an_unstable_structure_ends_with_2_and_a_reason(tmp_path: Path) -> None:
     """A brick on the far end of a beam on one stud, with nowhere to hold it: too low for a tool."""
     head = HEAD + "    - {name: s4, brick: 1x1, at: [2, 22, 1]}\n"
     head += "    - {name: s5, brick: 1x8, at: [2, 26, 1]}\n"
@@ -133,13 +133,15 @@ def test_an_unstable_structure_ends_with_2_and_a_reason(tmp_path):
         ("    origin: [20, 20]\n", "", "17:5", "layers need an 'origin'"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_told_with_its_place(tmp_path, old, new, place, message):
+def test_what_cannot_be_is_told_with_its_place(
+    tmp_path: Path, old: str, new: str, place: str, message: str
+) -> None:
     said = str(refusal(tmp_path, HEAD + TOWER, (old, new)))
     assert message in said
     assert f"own.yaml:{place}: " in said
 
 
-def test_a_structure_may_have_a_file_of_its_own(tmp_path):
+def test_a_structure_may_have_a_file_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "tower.yaml").write_text(
         "\n".join(line[4:] for line in TOWER.splitlines()[1:]) + "\n"
     )
@@ -158,7 +160,7 @@ def test_a_structure_may_have_a_file_of_its_own(tmp_path):
         load_scenario(path)
 
 
-def test_steps_and_structure_exclude_each_other(tmp_path):
+def test_steps_and_structure_exclude_each_other(tmp_path: Path) -> None:
     steps = "  steps:\n    - {brick: 2x4, at: [20, 20, 1]}\n"
     for text in (steps + TOWER, ""):
         with pytest.raises(InvalidScenarioError, match="'steps' or 'structure'"):

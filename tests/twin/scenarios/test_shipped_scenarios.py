@@ -10,7 +10,7 @@ from benchmarks.stalled_runs import run_with_stalls
 from planning.cell.differences import cell_differences
 from planning.cell.shape import Capsule, Cylinder, Mesh
 from planning.errors import OutputError
-from planning.tasks.task import HOLD, LEAVE_TOOL, TAKE_TOOL, TRANSIT
+from planning.tasks.task import TaskKind
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.verification.verify import verify_plan
 from tests.shipped_runs import ShippedRuns
@@ -101,7 +101,7 @@ def test_the_cliff_is_what_it_says_and_its_baseline_close_to_straight_lines(
         seconds = motion.time[-1] - motion.time[0]
         way = np.abs(motion.path[-1] - motion.path[0]).sum()
         taken += seconds
-        straight += way if task.kind == TRANSIT else seconds
+        straight += way if task.kind == TaskKind.TRANSIT else seconds
     assert taken <= 1.1 * straight
 
 
@@ -132,9 +132,11 @@ def test_who_does_what_on_the_board_is_by_the_tools(shipped: ShippedRuns) -> Non
     by_driver = {task.kind for task in tasks if task.robot == "back"}
     worked = {"screw", "tighten", "inspect"}
     assert worked < by_driver
-    assert not {"pick", "place-down", HOLD} & by_driver
+    assert not {"pick", "place-down", TaskKind.HOLD} & by_driver
     assert all(task.robot == "back" for task in tasks if task.kind in worked)
-    assert [task.label for task in tasks if task.kind == HOLD] == ["hold cover"] * 2
+    assert [task.label for task in tasks if task.kind == TaskKind.HOLD] == [
+        "hold cover"
+    ] * 2
     # A lane has the colour of its text: an approach must not be called as its process is.
     kinds: dict[str, set[str]] = {}
     for task in tasks:
@@ -153,23 +155,25 @@ def test_the_order_of_the_board_is_one_in_which_it_can_be_built(
     assert step["inspect board/middle"] == max(step.values()) == 10
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_the_driver_of_the_gearbox_screws_while_the_gripper_holds(
     shipped: ShippedRuns,
 ) -> None:
     tasks = shipped(GEARBOX).planned.tpg.tasks
     assert {t.robot for t in tasks if t.kind == "screw"} == {"right"}
-    assert {t.robot for t in tasks if t.kind == HOLD} == {"left"}
+    assert {t.robot for t in tasks if t.kind == TaskKind.HOLD} == {"left"}
     assert {t.robot for t in tasks if t.kind == "pick"} == {"left", "right"}
     assert sum(t.kind == "screw" for t in tasks) == 4
-    assert sum(t.kind == HOLD for t in tasks) == 2
+    assert sum(t.kind == TaskKind.HOLD for t in tasks) == 2
     # The tool is changed once, after the last part of its arm.
     own = [t for t in tasks if t.robot == "right"]
     kinds = [t.kind for t in own]
-    changed = [t.object for t in own if t.kind in (LEAVE_TOOL, TAKE_TOOL)]
+    changed = [
+        t.object for t in own if t.kind in (TaskKind.LEAVE_TOOL, TaskKind.TAKE_TOOL)
+    ]
     assert changed == ["right_gripper", "driver"]
     last = max(k for k, kind in enumerate(kinds) if kind == "place-down")
-    changes = kinds.index(LEAVE_TOOL), kinds.index(TAKE_TOOL)
+    changes = kinds.index(TaskKind.LEAVE_TOOL), kinds.index(TaskKind.TAKE_TOOL)
     assert last < changes[0] < changes[1] < kinds.index("screw")
     order = [t.object for t in tasks if t.kind == "place-down"]
     for side in "ab":

@@ -144,7 +144,7 @@ def test_picks_of_one_station_out_of_order_are_found(planned: PlanResult) -> Non
 def test_the_run_is_clean_and_writes_when_bricks_come_up(
     planned: PlanResult, trial: RunResult
 ) -> None:
-    rows = pq.read_table(trial.folder / "objects.parquet").to_pylist()
+    rows = pq.read_table(trial.files / "objects.parquet").to_pylist()
     for station, count in COPIES.items():
         place = planned.motions.cell.object(f"{station}.1").start
         taken_until = 0.0
@@ -158,9 +158,9 @@ def test_the_run_is_clean_and_writes_when_bricks_come_up(
             if more:
                 assert more[0]["parent"].endswith("/flange")
                 taken_until = more[0]["t_s"]
-    text = (trial.folder / "events.jsonl").read_text()
+    text = (trial.files / "events.jsonl").read_text()
     assert text.count("comes up at its station") == 6
-    assert broken_chains(trial.folder / "run.rrd") == []
+    assert broken_chains(trial.files / "run.rrd") == []
 
 
 def test_stalls_change_nothing_about_that(
@@ -183,14 +183,14 @@ def test_plan_files_keep_what_comes_later(
         for tpg in (planned.tpg, loaded)
     )
     assert ours == theirs
-    assert audit_run(trial.folder).violations == ()
+    assert audit_run(trial.files).violations == ()
 
 
 def test_a_brick_that_comes_up_elsewhere_is_a_violation(
     planned: PlanResult, trial: RunResult
 ) -> None:
     """The audit holds the recording against the place that the plan gives."""
-    recording = read_recording(trial.folder, planned.tpg.cell)
+    recording = read_recording(trial.files, planned.tpg.cell)
     rows = tuple(
         replace(row, pose=translation(0.0, 0.0, 0.2) @ row.pose)
         if row.object == "far.2"
@@ -224,7 +224,9 @@ def test_nothing_is_picked_before_it_is_there(planned: PlanResult) -> None:
 def test_a_run_that_stops_early_never_sees_the_later_bricks(
     planned: PlanResult, trial: RunResult
 ) -> None:
-    first = min(p.t_ns for p in object_placements(planned.tpg, trial.record) if p.t_ns)
-    early = replace(trial.record, makespan_ns=first - 1)
+    record = trial.record
+    assert record is not None
+    first = min(p.t_ns for p in object_placements(planned.tpg, record) if p.t_ns)
+    early = replace(record, makespan_ns=first - 1)
     names = {p.object for p in object_placements(planned.tpg, early)}
     assert names == {"near.1", "far.1", "between.1", "spare"}

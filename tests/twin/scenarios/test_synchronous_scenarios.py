@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import TaskKind
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.rollout import earliest_times
 from scheduling.verification.verify import verify_plan
@@ -61,6 +61,7 @@ def test_stalled_runs_are_clean(
     assert trial.passed
     assert trial.summary["makespan_s"] < trial.summary["makespan_sequential_s"]
     if policy == "synchronous":
+        assert trial.record is not None
         order = np.argsort(plan.tpg.slots, kind="stable")
         tasks = [plan.tpg.tasks[k].index for k in order]
         slot = dict(zip(tasks, plan.tpg.slots[order].tolist(), strict=True))
@@ -137,7 +138,7 @@ def test_slots_of_a_shipped_plan_are_planned_jointly(
     seen = 0
     for k in range(int(slots.slot_of_task.max()) + 1):
         moving = {
-            task.index: task.kind == TRANSIT
+            task.index: task.kind == TaskKind.TRANSIT
             for task, motion in zip(
                 plan.tpg.tasks, slots.motion_plan.motions, strict=True
             )

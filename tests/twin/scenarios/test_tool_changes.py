@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError
 from planning.motion.motion_plan import MotionPlan
-from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, Task
+from planning.tasks.task import Task, TaskKind
 from scheduling.build_nodes import build_nodes
 from scheduling.hand_loads import hand_loads
 from scheduling.verification.verify import verify_plan
@@ -148,7 +149,11 @@ def test_every_step_is_done_with_its_tool(
         k for s in steps for k in (("pick", "place-down") if s == "block" else (s,))
     ]
     assert done == wanted
-    assert kinds.count(TAKE_TOOL) == kinds.count(LEAVE_TOOL) == least_changes(steps)
+    assert (
+        kinds.count(TaskKind.TAKE_TOOL)
+        == kinds.count(TaskKind.LEAVE_TOOL)
+        == least_changes(steps)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -161,9 +166,7 @@ def planned(folder: Path) -> PlanResult:
     return planned_steps(["screw", "block", "seal"], folder)
 
 
-def audited(
-    planned: PlanResult, folder: Path, name: str, **changed: object
-) -> list[str]:
+def audited(planned: PlanResult, folder: Path, name: str, **changed: Any) -> list[str]:
     """Return what the audit finds in a run of a plan with some fields changed."""
     out = folder / name
     out.mkdir()
@@ -182,7 +185,7 @@ def test_a_plan_with_changes_is_clean_and_safe_and_takes_the_time_of_its_racks(
     assert verify_plan(planned.tpg).ok
     took, plan = {}, planned.motions.motion_plan
     for task, motion in zip(plan.tasks, plan.motions, strict=True):
-        if task.kind in (TAKE_TOOL, LEAVE_TOOL):
+        if task.kind in (TaskKind.TAKE_TOOL, TaskKind.LEAVE_TOOL):
             took[task.object] = motion.time[-1] - motion.time[0]
     assert took == pytest.approx({"gripper": 2.0, "driver": 3.0, "nozzle": 2.0})
 
@@ -271,7 +274,9 @@ def two_armed() -> str:
 def test_both_arms_change_for_one_step(tmp_path: Path) -> None:
     """One takes a driver, and the other the gripper with which it holds what is worked at."""
     found = plan_scenario(loaded(tmp_path, two_armed()), tmp_path)
-    taken = [(t.robot, t.object) for t in found.tpg.tasks if t.kind == TAKE_TOOL]
+    taken = [
+        (t.robot, t.object) for t in found.tpg.tasks if t.kind == TaskKind.TAKE_TOOL
+    ]
     assert taken == [("arm", "driver"), ("second", "other_gripper")]
     assert audited(found, tmp_path, "run") == []
     assert verify_plan(found.tpg).ok

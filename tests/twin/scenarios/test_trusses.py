@@ -84,8 +84,8 @@ def test_bars_that_are_joined_may_be_in_each_other_as_far_as_the_scenario_says(
     out = tmp_path / "run"
     executed(given, tpg, out)
     wanted = scenario_expectations(given)
-    less = dict.fromkeys(wanted.overlaps_m, 0.002)
-    strict = audit_run(out, wanted=replace(wanted, overlaps_m=less))
+    smaller = dict.fromkeys(wanted.overlaps_m, 0.002)
+    strict = audit_run(out, wanted=replace(wanted, overlaps_m=smaller))
     assert {v.kind for v in strict.violations} == {"contact"}
     touched = {name for v in strict.violations for name in (v.first, v.second)}
     assert touched == {"first", "second"}
@@ -175,15 +175,15 @@ def test_the_audit_finds_what_is_let_go_of_too_early(
     )
     chain = tpg.chains[tpg.chain_index[back.robot]]
     away = int(np.flatnonzero(chain.task == back.index)[0])
-    table = pq.read_table(trial.folder / "trajectory.parquet")
+    table = pq.read_table(trial.files / "trajectory.parquet")
     t, node = (np.array(table[name].to_pylist()) for name in ("t_s", "node"))
     own = np.array(table["robot"].to_pylist()) == back.robot
     # It stands from when it has placed the part, and now until a second earlier.
     assert t[own & (node >= away)].min() > t[own & (node < away)].max() + 1.0
     t[own & (node >= away)] -= 1.0
     folder = tmp_path / "run"
-    shutil.copytree(trial.folder, folder)
-    shutil.copy(trial.folder.parent / "own.yaml", tmp_path)
+    shutil.copytree(trial.files, folder)
+    shutil.copy(trial.files.parent / "own.yaml", tmp_path)
     column = table.column_names.index("t_s")
     pq.write_table(
         table.set_column(column, "t_s", pa.array(t)), folder / "trajectory.parquet"
@@ -199,7 +199,7 @@ def test_the_audit_finds_what_is_let_go_of_too_early(
 def test_the_audit_takes_from_the_scenario_how_long_a_part_is_kept_hold_of(
     kept_run: tuple[PlanResult, RunResult], tmp_path: Path
 ) -> None:
-    folder = kept_run[1].folder
+    folder = kept_run[1].files
     assert kept_report(folder, beam="neck").violations == ()
     (v,) = kept_report(folder, post="neck").violations
     assert (v.kind, v.first) == ("support", "post")

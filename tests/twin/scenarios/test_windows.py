@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from planning.errors import OutputError
+from planning.transforms import Indices
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.windows import window_gaps, window_nodes
 from scheduling.verification.verify import verify_plan
@@ -21,7 +22,7 @@ from twin.audits.audit import audit_run
 from twin.audits.expectations import scenario_expectations
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.engine import Simulator
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.products import windows_summary
 from twin.studies.replications.block_results import cell_part, write_block
@@ -59,7 +60,7 @@ def test_the_shipped_plan_is_safe_and_tells_how_its_windows_were_kept(
     assert not told["block_a after glue_a"]["broken"]
     assert told["bridge after block_a"]["passed_s"] >= 60.0
     assert told["bridge after block_a"]["broken"] is None
-    log = (gluing.trial.folder / "events.jsonl").read_text().splitlines()
+    log = (gluing.trial.files / "events.jsonl").read_text().splitlines()
     events = [json.loads(line) for line in log]
     (broken,) = (event for event in events if event["kind"] == "window_broken")
     due = int(window_nodes(tpg)[1, 2]) - len(tpg.chains[0])
@@ -100,7 +101,7 @@ def test_the_audit_takes_least_times_from_the_scenario(gluing: ShippedRun) -> No
     wanted = scenario_expectations(section)
     assert wanted.lags["bridge", "block_a"] == 60.0
     lags = {**wanted.lags, ("bridge", "block_a"): 90.0}
-    report = audit_run(gluing.trial.folder, wanted=replace(wanted, lags=lags))
+    report = audit_run(gluing.trial.files, wanted=replace(wanted, lags=lags))
     assert [own.detail for own in report.violations] == [
         "bridge begins before block_a is complete for 90 s"
     ]
@@ -124,7 +125,7 @@ def test_a_study_counts_what_single_runs_break(
     own, tpg = held(gluing.scenario, 0.95), gluing.planned.tpg
     model = scenario_execution(own, gluing.file.parent)
     free = timing_graph(tpg)
-    load = Workload(with_window_holds(free, model), model, seed=5, free=free)
+    load = Workload(with_model_holds(free, model), model, seed=5, free=free)
     block = Block(0, 0, 12)
     result = Engines(load).compute(block)
     write_block(tmp_path, result)
@@ -140,7 +141,7 @@ def test_a_study_counts_what_single_runs_break(
         for replication in range(block.count):
             run = Simulator(graph, model).run(seed=5, replication=replication)
             start, end = np.concatenate(run.start_ns), np.concatenate(run.end_ns)
-            passed = window_gaps(graph, start, end)
+            passed: Indices = np.asarray(window_gaps(graph, start, end))
             assert np.array_equal(passed, gaps[:, replication])
             most = [np.inf if w.most is None else w.most for w in tpg.windows]
             late += passed / NANOSECONDS > np.array(most)
@@ -168,7 +169,8 @@ def test_windows_are_those_of_every_product(tmp_path: Path) -> None:
     assert len(tpg.windows) == 5
     run = execute(own, tpg, tmp_path)
     start, end = np.concatenate(run.start_ns), np.concatenate(run.end_ns)
-    assert np.all(window_gaps(tpg, start, end) >= 9 * NANOSECONDS)
+    passed: Indices = np.asarray(window_gaps(tpg, start, end))
+    assert np.all(passed >= 9 * NANOSECONDS)
 
 
 NEST: dict[str, Any] = {

@@ -3,6 +3,7 @@
 import json
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,11 @@ from twin.studies.summary import rank_layouts, shown_cell
 X = "cell.robots.right.base.xyz_m.0"
 PICK = "skills.pick.scale"
 COUNT = 60
-HOW = {"replications": COUNT, "policies": ["sequential", "asynchronous"], "workers": 0}
+HOW: dict[str, Any] = {
+    "replications": COUNT,
+    "policies": ["sequential", "asynchronous"],
+    "workers": 0,
+}
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +42,7 @@ def study(
         # What the report has of each cell is looked at elsewhere, and takes long to draw.
         report = import_module("twin.studies.report.report")
         patch.setattr(report, "_cell", lambda *_: iter(()))
-        vary = {X: [0.75, 1.4, 0.65], PICK: [1, 3]}
+        vary: dict[str, list[float]] = {X: [0.75, 1.4, 0.65], PICK: [1, 3]}
         out = tmp_path_factory.mktemp("layouts") / "study"
         return twin.study("tray", vary, out=out, **HOW)
 

@@ -27,7 +27,9 @@ from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import scenario_execution
 
-COUNT = 24
+COUNT, FIRST = 24, 14
+"""Replications of the study, and the first of those that are operated one by one."""
+
 OFTEN = {
     "failures.pick": {"probability": 0.05, "retries": 1, "loses": 0.3},
     "failures.place-down": {"probability": 0.3, "retries": 1, "loses": 0.3},
@@ -83,15 +85,15 @@ def study(plan: PlanResult, tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 @pytest.fixture(scope="module")
 def operations(plan: PlanResult) -> list[Operation]:
-    return [operated(plan, k) for k in range(COUNT)]
+    return [operated(plan, k) for k in range(FIRST, COUNT)]
 
 
 def test_it_is_one_operation_after_the_other(
     study: Study, operations: list[Operation]
 ) -> None:
-    rows = study.replications.to_pylist()
+    rows = study.replications.to_pylist()[FIRST:]
     assert any(done.given_up for done in operations)
-    assert 5 < sum(bool(done.versions) for done in operations) < COUNT
+    assert 2 < sum(bool(done.versions) for done in operations) < COUNT - FIRST
     for row, done in zip(rows, operations, strict=True):
         record = done.record
         assert row["outcome"] == record.outcome
@@ -144,7 +146,7 @@ def test_what_prevention_gains_is_found_by_operating_all_without_the_failures(
     study: Study, plan: PlanResult
 ) -> None:
     """Replications in which the skill did not fail are not computed again, and need not be."""
-    blocks, count = study.folder / BLOCKS, 14
+    blocks, count = study.folder / BLOCKS, 8
     skills = sorted(plan.scenario.sections.execution.failures)
     assert skills == ["pick", "place-down"]
     same = 0
@@ -158,7 +160,7 @@ def test_what_prevention_gains_is_found_by_operating_all_without_the_failures(
             assert np.isfinite(found[k]) == whole
             assert not whole or round(found[k] * 1e9) == done.makespan_ns
         for own in cell_blocks(study.folder / PREVENTED, place):
-            same += np.count_nonzero(own.rows.outcome == "same")
+            same += int(np.count_nonzero(own.rows.outcome == "same"))
     assert same
     prevented = study.summary["cells"][0]["operated"]["prevented"]
     assert [item["skill"] for item in prevented] == ["place-down", "pick"]

@@ -76,7 +76,7 @@ def test_sobol_indices_of_a_sum_are_shares_of_variance() -> None:
     load = _sum_of_two()
     skills = 4 * 2.0
     moves = float(makespans_s(load, Block(0, 0, 1))[0]) - skills
-    calls: list[int] = []
+    calls: list[float] = []
     found = sobol_indices(
         load, 64, progress=lambda stage, done, total: calls.append(done)
     )

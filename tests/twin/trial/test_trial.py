@@ -145,13 +145,15 @@ def test_the_audit_holds_a_run_to_its_scenario_not_to_its_plan(
     from dataclasses import replace
 
     from planning.transforms import translation
+    from twin.audits.expectations import Expectations
+    from twin.kinds.parts import expected
     from twin.kinds.parts.kind import PartKind
     from twin.scenario.sections.cell import CellSection
 
-    told = PartKind.wanted
+    told = expected.expectations_of
 
-    def further(self: PartKind, cell: CellSection) -> object:
-        wanted = told(self, cell)
+    def further(kind: PartKind, cell: CellSection) -> Expectations:
+        wanted = told(kind, cell)
         places = wanted.places
         aside = translation(0.008, 0.0, 0.0)
         return replace(
@@ -159,7 +161,7 @@ def test_the_audit_holds_a_run_to_its_scenario_not_to_its_plan(
             places=tuple(replace(place, pose=aside @ place.pose) for place in places),
         )
 
-    monkeypatch.setattr(PartKind, "wanted", further)
+    monkeypatch.setattr(expected, "expectations_of", further)
     out = tmp_path / "run"
     result = invoke(*running(plan, out, "--no-recording"), code=1)
     audit = json.loads((out / "summary.json").read_text())["audit"]

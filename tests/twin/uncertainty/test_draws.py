@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -59,7 +61,7 @@ def test_hashes_of_names_are_fixed_for_all_time() -> None:
 def test_every_part_of_the_name_matters() -> None:
     base = (0, 0, "left", 1, "pick", "duration", 0)
     other = (1, 1, "right", 2, "handover", "stall", 1)
-    names = [(*base[:k], other[k], *base[k + 1 :]) for k in range(len(base))]
+    names: list[Any] = [(*base[:k], other[k], *base[k + 1 :]) for k in range(len(base))]
     assert len({uniform(*name) for name in [base, *names]}) == len(base) + 1
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from planning.errors import RequestError
-from planning.tasks.task import SKILLS
+from planning.tasks.task import TaskKind
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED, sample, sample_node_times, uniform
 from tests.twin.simulated import simulate
@@ -233,8 +233,8 @@ def test_a_failed_attempt_takes_as_long_as_the_skill_unless_said() -> None:
 
 
 def test_any_attempt_may_lose_the_object_the_last_one_too() -> None:
-    def failing(**own: float) -> Disturbances:
-        item = SkillFailure(probability=1.0, retries=1, **own)
+    def failing(loses: float = 0.0) -> Disturbances:
+        item = SkillFailure(probability=1.0, retries=1, loses=loses)
         return Disturbances(failures={"pick": item})
 
     lost = Counter[tuple[int, bool]]()
@@ -321,7 +321,9 @@ def test_pieces_of_replications_make_no_difference(
     assert np.array_equal(whole.fails, pieces.fails)
 
 
-def standstills_of_chain(k: int, motion: list[int], replication: int) -> list[tuple]:
+def standstills_of_chain(
+    k: int, motion: list[int], replication: int
+) -> list[tuple[int, str, int]]:
     """Rate stalls, breakdowns and failed attempts, one draw after the other."""
     chain, found = TPG.chains[k], []
 
@@ -397,7 +399,7 @@ def test_choices_are_distinct_and_those_of_floyds_algorithm(
 def test_a_run_longer_than_any_is_refused(disturbances: Disturbances) -> None:
     """Its times would not fit into 64 bits of nanoseconds."""
     tpg = random_tpg(3, tasks=4)
-    slow = SkillDurations({kind: Fixed(value_s=3e2) for kind in SKILLS})
+    slow = SkillDurations({kind: Fixed(value_s=3e2) for kind in TaskKind.SKILLS})
     with pytest.raises(RequestError, match="longer than 2e"):
         simulate(tpg, slow, disturbances=disturbances)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.tasks.task import SKILLS
+from planning.tasks.task import TaskKind
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import sample, sample_node_times, uniform
 from tests.twin.twin_toys import random_tpg, with_cut_skill
@@ -81,7 +81,7 @@ def test_a_duration_follows_from_its_name() -> None:
 
 def test_antithetic_pairs_mirror_their_uniforms() -> None:
     tpg = random_tpg(3, tasks=20)
-    models = {skill: Uniform(low_s=2.0, high_s=4.0) for skill in SKILLS}
+    models = {skill: Uniform(low_s=2.0, high_s=4.0) for skill in TaskKind.SKILLS}
     plain, paired = (
         SkillDurations(models, antithetic=antithetic)
         .bind(tpg)
@@ -96,7 +96,7 @@ def test_antithetic_pairs_mirror_their_uniforms() -> None:
 
 def test_antithetic_pairs_lower_the_variance_of_a_mean() -> None:
     tpg = random_tpg(3, tasks=20)
-    models = {skill: Lognormal(median_s=6.0, p95_s=8.0) for skill in SKILLS}
+    models = {skill: Lognormal(median_s=6.0, p95_s=8.0) for skill in TaskKind.SKILLS}
 
     def variance_of_pair_means(antithetic: bool) -> float:
         durations = SkillDurations(models, antithetic=antithetic)
@@ -135,7 +135,7 @@ def test_shares_add_up_and_are_in_proportion(
         assert row == pytest.approx(share * np.array(totals), abs=1.5, rel=1e-9)
 
 
-QUICK = SkillDurations({kind: Fixed(value_s=1e-6) for kind in SKILLS})
+QUICK = SkillDurations({kind: Fixed(value_s=1e-6) for kind in TaskKind.SKILLS})
 
 
 def planned(seed: int) -> TemporalPlanGraph:
@@ -196,7 +196,7 @@ def test_transits_drawn_quicker_keep_to_their_limits() -> None:
     tpg = planned(2)
     least = least_ns(tpg)
     chains = tuple(
-        replace(chain, duration=2e-9 * own + 1e-9)
+        replace(chain, duration=np.asarray(2e-9 * own + 1e-9, dtype=float))
         for chain, own in zip(tpg.chains, least, strict=True)
     )
     tpg = replace(tpg, chains=chains)

@@ -17,7 +17,7 @@ import numpy as np
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import OutputError
 from planning.parquet import read_parquet
-from planning.tasks.task import GONE
+from planning.tasks.task import Handling
 from planning.transforms import Array, Indices, Transform, from_quat_wxyz
 
 WORLD = "world"
@@ -254,14 +254,14 @@ class ReplayedRun:
             while left and left[0].t <= t:
                 stay = left.popleft()
                 there[stay.object] = stay
-                if stay.holder == GONE:
+                if stay.holder == Handling.GONE:
                     del there[stay.object]
             yield t, dict(there)
 
     def place(self, name: str, t: float = np.inf) -> Stay | None:
         """Return the place of an object at a time [s], by default at the end; None if absent."""
         now = [stay for stay in self.stays.get(name, ()) if stay.t <= t]
-        return now[-1] if now and now[-1].holder != GONE else None
+        return now[-1] if now and now[-1].holder != Handling.GONE else None
 
     def at(self, t: float = np.inf) -> dict[str, Stay]:
         """Return the places of all present objects at a time [s], by default at the end."""
@@ -314,8 +314,8 @@ def read_recording(folder: Path, cell: Workcell) -> Recording:
     rows = []
     for t_s, name, parent, *pose in (row.values() for row in table):
         holder = None if parent == WORLD else str(parent).rpartition("/")[0]
-        if parent == GONE:
-            holder = GONE
+        if parent == Handling.GONE:
+            holder = Handling.GONE
         elif holder is not None:
             _reject(folder, {holder} - known, "robot", known)
         rows.append(ObjectRow(t_s, name, holder, from_quat_wxyz(*pose)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot
-from planning.tasks.task import GONE
+from planning.tasks.task import Handling
 from planning.transforms import Array, from_quat_wxyz, quat_wxyz
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.exports.ros.drawn_robot import DrawnRobot
@@ -109,7 +109,7 @@ def object_states(run: RunResult) -> Iterator[ObjectState]:
         changed, gone = [], False
         for k in np.flatnonzero(times == t_ns).tolist():
             name, parent, xyz, quat = rows[k]
-            if parent == GONE:
+            if parent == Handling.GONE:
                 frames.pop(name, None)
                 gone = True
                 continue

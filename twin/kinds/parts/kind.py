@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, PlacedRobot, Workcell
-from planning.tasks.task import CLOSE, DOOR, OPEN, ActuationKey
+from planning.tasks.task import DOOR, Actuation, ActuationKey
 from planning.transforms import read_only_copy
 from twin.document.validation import Found
 from twin.document.yaml_text import KeyPath
@@ -151,7 +151,7 @@ class PartKind(AssemblyKind):
                 tool.suction or tool.opening_m is not None
             )
             suction = tool.suction if tool is not None and specified else rules.suction
-            for act, key in ((CLOSE, "close_s"), (OPEN, "open_s")):
+            for act, key in ((Actuation.CLOSE, "close_s"), (Actuation.OPEN, "open_s")):
                 said = None if tool is None else getattr(tool, key)
                 given = getattr(rules, key) if said is None else said
                 model = actuation_model(given, suction=suction)

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from planning.parts.assembly import TimeLag
 from planning.parts.supply import Leaving, Supply
-from planning.tasks.task import LAG
+from planning.tasks.task import TaskKind
 from planning.tasks.work import PlacedPart, Refill
 from planning.transforms import Transform, read_only_copy, translation
 from scheduling.copies import product_part_name
@@ -179,7 +179,7 @@ def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
     for own in write_out_line(section).lags.values():
         for lag in own:
             if lag.machine is not None:
-                found.append((LAG, lag.machine, Fixed(value_s=lag.least)))
+                found.append((TaskKind.LAG, lag.machine, Fixed(value_s=lag.least)))
     return tuple(
         SkillOverride(skill=skill, robot=machine, duration=duration)
         for skill, machine, duration in found

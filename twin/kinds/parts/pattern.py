@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from planning.tasks.task import ARRIVE, LEAVE, PRESENT, Task, is_product_task
+from planning.tasks.task import Task, TaskKind, is_product_task
 from scheduling.copies import Pattern, product_part_name
 from twin.kinds.parts.line import Line
 
@@ -17,7 +17,7 @@ def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
     product = np.array(
         [
             line.numbers[str(task.object)][1]
-            if task.kind in (ARRIVE, PRESENT)
+            if task.kind in (TaskKind.ARRIVE, TaskKind.PRESENT)
             else (task.step - 1) // steps + 1
             for task in tasks
         ],
@@ -42,16 +42,16 @@ def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
     leave: list[int] = []
     first: list[int] = []
     for task in tasks:
-        if task.kind == PRESENT:
+        if task.kind == TaskKind.PRESENT:
             come.setdefault(task.robot, []).append(task.index)
             for handling in task.handlings:
                 part, number = line.numbers[handling.object]
                 if number > line.period:
                     own = product_part_name(part, number - line.period)
                     yield task.index, picks[own], 1
-        elif task.kind == ARRIVE:
+        elif task.kind == TaskKind.ARRIVE:
             arrive.setdefault(task.robot, []).append(task.index)
-        elif task.kind == LEAVE:
+        elif task.kind == TaskKind.LEAVE:
             leave.append(task.index)
         elif leave or task.step in line.supply.elsewhere:
             continue

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from planning.cell.workcell import start_state
 from planning.errors import InfeasibleStepError, TransitError
-from planning.tasks.task import FAILED, GONE
+from planning.tasks.task import Handling, TaskKind
 from planning.worlds.onward import ReplanningState
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.host.progress import StageWatch
 from twin.operations.failure_triage import find_infeasible_steps
 from twin.operations.operation import Operation
@@ -54,10 +53,10 @@ class Hindsight:
         """
         if done.given_up or self.scenario.execution.describe_unforeseen_events():
             return None
-        tried = [task for task in done.tpg.tasks if task.kind == FAILED]
+        tried = [task for task in done.tpg.tasks if task.kind == TaskKind.FAILED]
         handled = [h for task in tried for h in task.handlings]
         there = {item.name for item in self.motions.cell.objects}
-        lost = frozenset(h.object for h in handled if h.holder == GONE) & there
+        lost = frozenset(h.object for h in handled if h.holder == Handling.GONE) & there
         if lost not in self._known:
             self._known[lost] = self._simulator(lost)
         simulator, drawn = self._known[lost], done.record
@@ -70,7 +69,7 @@ class Hindsight:
         tpg = self.tpg
         if lost:
             cell = self.motions.cell
-            world = World(start_state(cell), out=lost)
+            world = World(cell.start_state(), out=lost)
             now, motions = ReplanningState(world, self.motions.task_plan), self.motions
             if motions.work is not None:
                 motions = replace(
@@ -95,7 +94,7 @@ class Hindsight:
         }
         model = replace(self.model, disturbances=own.changed(failures=failures))
         return Simulator(
-            with_window_holds(tpg, model),
+            with_model_holds(tpg, model),
             model,
             TaskSeeds.of(self.tpg).onward(tpg, 0).names,
         )

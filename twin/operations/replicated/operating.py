@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from planning.tasks.task import FAILED, STRAIGHT, TAKEN_OUT, TRANSIT
+from planning.tasks.task import TaskKind
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.engine.execution_model import ExecutionModel
-from twin.engine.window_holds import with_window_holds
+from twin.engine.model_holds import with_model_holds
 from twin.operations.operation import Operation, operate
 from twin.operations.replicated.hindsight import Hindsight
 from twin.scenario.sections.scenario import Scenario
@@ -114,7 +114,7 @@ class Operator:
         self._operated, self._model, self._seed = operated, model, seed
         about = operated.scenario, operated.motions, operated.tpg
         self._hindsight = Hindsight(*about, model)
-        self._held = with_window_holds(operated.tpg, model)
+        self._held = with_model_holds(operated.tpg, model)
 
     def run(self, replication: int) -> Operation:
         """Operate a replication."""
@@ -146,14 +146,15 @@ def _recoveries(done: Operation) -> list[int]:
     counts = dict.fromkeys(RUNGS, 0)
     tasks = done.tpg.tasks
     for k, task in enumerate(tasks):
-        if task.kind != FAILED:
+        if task.kind != TaskKind.FAILED:
             continue
         after = [
             later.object
             for later in tasks[k + 1 :]
             if later.step == task.step
             and later.object is not None
-            and later.kind not in (TRANSIT, STRAIGHT, TAKEN_OUT)
+            and later.kind
+            not in (TaskKind.TRANSIT, TaskKind.STRAIGHT, TaskKind.TAKEN_OUT)
         ]
         rung = "not_done_any_more"
         if after:

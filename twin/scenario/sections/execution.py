@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
 from twin.document.section import Section
 from twin.document.yaml_text import KeyPath
 from twin.durations.bounded import Fixed
-from twin.durations.composed import AnyDuration, Distribution, SkillOverride
+from twin.durations.composed import AnyDuration, SkillOverride
+from twin.durations.kinds import DurationKinds
 from twin.durations.model import DurationModel, Skill
+from twin.registry import POLICIES
 from twin.uncertainty.disturbances import (
     Disturbances,
     LatePart,
@@ -33,6 +37,39 @@ class ReferenceDuration(Section):
     """
 
     kind: Literal["reference"]
+
+
+SkillSection = Annotated[
+    DurationModel | ReferenceDuration, DurationKinds((ReferenceDuration,))
+]
+"""Duration of a skill: drawn from a distribution, or that of its reference path."""
+
+
+class _RegisteredPolicy:
+    """Metadata of a key whose value is the name of a dispatch policy."""
+
+    def __get_pydantic_core_schema__(
+        self, _source: Any, _handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(_registered_policy)
+
+    def __get_pydantic_json_schema__(
+        self, _core: CoreSchema, _handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return {"enum": list(POLICIES.names()), "type": "string"}
+
+
+def _registered_policy(name: object) -> object:
+    """Return the name of a policy; one that is not registered is refused as of a fixed list."""
+    if name in POLICIES:
+        return name
+    *others, last = map(repr, POLICIES.names())
+    expected = f"{', '.join(others)} or {last}"
+    raise PydanticKnownError("literal_error", {"expected": expected})
+
+
+PolicyName = Annotated[str, _RegisteredPolicy()]
+"""Name of a dispatch policy of ``twin.registry.POLICIES``."""
 
 
 class WindowsSection(Section):
@@ -130,16 +167,12 @@ class ExecutionSection(Disturbances):
         window: how many steps ``twin operate`` plans ahead; all when not given.
     """
 
-    policy: Literal["asynchronous", "sequential", "synchronous", "open-loop"] = (
-        "asynchronous"
-    )
+    policy: PolicyName = "asynchronous"
     queue_depth: Annotated[int, Field(ge=1, le=100_000)] | None = None
     latency_s: Latency = 0.0
     report_latency_s: Latency | None = None
     release_latency_s: Latency | None = None
-    skills: dict[
-        Skill, Annotated[Distribution | ReferenceDuration, Field(discriminator="kind")]
-    ] = Field(default_factory=dict)
+    skills: dict[Skill, SkillSection] = Field(default_factory=dict)
     skill_overrides: tuple[SkillOverride, ...] = ()
     windows: WindowsSection = WindowsSection()
     outages: tuple[Outage, ...] = ()

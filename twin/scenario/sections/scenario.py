@@ -23,7 +23,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from planning.bounds import LONGEST_S
 from planning.errors import ScenarioError
-from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, ActuationKey
+from planning.tasks.task import ActuationKey, TaskKind
 from twin.document.section import Name, Section, docstring_attributes, iterate_nested
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.durations.model import DurationModel, Skill
@@ -219,7 +219,7 @@ class Scenario(Section):
         racks = {name: tool.rack for name, tool in self.cell.tools.items() if tool.rack}
         return tuple(
             SkillOverride(skill=skill, object=name, duration=rack.change_time)
-            for skill in (LEAVE_TOOL, TAKE_TOOL)
+            for skill in (TaskKind.LEAVE_TOOL, TaskKind.TAKE_TOOL)
             if skill not in self.execution.skills
             for name, rack in racks.items()
         )

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.tasks.task import STRAIGHT, TRANSIT, Task
+from planning.tasks.task import Task, TaskKind
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 from twin.bulk.max_plus import Completions
 from twin.durations.nanoseconds import Nanoseconds
@@ -26,7 +26,10 @@ _STANDS: dict[Cause, str] = {
     "retry": "failed attempts",
 }
 _EVERYONE = "all robots"
-_SKILL_NAMES = {TRANSIT: "every motion", STRAIGHT: "every straight way"}
+_SKILL_NAMES = {
+    TaskKind.TRANSIT: "every motion",
+    TaskKind.STRAIGHT: "every straight way",
+}
 
 Scored = Iterator[tuple[float, Intervention]]
 
@@ -118,9 +121,9 @@ def _skills(replay: Replay, work: Nanoseconds) -> Scored:
     task = np.concatenate([chain.task for chain in replay.tpg.chains])
     kind = np.array([item.kind for item in replay.tpg.tasks])[task]
     names = dict.fromkeys(
-        item.kind for item in replay.tpg.tasks if item.kind != TRANSIT
+        item.kind for item in replay.tpg.tasks if item.kind != TaskKind.TRANSIT
     )
-    for skill in (*names, TRANSIT):
+    for skill in (*names, TaskKind.TRANSIT):
         rows = np.flatnonzero(kind == skill)
         name = _SKILL_NAMES.get(skill, f"every {skill}")
         yield float(work[rows].sum()), Intervention("skill", name, rows=rows)

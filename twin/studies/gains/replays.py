@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import TaskKind
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.motion_times import is_driven, with_full_speed_times
@@ -247,7 +247,7 @@ def graph_until_work_ends(
     Work is all but transits on which nothing depends: a robot that goes HOME after its last skill has
     done its part. In a plan without skills, all is work.
     """
-    works = np.array([task.kind != TRANSIT or task.goal for task in tpg.tasks])
+    works = np.array([task.kind != TaskKind.TRANSIT or task.goal for task in tpg.tasks])
     last = np.full(len(tpg.chains), -1, dtype=np.int64)
     for k, chain in enumerate(tpg.chains):
         own = np.flatnonzero(works[chain.task])

@@ -25,7 +25,6 @@ from planning.files import (
     replace_atomically,
 )
 from planning.transforms import Array, Indices
-from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -248,9 +247,9 @@ class BlockResult:
 
 def worker_chains(tpg: TemporalPlanGraph) -> tuple[list[int], tuple[int, ...]]:
     """Return the chains of the robots, and those of the machines that work at parts."""
-    machines = machine_chains(tpg)
+    machines = tpg.machine_chains()
     robots = [k for k in range(len(tpg.chains)) if k not in machines]
-    return robots, working_machines(tpg)
+    return robots, tpg.working_machines()
 
 
 def empty_rows(

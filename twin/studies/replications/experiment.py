@@ -8,7 +8,7 @@ from math import ceil
 
 from planning.errors import RequestError
 from twin.audits.worlds.engines import Engine
-from twin.runs.policies import NAMED_POLICIES
+from twin.runs.policies import named_policies
 from twin.scenario.variations import Variant
 from twin.studies.replications.statistics import Precision
 
@@ -59,9 +59,9 @@ class Experiment:
 
     def __post_init__(self) -> None:
         for policy in self.policies:
-            if policy not in NAMED_POLICIES:
+            if policy not in named_policies():
                 raise RequestError(
-                    f"no policy {policy!r}", choices=tuple(NAMED_POLICIES)
+                    f"no policy {policy!r}", choices=tuple(named_policies())
                 )
         if len(set(self.policies)) < len(self.policies) or not self.policies:
             raise RequestError(

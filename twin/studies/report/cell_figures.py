@@ -13,7 +13,7 @@ from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import TaskKind
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.activities.activities import part_names
@@ -77,7 +77,10 @@ def draw_bands(tpg: TemporalPlanGraph, tally: TaskTally) -> Figure:
             start[:, seen],
             end[:, seen],
             share[seen],
-            ["" if task.kind == TRANSIT else names[task.index] for task in tasks],
+            [
+                "" if task.kind == TaskKind.TRANSIT else names[task.index]
+                for task in tasks
+            ],
         )
     panels[-1].set_xlabel(
         f"time [s]; bars from median start to median end, with the part that it is about,\n"

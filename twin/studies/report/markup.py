@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 import re
 from collections.abc import Iterable, Sequence
@@ -11,10 +12,14 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from twin.host.atomic_files import save_png
-from twin.host.cards import escape_text
 
 _LONG = 17
 """Letters from which a word may be broken, to fit narrow pages."""
+
+
+def escape_text(words: object) -> str:
+    """Return words as HTML."""
+    return html.escape(str(words))
 
 
 def breakable(words: object) -> str:

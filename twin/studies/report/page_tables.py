@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin.host.cards import escape_text
 from twin.operations.replicated.operating import RUNGS
 from twin.runs.policies import OPEN_LOOP
 from twin.studies.folder import task_columns
@@ -15,7 +14,14 @@ from twin.studies.gains.gains import QUANTILE, SHORTER, CellGains, Gain
 from twin.studies.replications.block_results import TaskTally
 from twin.studies.replications.statistics import Interval
 from twin.studies.replications.workload import Workload
-from twin.studies.report.markup import breakable, bullets, paragraph, table, text_table
+from twin.studies.report.markup import (
+    breakable,
+    bullets,
+    escape_text,
+    paragraph,
+    table,
+    text_table,
+)
 from twin.studies.sensitivity import SHARE
 from twin.studies.study import StudyResult
 from twin.studies.summary import CellSummary, StudySummary

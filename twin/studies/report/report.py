@@ -13,7 +13,7 @@ from twin.checks.finding import CheckContext
 from twin.checks.picture import cell_figure
 from twin.drawing.pictures import WIDTH_IN
 from twin.host.atomic_files import write_text
-from twin.host.cards import escape_text, pairs
+from twin.host.cards import pairs
 from twin.host.progress import Report
 from twin.runs.policies import preferred_policy
 from twin.scenario.sections.kind import assembly_kind
@@ -33,6 +33,7 @@ from twin.studies.report.figures import (
 )
 from twin.studies.report.markup import (
     bullets,
+    escape_text,
     heading,
     page,
     paragraph,

@@ -135,7 +135,8 @@ def test_times_of_arrival_are_kept() -> None:
     goals = np.array([[1.0, 0.0], [-1.0, 0.5]])
     near = find_path(checker, goals)
     assert near is not None
-    assert (near.goal, near.arrival) == (1, pytest.approx(1.0))
+    assert near.goal == 1
+    assert near.arrival == pytest.approx(1.0)
     late = find_path(checker, goals, not_before=3.25)
     assert late is not None
     assert late.arrival == pytest.approx(3.25)
@@ -310,7 +311,7 @@ def query_of(checker: SpaceTimeChecker, goal: Array) -> Query:
 
 def clear_steps(
     checker: SpaceTimeChecker, query: Query, lattice: Lattice
-) -> nx.DiGraph:
+) -> nx.DiGraph[int]:
     """All steps that the rover may take: from the first place and to the last one any."""
     size = range(lattice.rows * lattice.columns)
     places = np.empty((len(size), len(query.start)))
@@ -318,7 +319,7 @@ def clear_steps(
         write_base_configuration(query, 0, lattice, at, places[at])
     free = [checker.configuration_free(q, 0.0) for q in places]
     free[lattice.first] = free[lattice.last] = True
-    graph = nx.DiGraph()
+    graph: nx.DiGraph[int] = nx.DiGraph()
     graph.add_nodes_from((lattice.first, lattice.last))
     for a, di, dk in product(size, (-1, 0, 1), (-1, 0, 1)):
         row, column = a // lattice.columns + di, a % lattice.columns + dk
@@ -436,7 +437,8 @@ push = outer(roadmap.push_motion)
 @settings(deadline=None)
 @given(st.lists(st.one_of(st.none(), st.integers(0, 30)), max_size=80))
 def test_the_least_key_comes_first(steps: list[int | None]) -> None:
-    heap, known = no_motions(), []
+    known: list[int] = []
+    heap = no_motions()
     for number, key in enumerate(steps):
         if key is not None:
             push(heap, float(key), 0.5 * number, number, number + 1, number % 3)

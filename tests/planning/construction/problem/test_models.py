@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import permutations
 
 import numpy as np
@@ -18,7 +19,12 @@ from planning.construction.problem.supply_layout import (
 )
 from planning.transforms import Array, identity, read_only_copy
 
-MODELS = {"tower": tower, "wall": wall, "well": well, "pavilion": pavilion}
+MODELS: dict[str, Callable[[], tuple[ModelPart, ...]]] = {
+    "tower": tower,
+    "wall": wall,
+    "well": well,
+    "pavilion": pavilion,
+}
 COUNTS = {"tower": 15, "wall": 36, "well": 52, "pavilion": 113}
 
 

@@ -228,7 +228,9 @@ def test_stacks_lie_one_part_on_the_next_the_first_on_top(
             f"p{k}",
             read_only_copy(rng.uniform(0.1, 0.3, 3)),
             1.0,
-            read_only_copy(translation(*rng.uniform(-2.0, 2.0, 2), 0.1)),
+            read_only_copy(
+                translation(rng.uniform(-2.0, 2.0), rng.uniform(-2.0, 2.0), 0.1)
+            ),
             faces=(str(rng.choice(["+x", "-y", "+z"])),),
         )
         for k in range(count)

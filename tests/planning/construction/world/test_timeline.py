@@ -24,7 +24,7 @@ from planning.construction.world.timeline import (
 from planning.construction.world.tracks import SweptTrack, sweep_track
 from planning.errors import PlanInvariantError
 from planning.kinematics.kinematics import joint_poses_of
-from planning.tasks.task import TRANSIT, Handling
+from planning.tasks.task import Handling, TaskKind
 from planning.transforms import Array, translation
 from tests.planning.construction.toy_tasks import state_at, with_task
 from tests.planning.construction.toy_teams import box, placed, rover, slider, team
@@ -75,10 +75,10 @@ def test_shapes_and_falling_times_are_refused() -> None:
 
 def test_a_way_out_is_dropped_for_new_work_and_work_is_not() -> None:
     cell = team([placed("a", slider(), (0.0, 0.0))])
-    work = PlannedTask("a", TRANSIT, [0.0, 1.0], [[0, 0], [0.5, 0]], 1, "work")  # type: ignore[arg-type]
+    work = PlannedTask("a", TaskKind.TRANSIT, [0.0, 1.0], [[0, 0], [0.5, 0]], 1, "work")  # type: ignore[arg-type]
     out = PlannedTask(
         "a",
-        TRANSIT,
+        TaskKind.TRANSIT,
         np.array([1.0, 3.0]),
         np.array([[0.5, 0.0], [1.5, 0.0]]),
         1,
@@ -245,7 +245,9 @@ def test_what_is_remembered_equals_what_is_worked_out_anew(seed: int) -> None:
         # A stand that began before the cell of ``start`` is cut there, and a motion is not.
         assert found.pieces.start[0] <= start
         for one, other in zip(found.pieces, wanted.pieces, strict=True):
-            np.testing.assert_allclose(one[1:], other[1:], atol=1e-9)
+            np.testing.assert_allclose(
+                np.asarray(one)[1:], np.asarray(other)[1:], atol=1e-9
+            )
         ours, theirs = found.sweeps, wanted.sweeps
         np.testing.assert_allclose(ours.box, theirs.box, atol=1e-9)
         for first, *columns in (
@@ -317,7 +319,9 @@ def test_a_stand_that_begins_a_rounding_error_off_the_grid_is_a_stand(
     own = own.then(np.array([arrival, end]), np.vstack([there, there]))
     own = own.then(np.array([end, end + 1.0]), np.vstack([there, home]))
     tasks = [
-        PlannedTask("a", TRANSIT, np.array(span), np.vstack([home, there]), k, "on")
+        PlannedTask(
+            "a", TaskKind.TRANSIT, np.array(span), np.vstack([home, there]), k, "on"
+        )
         for k, span in enumerate([(arrival - 0.03, arrival), (end, end + 1.0)], start=1)
     ]
     given_times = [arrival - 0.03, arrival, end, end + 1.0]

@@ -147,7 +147,9 @@ numbered = st.tuples(
 
 
 @given(st.lists(numbered, max_size=40), numbered, st.integers(0, 4))
-def test_tiles_find_all_neighbours_in_their_order(items, one, before):
+def test_tiles_find_all_neighbours_in_their_order(
+    items: list[tuple[int, Cell, str]], one: tuple[int, Cell, str], before: int
+) -> None:
     every = [
         (number, PlacedBrick(f"b{k}", BRICKS[kind], cell))
         for k, (number, cell, kind) in enumerate(items)

@@ -44,7 +44,7 @@ from planning.lego.stability.contacts import (
     side_contacts,
 )
 from planning.lego.stability.partial_structures import PartialStructures
-from planning.transforms import inverse
+from planning.transforms import Array, inverse
 from tests.planning.lego.structures import scattered
 from tests.planning.lego.whole_stability import stability
 
@@ -58,7 +58,7 @@ TYPES["panel"] = BrickType("panel", (1, 4), 0.003, height=9)
 STRUCTURES = scattered(TYPES, 10, (0, 4), st.integers(0, 7))
 
 
-def box(item: PlacedBrick) -> tuple[np.ndarray, np.ndarray]:
+def box(item: PlacedBrick) -> tuple[Array, Array]:
     """Return least and greatest corner of a brick's share of the grid [studs, studs, levels]."""
     pose = inverse(plate_corner(GRID)) @ box_pose(GRID, item)
     half = np.abs(pose[:3, :3]) @ box_size(item.brick) / 2
@@ -67,14 +67,14 @@ def box(item: PlacedBrick) -> tuple[np.ndarray, np.ndarray]:
     return np.round(low), np.round(high)
 
 
-def shared(a, b) -> np.ndarray:
+def shared(a: tuple[Array, Array], b: tuple[Array, Array]) -> Array:
     """Return how far two boxes share each axis."""
-    return np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])
+    return np.asarray(np.minimum(a[1], b[1]) - np.maximum(a[0], b[0]))
 
 
 @settings(max_examples=150, deadline=None)
 @given(STRUCTURES)
-def test_joints_are_where_boxes_meet(structure) -> None:
+def test_joints_are_where_boxes_meet(structure: list[PlacedBrick]) -> None:
     bricks = bricks_by_name(structure)
     found = {
         (j.lower, j.upper, bricks[j.upper].cell.level): j.studs
@@ -100,7 +100,7 @@ def test_joints_are_where_boxes_meet(structure) -> None:
 
 @settings(max_examples=150, deadline=None)
 @given(STRUCTURES)
-def test_sides_touch_where_boxes_meet(structure) -> None:
+def test_sides_touch_where_boxes_meet(structure: list[PlacedBrick]) -> None:
     bricks = bricks_by_name(structure)
     found = defaultdict(list)
     for c in side_contacts(bricks, filled_places(bricks)):
@@ -121,7 +121,9 @@ def test_sides_touch_where_boxes_meet(structure) -> None:
 
 @settings(max_examples=100, deadline=None)
 @given(STRUCTURES)
-def test_what_is_joined_to_the_plate_is_what_joints_link(structure) -> None:
+def test_what_is_joined_to_the_plate_is_what_joints_link(
+    structure: list[PlacedBrick],
+) -> None:
     bricks = bricks_by_name(structure)
     every = find_joints(bricks, filled_places(bricks))
     held: set[str | None] = {None}
@@ -138,7 +140,9 @@ def test_what_is_joined_to_the_plate_is_what_joints_link(structure) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(STRUCTURES)
-def test_the_quick_judge_agrees_with_the_plain_program(structure) -> None:
+def test_the_quick_judge_agrees_with_the_plain_program(
+    structure: list[PlacedBrick],
+) -> None:
     names = frozenset(item.name for item in structure)
     stands = PartialStructures(structure).stands(names)
     assert stands == stability(structure).stable

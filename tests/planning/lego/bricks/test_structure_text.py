@@ -10,6 +10,7 @@ from planning.lego.bricks.assembly import BrickType, Cell, PlacedBrick
 from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.drawing import (
     EMPTY,
+    Drawing,
     name_bricks,
     read_elevation,
     read_layer,
@@ -18,12 +19,12 @@ from planning.lego.bricks.drawing import (
 from tests.planning.lego.structures import scattered
 
 
-def cells(drawing):
+def cells(drawing: Drawing) -> set[tuple[str, str, Cell]]:
     assert drawing.problems == []
     return {(b.letter, b.brick.name, b.cell) for b in drawing.bricks}
 
 
-def test_a_layer_is_seen_from_above():
+def test_a_layer_is_seen_from_above() -> None:
     """The last line is the least y; a brick that is longer along x is turned."""
     drawing = read_layer("BBBB..\nBBBBAA\n....AA\n", (10, 20), 3, BRICKS)
     assert cells(drawing) == {
@@ -32,13 +33,13 @@ def test_a_layer_is_seen_from_above():
     }
 
 
-def test_patches_of_one_letter_that_do_not_touch_are_bricks_of_their_own():
+def test_patches_of_one_letter_that_do_not_touch_are_bricks_of_their_own() -> None:
     drawing = read_layer("AA.AA\nAA.AA", (0, 0), 1, BRICKS)
     assert [b.cell.x for b in drawing.bricks] == [0, 3]
     assert [b.name for b in name_bricks(drawing.bricks)] == ["A1", "A1_2"]
 
 
-def test_an_elevation_has_a_layer_a_line():
+def test_an_elevation_has_a_layer_a_line() -> None:
     """Equal letters above each other are different bricks."""
     drawing = read_elevation("AAAA..\n..AAAA", (23, 14, 5), "y", 2, BRICKS)
     assert cells(drawing) == {
@@ -47,7 +48,7 @@ def test_an_elevation_has_a_layer_a_line():
     }
 
 
-def test_an_elevation_along_x_turns_its_bricks():
+def test_an_elevation_along_x_turns_its_bricks() -> None:
     drawing = read_elevation("AAAAAA", (4, 5, 1), "x", 2, BRICKS)
     assert cells(drawing) == {("A", "2x6", Cell(4, 5, 1, turned=True))}
 
@@ -62,14 +63,16 @@ def test_an_elevation_along_x_turns_its_bricks():
         ("\n", (0, 0), "empty"),
     ],
 )
-def test_what_is_no_brick_is_told_with_its_place(text, spot, message):
+def test_what_is_no_brick_is_told_with_its_place(
+    text: str, spot: tuple[int, int], message: str
+) -> None:
     drawing = read_layer(text, (0, 0), 1, BRICKS)
     ((where, what),) = drawing.problems
     assert where == spot
     assert message in what
 
 
-def test_a_size_that_two_types_have_needs_a_list():
+def test_a_size_that_two_types_have_needs_a_list() -> None:
     types = {**BRICKS, "red": BrickType("red", (4, 2), 0.002)}
     assert "2x4, red" in str(type_of_size((2, 4), types))
     assert type_of_size((2, 6), types) == (BRICKS["2x6"], False)
@@ -130,7 +133,7 @@ def _free_letter(grid: Sequence[Sequence[str]], rows: range, columns: range) -> 
 
 @settings(max_examples=150, deadline=None)
 @given(STRUCTURES)
-def test_what_is_drawn_is_read_back(structure):
+def test_what_is_drawn_is_read_back(structure: list[PlacedBrick]) -> None:
     origin, layers = draw_layers(structure)
     back = []
     for z, text in enumerate(layers, start=1):

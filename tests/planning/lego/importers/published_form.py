@@ -54,7 +54,8 @@ def types_of(content: Mapping[str, Any]) -> dict[str, BrickType]:
 
 def cell_of(entry: Mapping[str, Any]) -> Cell:
     """Return the cell of an imported brick."""
-    return Cell(*entry["at"], entry.get("turned", False))
+    x, y, z = entry["at"]
+    return Cell(x, y, z, entry.get("turned", False))
 
 
 def write_published(

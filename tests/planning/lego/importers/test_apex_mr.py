@@ -150,11 +150,11 @@ def test_grips_that_contradict_themselves_are_named_and_either_is_taken(
         write_files(folder, {TASK: {"1": step}})
         for source, taken in (("side", given), ("cell", expected or given)):
             notes: list[str] = []
-            (step,) = steps_of(folder, press_from=source, note=notes.append)
-            assert (step["press"]["side"], step["press"]["offset"]) == taken
-            found = [line for line in notes if "press" in line]
-            assert len(found) == (words is not None)
-            assert all("shed.json: 1" in line and str(words) in line for line in found)
+            (found,) = steps_of(folder, press_from=source, note=notes.append)
+            assert (found["press"]["side"], found["press"]["offset"]) == taken
+            said = [line for line in notes if "press" in line]
+            assert len(said) == (words is not None)
+            assert all("shed.json: 1" in line and str(words) in line for line in said)
 
 
 def test_a_contact_cell_alone_is_a_grip(folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from planning.lego.bricks.assembly import Cell
+from planning.lego.bricks.assembly import BrickType, Cell
 from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.importers.brick_models.brick_list import read_brick_list
 from planning.lego.importers.brick_models.ldraw import read_ldraw
@@ -36,7 +37,7 @@ def read_list(folder: Path, text: str | bytes) -> BrickModel:
     return read(folder, text, "model.txt")
 
 
-def cells(model):
+def cells(model: BrickModel) -> list[tuple[str, Cell]]:
     return [(item.brick.name, item.cell) for item in model.bricks]
 
 
@@ -79,7 +80,9 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(data=st.data())
-def test_any_tower_comes_back(data: st.DataObject, tmp_path_factory) -> None:
+def test_any_tower_comes_back(
+    data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     """Bricks over one stud, one a layer: written, and read at the same cells."""
     kinds = [brick for brick in BRICKS.values() if brick.height == 3]
     lines, expected = [], []
@@ -92,12 +95,12 @@ def test_any_tower_comes_back(data: st.DataObject, tmp_path_factory) -> None:
         lines.append(f"{nx}x{ny} ({x},{y},{z})")
         expected.append((kind, x, y, z + 1, turned))
     model = read_list(tmp_path_factory.mktemp("lists"), "\n".join(lines))
-    low = [min(e[k] for e in expected) for k in (1, 2)]
+    low_x, low_y = min(e[1] for e in expected), min(e[2] for e in expected)
     found = [
         (i.brick, i.cell.x, i.cell.y, i.cell.z, i.cell.turned) for i in model.bricks
     ]
     assert found == [
-        (kind, x - low[0], y - low[1], z, turned) for kind, x, y, z, turned in expected
+        (kind, x - low_x, y - low_y, z, turned) for kind, x, y, z, turned in expected
     ]
 
 
@@ -121,7 +124,9 @@ QUARTER = "0 0 -1 0 1 0 1 0 0"
 HALF = "-1 0 0 0 1 0 0 0 -1"
 
 
-def part(x: float, y: float, z: float, number: str = "3001.dat", turn: str = STRAIGHT):
+def part(
+    x: float, y: float, z: float, number: str = "3001.dat", turn: str = STRAIGHT
+) -> str:
     return f"1 4 {x:g} {y:g} {z:g} {turn} {number}\n"
 
 
@@ -141,7 +146,9 @@ def test_a_brick_a_plate_and_a_turned_brick(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("number", "kind"), sorted(PARTS.items()))
 @pytest.mark.parametrize("turn", [STRAIGHT, QUARTER, HALF])
-def test_every_part_covers_its_studs(number: str, kind, turn: str, tmp_path) -> None:
+def test_every_part_covers_its_studs(
+    number: str, kind: BrickType, turn: str, tmp_path: Path
+) -> None:
     """The longer side lies along LDraw's x; half studs of odd sizes are no matter."""
     nx, nz = (max(kind.studs), min(kind.studs))
     if turn == QUARTER:
@@ -160,16 +167,22 @@ def test_every_part_covers_its_studs(number: str, kind, turn: str, tmp_path) -> 
     shift=st.tuples(*[st.floats(-1000, 1000)] * 3),
     drift=st.floats(-0.1, 0.1),
 )
-def test_a_shifted_model_is_the_same(shift, drift, tmp_path_factory) -> None:
+def test_a_shifted_model_is_the_same(
+    shift: tuple[float, float, float],
+    drift: float,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
     """Wherever it hangs, and with the small errors that programs leave behind."""
     places = [(0, 0, 0), (40, -24, 0), (40, -48, 20)]
     turns = [STRAIGHT, QUARTER, STRAIGHT]
     folder = tmp_path_factory.mktemp("models")
 
-    def text(shift, drift=0.0):
+    def text(shift: Sequence[float], drift: float = 0.0) -> str:
         return "".join(
-            part(*np.add(p, shift) + drift * k, turn=t)
-            for k, (p, t) in enumerate(zip(places, turns, strict=True))
+            part(x + drift * k, y + drift * k, z + drift * k, turn=t)
+            for k, ((x, y, z), t) in enumerate(
+                zip(np.add(places, shift).tolist(), turns, strict=True)
+            )
         )
 
     here = read(folder, text((0.0, 0.0, 0.0)))
@@ -256,7 +269,9 @@ def test_a_base_plate_is_the_plate_of_the_cell(tmp_path: Path) -> None:
         ("9999", None),
     ],
 )
-def test_colours_of_parts(code: str, colour, tmp_path: Path) -> None:
+def test_colours_of_parts(
+    code: str, colour: tuple[int, int, int] | None, tmp_path: Path
+) -> None:
     text = "0 !COLOUR Mine CODE 9001 VALUE #0102FF EDGE #333333\n" + part(0, 0, 0)
     model = read(tmp_path, text.replace("1 4 ", f"1 {code} "))
     assert model.bricks[0].colour == colour

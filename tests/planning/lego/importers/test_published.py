@@ -21,6 +21,7 @@ from planning.lego.importers.apex_mr.importer import import_apex_mr
 from planning.lego.skills.candidates import find_candidates
 from planning.tasks.assignment import StepChoice
 from planning.tasks.highs_solver import assign_steps
+from tests.assembly_section import assembly_section
 from tests.planning.lego.importers.published_form import published_cell as cell
 from tests.planning.lego.importers.published_form import (
     published_cell as cell_as_published,
@@ -204,7 +205,8 @@ def test_the_reading_of_grips_that_bears_every_press_is_taken(
     task_of = ("import", "apex-mr", tmp_path, "--task", "cliff", *tool, "-o", file)
     done = invoke(*task_of, *options, code=0)
     scenario = load_scenario(file)
-    assert build_lego(scenario.assembly).steps[7].presses == (taken,)
+    lego = build_lego(assembly_section(scenario, LegoSection))
+    assert lego.steps[7].presses == (taken,)
     said = "it bears 0.0 N"
     comments = "".join(k for k in file.read_text().splitlines() if k.startswith("#"))
     assert (said in comments) == off

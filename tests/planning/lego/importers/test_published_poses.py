@@ -5,7 +5,7 @@ Denavit-Hartenberg tables, must meet our subgoals: written without our robot mod
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -149,7 +149,7 @@ def cell_at(step: dict[str, Any], prefix: str) -> Cell:
 
 
 def assert_reached(
-    published: Published, robot: int, subgoals: tuple[Subgoal, ...], modes: list[int]
+    published: Published, robot: int, subgoals: Sequence[Subgoal], modes: list[int]
 ) -> None:
     """Check that the robot's rows of the modes meet the subgoals."""
     shoulder = published.bases[robot] @ translation(0.0, 0.0, 0.33)

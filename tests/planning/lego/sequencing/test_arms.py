@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError, ScenarioError
 from planning.handling.skill_targets import skill_postures
-from planning.lego.bricks.assembly import Cell, GridSpan, LegoStep, PlacedBrick
+from planning.lego.bricks.assembly import (
+    Cell,
+    GridSpan,
+    LegoStep,
+    PlacedBrick,
+    Press,
+)
 from planning.lego.bricks.brick_grips import legal_presses
 from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import top_pose
@@ -46,7 +52,7 @@ def hollow_house(
     """
     if wide % 4 or deep % 4 or min(wide, deep) < 8:
         raise ValueError(f"no house of {wide} x {deep} studs")
-    bricks = []
+    bricks: list[PlacedBrick] = []
 
     def lay(x: int, y: int, z: int, turned: bool) -> None:
         # A brick 2x4 has four studs along y, and along x where it is turned.
@@ -139,7 +145,9 @@ def _side_by_side() -> list[PlacedBrick]:
     return [brick("a", "2x4", 20, 20, 1), brick("b", "2x4", 30, 20, 1)]
 
 
-def _barred(first: str, other: str) -> dict:
+def _barred(
+    first: str, other: str
+) -> dict[tuple[str, Press, bool], tuple[frozenset[str]]]:
     grips = legal_presses(BRICKS["2x4"])
     return {(first, press, False): (frozenset([other]),) for press in grips}
 

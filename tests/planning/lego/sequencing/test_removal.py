@@ -3,9 +3,10 @@
 Sequences and blocking sets against all permutations, and remedies of blocked structures.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, combinations, permutations, product
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -30,6 +31,8 @@ from planning.lego.sequencing.removal import find_unremovable_bricks
 from planning.lego.sequencing.sequencing import sequence_structure
 from tests.planning.lego.structures import brick, scattered
 
+Part = TypeVar("Part", str, int)
+
 _STUD = 0.53
 """Height of a stud, in levels of 3.2 mm."""
 
@@ -39,6 +42,7 @@ _EPS = 0.01
 def _boxes(item: PlacedBrick, studs: bool) -> np.ndarray:
     """Return the body of a brick as a box, and its studs as boxes, shape (n, 2, 3) [studs, levels]."""
     s = item.span
+    out: list[tuple[tuple[float, ...], tuple[float, ...]]]
     out = [((s.x0, s.y0, s.bottom), (s.x1, s.y1, s.top))]
     if studs:
         out += [
@@ -105,7 +109,9 @@ def _most_taken(bricks: Sequence[PlacedBrick], helpers: Sequence[str]) -> set[st
     ),
     st.sets(st.integers(0, 8), min_size=1, max_size=3),
 )
-def test_those_that_stay_are_those_of_the_best_order(bricks, chosen):
+def test_those_that_stay_are_those_of_the_best_order(
+    bricks: list[PlacedBrick], chosen: set[int]
+) -> None:
     helpers = [item.name for k, item in enumerate(bricks) if k in chosen]
     found = find_unremovable_bricks(bricks, frozenset(helpers))
     assert {item.brick.name for item in found} == _most_taken(bricks, helpers)
@@ -129,7 +135,7 @@ def _bridge(lift: int) -> list[PlacedBrick]:
     ]
 
 
-def test_a_helper_between_a_floor_and_what_hangs_is_shut_in():
+def test_a_helper_between_a_floor_and_what_hangs_is_shut_in() -> None:
     enclosed = [
         brick("floor", "2x6", 20, 20, 1, True),
         brick("post1", "2x2", 20, 20, 2),
@@ -145,7 +151,7 @@ def test_a_helper_between_a_floor_and_what_hangs_is_shut_in():
     assert not find_unremovable_bricks(enclosed[1:], frozenset(["helper"]))
 
 
-def test_rules_may_ask_for_helpers_that_come_out_again():
+def test_rules_may_ask_for_helpers_that_come_out_again() -> None:
     rules = SequencingRules(scaffold=True, place_up=False, support=False)
     asked = SequencingRules(
         scaffold=True, removable=True, place_up=False, support=False
@@ -162,7 +168,7 @@ def test_rules_may_ask_for_helpers_that_come_out_again():
     assert "with bricks that stay shut in (1 of them)" in str(caught.value)
 
 
-def test_a_column_that_comes_out_again_is_preferred():
+def test_a_column_that_comes_out_again_is_preferred() -> None:
     """Of two places below a beam the wider one is over a floor, the other over the plate."""
     structure = [
         brick("floor", "2x4", 20, 20, 1),
@@ -181,7 +187,7 @@ def test_a_column_that_comes_out_again_is_preferred():
     assert all(item.step.cell.y >= 24 for item in helpers)
 
 
-def test_helpers_that_are_chosen_already_stay_helpers():
+def test_helpers_that_are_chosen_already_stay_helpers() -> None:
     structure = _bridge(0)
     first = sequence_structure(structure, rules=SequencingRules(scaffold=True))
     chosen = [
@@ -204,7 +210,7 @@ def test_a_leaning_tower_is_carried_from_beside_it(aside: int) -> None:
     )
     with pytest.raises(InfeasibleStepError, match="no order of assembly exists"):
         sequence_structure(tower, rules=rules)
-    ground = frozenset(product(range(18, 28), repeat=2))
+    ground = frozenset(product(range(18, 28), range(18, 28)))
     found = sequence_structure(tower, rules=replace(rules, ground=ground))
     own = {stud for item in tower for stud in item.studs}
     filled: set[tuple[int, int, int]] = set()
@@ -226,14 +232,16 @@ _TABLES = st.dictionaries(
 
 @settings(max_examples=150, deadline=None)
 @given(_TABLES)
-def test_parts_remain_exactly_when_no_permutation_works(table):
+def test_parts_remain_exactly_when_no_permutation_works(
+    table: Mapping[str, Sequence[frozenset[str]]],
+) -> None:
     """Part p goes in beside some others unless one of its sets of blockers is among them."""
 
-    def perhaps(parts, part):
+    def perhaps(parts: frozenset[str], part: str) -> bool:
         others = parts - {part}
         return not any(blockers <= others for blockers in table.get(part, ()))
 
-    def possible(order):
+    def possible(order: tuple[str, ...]) -> bool:
         return all(perhaps(frozenset(order[: k + 1]), p) for k, p in enumerate(order))
 
     some = any(map(possible, permutations(_PARTS)))
@@ -246,7 +254,7 @@ def test_parts_remain_exactly_when_no_permutation_works(table):
         assert not blocked_parts(parts, perhaps)
 
 
-def _hanging():
+def _hanging() -> list[PlacedBrick]:
     """A brick that hangs one layer above the plate, carried from above."""
     return [
         brick("post1", "2x2", 20, 20, 1),
@@ -256,7 +264,7 @@ def _hanging():
     ]
 
 
-def test_what_hangs_above_the_plate_is_refused_with_the_remedy_that_helps():
+def test_what_hangs_above_the_plate_is_refused_with_the_remedy_that_helps() -> None:
     with pytest.raises(InfeasibleStepError) as caught:
         sequence_structure(_hanging())
     words = str(caught.value)
@@ -267,7 +275,7 @@ def test_what_hangs_above_the_plate_is_refused_with_the_remedy_that_helps():
     assert "'scaffold' (1 temporary bricks)" in words
 
 
-def test_scaffolding_carries_it():
+def test_scaffolding_carries_it() -> None:
     found = sequence_structure(_hanging(), rules=SequencingRules(scaffold=True))
     names = [item.name for item in found.sequence]
     (helper,) = (item for item in found.sequence if item.step.temporary)
@@ -276,7 +284,7 @@ def test_scaffolding_carries_it():
     assert not any(step.up for step in found.steps)
 
 
-def test_a_plinth_makes_room_below():
+def test_a_plinth_makes_room_below() -> None:
     with pytest.raises(InfeasibleStepError):
         sequence_structure(_hanging(), rules=SequencingRules(plinth=1))
     tall = SequencingRules(plinth=14)
@@ -297,7 +305,9 @@ def test_a_plinth_makes_room_below():
     st.integers(0, 9),
     st.sets(st.tuples(st.integers(0, 1), st.integers(0, 5), st.integers(0, 8))),
 )
-def test_columns_reach_from_a_brick_to_what_is_below(kind, level, taken):
+def test_columns_reach_from_a_brick_to_what_is_below(
+    kind: str, level: int, taken: set[tuple[int, int, int]]
+) -> None:
     item = PlacedBrick("x", BRICKS[kind], Cell.at_level(0, 0, level))
     own = item.places
     filled = {place: "y" for place in taken if place[2] < level} | dict.fromkeys(
@@ -317,10 +327,12 @@ def test_columns_reach_from_a_brick_to_what_is_below(kind, level, taken):
         assert {(x, y) for x, y, _ in places} <= {(x, y) for x, y, _ in own}
 
 
-def _rule(table):
+def _rule(
+    table: Mapping[Part, Sequence[frozenset[Part]]],
+) -> Callable[[frozenset[Part]], Iterator[Removal[Part, int]]]:
     """Return a removal rule: part p may leave a set unless the set holds a blocker of p."""
 
-    def removals(parts):
+    def removals(parts: frozenset[Part]) -> Iterator[Removal[Part, int]]:
         for part in sorted(parts):
             if not any(blockers <= parts for blockers in table.get(part, ())):
                 yield Removal(part, len(parts))
@@ -330,10 +342,12 @@ def _rule(table):
 
 @settings(max_examples=150, deadline=None)
 @given(_TABLES)
-def test_finds_a_sequence_exactly_when_some_permutation_is_one(table):
+def test_finds_a_sequence_exactly_when_some_permutation_is_one(
+    table: Mapping[str, Sequence[frozenset[str]]],
+) -> None:
     removals = _rule(table)
 
-    def possible(order):
+    def possible(order: tuple[str, ...]) -> bool:
         parts = frozenset(order)
         for part in reversed(order):
             if part not in {r.part for r in removals(parts)}:
@@ -354,22 +368,22 @@ def test_finds_a_sequence_exactly_when_some_permutation_is_one(table):
         )
 
 
-def test_prefers_what_comes_first():
+def test_prefers_what_comes_first() -> None:
     found = find_assembly_sequence("abc", _rule({}))
     assert found.steps is not None
     assert "".join(r.part for r in found.steps) == "cba"
     assert found.visited == 4
 
 
-def test_no_parts_need_no_steps():
+def test_no_parts_need_no_steps() -> None:
     found = find_assembly_sequence((), _rule({}))
     assert found.steps == ()
 
 
-def test_never_tries_a_set_twice():
+def test_never_tries_a_set_twice() -> None:
     asked = []
 
-    def removals(parts):
+    def removals(parts: frozenset[str]) -> Iterator[Removal[str, None]]:
         asked.append(parts)
         for part in sorted(parts):
             if part != "a":  # never comes off
@@ -382,15 +396,15 @@ def test_never_tries_a_set_twice():
     assert len(asked) == len(set(asked)) == 2**7
 
 
-def test_gives_up_at_its_limit():
+def test_gives_up_at_its_limit() -> None:
     found = find_assembly_sequence(range(30), _rule({}), limit=10)
     assert found.steps is None
     assert not found.complete
     assert found.visited == 10
 
 
-def test_is_lazy():
-    def removals(parts):
+def test_is_lazy() -> None:
+    def removals(parts: frozenset[str]) -> Iterator[Removal[str, None]]:
         yield Removal(min(parts), None)
         raise AssertionError("asked for more than needed")
 

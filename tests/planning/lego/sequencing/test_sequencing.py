@@ -3,13 +3,16 @@
 What a structure bears at a step, against the plain program at forces on either side of it.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.text import Annotation
 from PIL import Image
 
 from planning.errors import InfeasibleStepError, ScenarioError, UndecidedError
@@ -50,7 +53,11 @@ def _tower(height: int, x: int = 20, y: int = 20) -> list[PlacedBrick]:
     return [brick(f"tower{z}", "2x4", x, y, z) for z in range(1, height + 1)]
 
 
-def _replay(structure, found: SequencedStructure, scaffold=()) -> None:
+def _replay(
+    structure: list[PlacedBrick],
+    found: SequencedStructure,
+    scaffold: Sequence[PlacedBrick] = (),
+) -> None:
     """Check every step of a sequence from scratch."""
     goal = {i.name: i for i in structure}
     assert sorted(q.name for q in found.sequence) == sorted(goal)
@@ -85,7 +92,7 @@ def _replay(structure, found: SequencedStructure, scaffold=()) -> None:
         assert stability(there).stable
 
 
-def _loads(brick, press, force, *, up):
+def _loads(brick: PlacedBrick, press: Press, force: float, *, up: bool) -> list[Load]:
     """Return the press as one load whose points are the rims of the pressed studs."""
     contact = press_cell(brick, press, up=up)
     pair = PlacedBrick("tool", BRICKS["1x2"], contact)
@@ -102,7 +109,7 @@ def _loads(brick, press, force, *, up):
     return [Load(brick.name, (0.0, 0.0, force if up else -force), points)]
 
 
-def _force(brick, there, *, up):
+def _force(brick: PlacedBrick, there: Sequence[PlacedBrick], *, up: bool) -> float:
     """Return 1.5 times the friction of all contacts that engage, at most 15 N."""
     on = [b for b in there if b.name != brick.name]
     level = brick.cell.level + (brick.brick.height if up else 0)
@@ -123,8 +130,9 @@ def _force(brick, there, *, up):
     return min(15.0, 1.5 * total)
 
 
-def _holds(there, step):
+def _holds(there: Sequence[PlacedBrick], step: LegoStep) -> list[ToolHold]:
     """Return where the support touches, found by sampling its face."""
+    assert step.support is not None
     (x0, y0, _), (x1, y1, _) = tool_room("gp4").support(step.support).face
     level = step.support.cell.level + (-1 if step.up else 3)
     filled = {p: i.name for i in there for p in i.places}
@@ -140,7 +148,7 @@ def _holds(there, step):
     return out
 
 
-def test_a_tower_is_built_from_the_bottom():
+def test_a_tower_is_built_from_the_bottom() -> None:
     tower = _tower(6)
     found = sequence_structure(tower[::-1])
     assert [q.name for q in found.sequence] == [b.name for b in tower]
@@ -149,7 +157,7 @@ def test_a_tower_is_built_from_the_bottom():
     _replay(tower, found)
 
 
-def test_an_overhang_is_supported_from_below():
+def test_an_overhang_is_supported_from_below() -> None:
     structure = [
         *_tower(9),
         brick("arm", "2x4", 20, 18, 10),
@@ -172,7 +180,7 @@ def test_an_overhang_is_supported_from_below():
     assert all(s.support is None for s in gentle.steps)
 
 
-def test_a_hanging_brick_is_placed_from_below():
+def test_a_hanging_brick_is_placed_from_below() -> None:
     structure = [
         *_tower(15),
         brick("beam", "2x6", 20, 18, 16),
@@ -190,7 +198,7 @@ def test_a_hanging_brick_is_placed_from_below():
         sequence_structure(structure, rules=SequencingRules(place_up=False))
 
 
-def test_scaffold_stays():
+def test_scaffold_stays() -> None:
     scaffold = _tower(4)
     structure = [brick("top", "2x2", 20, 20, 5), brick("tip", "2x2", 20, 20, 6)]
     found = sequence_structure(structure, scaffold=scaffold)
@@ -200,7 +208,7 @@ def test_scaffold_stays():
         sequence_structure(structure)
 
 
-def test_a_structure_that_collapses_is_refused():
+def test_a_structure_that_collapses_is_refused() -> None:
     heavy = BrickType("2x4", (2, 4), 0.5)
     structure = [
         *_tower(2),
@@ -212,7 +220,7 @@ def test_a_structure_that_collapses_is_refused():
         sequence_structure(structure)
 
 
-def test_a_slab_is_pressed_on_where_it_has_a_stud_below():
+def test_a_slab_is_pressed_on_where_it_has_a_stud_below() -> None:
     structure = [brick("foot", "1x1", 20, 20, 1), brick("roof", "2x4", 20, 20, 2)]
     found = sequence_structure(structure)
     _replay(structure, found)
@@ -227,7 +235,7 @@ def test_a_slab_is_pressed_on_where_it_has_a_stud_below():
         sequence_structure(heavy, rules=SequencingRules(support=False))
 
 
-def test_a_brick_in_a_pit_has_no_room_for_the_tool():
+def test_a_brick_in_a_pit_has_no_room_for_the_tool() -> None:
     walls = [
         brick(f"{side}{z}", kind, x, y, z, turned)
         for z in (1, 2, 3)
@@ -243,7 +251,7 @@ def test_a_brick_in_a_pit_has_no_room_for_the_tool():
         sequence_structure([pit], scaffold=walls)
 
 
-def test_what_a_dead_end_lacked_is_kept_longer_in_the_next_try():
+def test_what_a_dead_end_lacked_is_kept_longer_in_the_next_try() -> None:
     """The cap is borne only while the weight is on the lever, and both are in the top layer."""
     structure = [
         brick("lever", "1x8", 20, 20, 2),
@@ -267,7 +275,9 @@ def test_what_a_dead_end_lacked_is_kept_longer_in_the_next_try():
         lambda plates: dropped(("2x2", "2x4", "1x4", "2x6", *plates), (3, 8), (20, 24))
     )
 )
-def test_random_towers_are_built_or_refused_with_a_reason(structure):
+def test_random_towers_are_built_or_refused_with_a_reason(
+    structure: list[PlacedBrick],
+) -> None:
     try:
         found = sequence_structure(structure)
     except InfeasibleStepError as error:
@@ -279,8 +289,8 @@ def test_random_towers_are_built_or_refused_with_a_reason(structure):
 
 
 @pytest.mark.nightly
-def test_a_wall_of_120_bricks():
-    structure = []
+def test_a_wall_of_120_bricks() -> None:
+    structure: list[PlacedBrick] = []
     layer = 1
     while len(structure) < 120:
         shift = 0 if layer % 2 else 2
@@ -296,12 +306,14 @@ def test_a_wall_of_120_bricks():
     assert all(not s.up and s.support is None for s in found.steps)
 
 
-def _published(task):
+def _published(
+    task: str,
+) -> tuple[dict[str, Any], list[PlacedBrick], list[PlacedBrick]]:
     """Return the steps of a published task by name, its structure and its scaffold."""
     assembly = import_apex_mr(DATA, task)["assembly"]
     types = types_of(assembly)
 
-    def placed(name, entry):
+    def placed(name: str, entry: Mapping[str, Any]) -> PlacedBrick:
         return PlacedBrick(name, types[entry["brick"]], cell_of(entry))
 
     steps = {f"s{k}": entry for k, entry in enumerate(assembly["steps"])}
@@ -312,7 +324,7 @@ def _published(task):
 
 @needs_data
 @pytest.mark.parametrize("task", ["cliff", "faucet"])
-def test_published_structures_get_the_published_ways(task):
+def test_published_structures_get_the_published_ways(task: str) -> None:
     steps, structure, scaffold = _published(task)
     found = sequence_structure(structure, scaffold=scaffold)
     _replay(structure, found, scaffold)
@@ -327,7 +339,9 @@ def test_published_structures_get_the_published_ways(task):
 @needs_data
 @pytest.mark.parametrize("task", ["cliff", "faucet", "bridge"])
 @pytest.mark.parametrize("force", [15.0, 18.0])
-def test_published_sequences_have_support_exactly_where_it_is_needed(task, force):
+def test_published_sequences_have_support_exactly_where_it_is_needed(
+    task: str, force: float
+) -> None:
     """In the published order, with the published presses and supports."""
     steps, structure, scaffold = _published(task)
     rules = Insertions.of(structure, scaffold, SequencingRules(force=force))
@@ -347,7 +361,7 @@ def test_published_sequences_have_support_exactly_where_it_is_needed(task, force
             assert site.bears(press, support).stable
 
 
-def test_an_assembly_is_planned_anew_from_its_goal():
+def test_an_assembly_is_planned_anew_from_its_goal() -> None:
     steps = [
         LegoStep(BRICKS["2x4"], Cell(20, 20, 3)),
         LegoStep(BRICKS["2x4"], Cell(20, 20, 2), stock="b"),
@@ -370,7 +384,7 @@ def _overhang(*supports: Support) -> LegoAssembly:
     return LegoAssembly(GRID, (), (*tower, arm, hand), {})
 
 
-def test_the_force_that_is_borne_is_where_the_plain_program_gives_way():
+def test_the_force_that_is_borne_is_where_the_plain_program_gives_way() -> None:
     found = explain_step(_overhang(), 11, SequencingRules())
     assert found.needed == pytest.approx(1.5 * 2 * 3 * 0.85)
     assert found.bears < found.needed
@@ -386,7 +400,7 @@ def test_the_force_that_is_borne_is_where_the_plain_program_gives_way():
     assert found.report.score > 1.0
 
 
-def test_a_support_is_what_makes_the_difference(tmp_path: Path):
+def test_a_support_is_what_makes_the_difference(tmp_path: Path) -> None:
     found = explain_step(_overhang(Support(Cell(20, 18, 9), 0)), 11, SequencingRules())
     assert found.holds
     assert found.bears_unsupported < found.needed < found.bears
@@ -395,7 +409,7 @@ def test_a_support_is_what_makes_the_difference(tmp_path: Path):
         assert picture.size == (1000, 550)
 
 
-def test_the_picture_has_room_for_its_arrows_and_says_what_they_are():
+def test_the_picture_has_room_for_its_arrows_and_says_what_they_are() -> None:
     plain = _overhang(Support(Cell(20, 18, 9), 0))
     steps = tuple(replace(step, temporary=k == 2) for k, step in enumerate(plain.steps))
     for assembly in (plain, replace(plain, steps=steps)):
@@ -404,6 +418,7 @@ def test_the_picture_has_room_for_its_arrows_and_says_what_they_are():
         for axis, axes in enumerate(figure.axes):
             low, high = axes.get_ylim()
             for arrow in axes.texts:
+                assert isinstance(arrow, Annotation)
                 x, z = arrow.xyann
                 assert low < z < high
                 assert axes.get_xlim()[0] < x < axes.get_xlim()[1], axis
@@ -415,7 +430,7 @@ def test_the_picture_has_room_for_its_arrows_and_says_what_they_are():
         assert ("temporary" in words) == (assembly is not plain)
 
 
-def test_steps_that_are_not_there():
+def test_steps_that_are_not_there() -> None:
     with pytest.raises(ScenarioError, match="steps are 1 to 11"):
         explain_step(_overhang(), 12, SequencingRules())
     with pytest.raises(ScenarioError, match="does not say its grip"):

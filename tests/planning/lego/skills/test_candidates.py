@@ -41,6 +41,7 @@ from planning.tasks.assignment import (
 )
 from planning.tasks.highs_solver import assign_steps
 from planning.transforms import from_rpy, translation
+from tests.assembly_section import assembly_section
 from tests.planning.lego.importers.published_form import DATA, needs_data
 from tests.planning.lego.skills.overhang import (
     STEPS,
@@ -169,7 +170,9 @@ def test_a_blocked_goal_waits_until_the_brick_in_the_way_is_used() -> None:
     assert plan[1].object == "near_left" or plan[2].object == "near_left"
 
 
-def test_an_arm_that_stands_in_the_way_is_an_obstruction(found: LegoCandidates) -> None:
+def test_an_arm_that_stands_in_the_way_is_an_obstruction(
+    found: LegoCandidates, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The same place with the other arm at its support, and with that arm right there."""
     support = resolved(found.skills.support("left", 1, 0))
     grasp, left = grasp_number(Press(1, 0)), SupportCandidate(1, "left", 0, 0.0)
@@ -177,7 +180,7 @@ def test_an_arm_that_stands_in_the_way_is_an_obstruction(found: LegoCandidates) 
     own = resolved(found.skills.place("left", 1, grasp, None))
     stuck = replace(support.path, path=own.path.path[1:2])
     again = BrickSkills(found.world)
-    again.support = lambda robot, step, choice: replace(support, path=stuck)
+    monkeypatch.setattr(again, "support", lambda *_: replace(support, path=stuck))
     blocked = again.place("right", 1, grasp, left)
     assert isinstance(blocked, Obstruction)
     assert blocked.by is not None
@@ -188,12 +191,14 @@ def test_an_arm_that_stands_in_the_way_is_an_obstruction(found: LegoCandidates) 
 def test_the_published_cliff_gets_the_published_robots() -> None:
     from planning.lego.importers.apex_mr.importer import import_apex_mr
     from twin.kinds.lego.kind import build_lego
+    from twin.kinds.lego.section import LegoSection
     from twin.planning.build_workcell import build_workcell
     from twin.scenario.sections.scenario import Scenario
 
     content = import_apex_mr(DATA, "cliff")
     scenario = Scenario.model_validate_json(json.dumps(content))
-    found = find_candidates(build_workcell(scenario), build_lego(scenario.assembly))
+    lego = build_lego(assembly_section(scenario, LegoSection))
+    found = find_candidates(build_workcell(scenario), lego)
     plan = assign_steps(found.problem)
     published = json.loads((DATA / "steps/cliff_seq.json").read_text())
     names = {0: None, 1: "left", 2: "right"}

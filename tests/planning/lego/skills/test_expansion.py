@@ -4,7 +4,6 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from planning.cell.workcell import start_state
 from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import Cell, LegoStep, Press, StockBrick
 from planning.lego.bricks.brick_grips import grip_pose
@@ -14,14 +13,7 @@ from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.expansion import PLACES, SUPPORTS, lego_work
 from planning.tasks.assignment import StepChoice, TaskPlan
 from planning.tasks.highs_solver import assign_steps
-from planning.tasks.task import (
-    SKILLS,
-    TRANSIT,
-    StepTasks,
-    Task,
-    apply_handlings,
-    move_robot,
-)
+from planning.tasks.task import StepTasks, Task, TaskKind, apply_handlings
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform
 from tests.planning.lego.skills.overhang import found_overhang, overhang
@@ -68,7 +60,7 @@ def of_kind(tasks: list[Task], step: int, *kinds: str) -> Task:
 
 def test_indices_count_on_and_kinds_are_known(tasks: list[Task]) -> None:
     assert [task.index for task in tasks] == list(range(len(tasks)))
-    assert {task.kind for task in tasks} == {*SKILLS} | {TRANSIT}
+    assert {task.kind for task in tasks} == {*TaskKind.SKILLS} | {TaskKind.TRANSIT}
     assert {task.step for task in tasks} == {1, 2, 3}
 
 
@@ -76,7 +68,7 @@ def test_objects_never_jump_and_end_exactly_at_their_goals(
     found: LegoCandidates, plan: TaskPlan, tasks: list[Task]
 ) -> None:
     cell = found.world.cell
-    state = start_state(cell)
+    state = cell.start_state()
 
     def where(name: str) -> Transform:
         at = state.attachments[name]
@@ -89,7 +81,7 @@ def test_objects_never_jump_and_end_exactly_at_their_goals(
     for task in tasks:
         path = np.vstack([state.configurations[task.robot], task.path])
         for k, q in enumerate(path):
-            state = move_robot(state, task.robot, q)
+            state = state.with_robot(task.robot, q)
             for handling in task.handlings:
                 if handling.waypoint == k:
                     before = where(handling.object)
@@ -133,7 +125,7 @@ def test_transits_end_where_skills_start(
     """One subgoal further is a centimetre or so: no skill starts with a long motion."""
     at = {robot.name: robot.home for robot in found.world.cell.robots}
     for task in tasks:
-        if task.kind != TRANSIT:
+        if task.kind != TaskKind.TRANSIT:
             robot = found.world.cell.robot(task.robot)
             start = frame_pose(robot, at[task.robot], "tool")[:3, 3]
             first = frame_pose(robot, task.path[0], "tool")[:3, 3]
@@ -259,7 +251,7 @@ def test_everything_can_be_planned_in_sequence(
     planners = {
         r.name: RrtConnect(r.model.lower, r.model.upper, speeds[r.name]) for r in robots
     }
-    durations = dict.fromkeys(SKILLS, 8.0)
+    durations = dict.fromkeys(TaskKind.SKILLS, 8.0)
     motion = plan_motions_sequentially(
         found.world.cell,
         expansions.callables(),

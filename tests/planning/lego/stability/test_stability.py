@@ -1,6 +1,7 @@
 """Stability against hand calculations, published collapses, symmetries and a quicker judge."""
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import pytest
@@ -15,6 +16,9 @@ from planning.lego.stability.partial_structures import PartialStructures
 from planning.statics.equilibrium import STANDARD_GRAVITY, Load
 from tests.planning.lego.structures import brick, dropped
 from tests.planning.lego.whole_stability import stability
+
+Change = Callable[[int, int], tuple[int, int]]
+"""A map of the grid onto itself."""
 
 
 def _bar(length: int, mass: float) -> BrickType:
@@ -48,14 +52,16 @@ _HEAVY = BrickType("2x2", (2, 2), 0.2)
         ([*_stairs(4), PlacedBrick("weight", _HEAVY, Cell(7, 21, 5))], False, ...),
     ],
 )
-def test_what_stands_and_which_brick_is_strained_most(structure, stable, body):
+def test_what_stands_and_which_brick_is_strained_most(
+    structure: list[PlacedBrick], stable: bool, body: object
+) -> None:
     report = stability(structure)
     assert report.stable == stable
     assert body in (report.body, ...)
     assert body is not None or report.score == 0.0
 
 
-def test_a_brick_in_the_air_is_named():
+def test_a_brick_in_the_air_is_named() -> None:
     structure = [brick("a", "2x4", 0, 0, 1), brick("b", "2x2", 9, 9, 4)]
     report = PartialStructures(structure).weakness(frozenset("ab"))
     assert not report.stable
@@ -65,7 +71,7 @@ def test_a_brick_in_the_air_is_named():
 
 @pytest.mark.parametrize("length", [2, 3, 4, 6, 8])
 @pytest.mark.parametrize("mass", [0.002, 0.02])
-def test_a_bar_held_by_one_stud_pulls_with_its_lever(length, mass):
+def test_a_bar_held_by_one_stud_pulls_with_its_lever(length: int, mass: float) -> None:
     """The far contact and the two in the middle pull, the near one is the pivot."""
     post = PlacedBrick("post", _bar(1, 0.001), Cell(5, 5, 1))
     bar = PlacedBrick("bar", _bar(length, mass), Cell(5, 5, 2))
@@ -76,7 +82,7 @@ def test_a_bar_held_by_one_stud_pulls_with_its_lever(length, mass):
     assert stability([post, bar]).score == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_counterweight_takes_the_load_off_the_knob():
+def test_a_counterweight_takes_the_load_off_the_knob() -> None:
     post = PlacedBrick("post", _bar(1, 0.001), Cell(5, 5, 1))
     bar = PlacedBrick("bar", _bar(6, 0.005), Cell(5, 5, 2))
     weight = PlacedBrick("weight", _bar(1, 0.05), Cell(5, 5, 3))
@@ -86,7 +92,7 @@ def test_a_counterweight_takes_the_load_off_the_knob():
     assert stability([post, bar, weight]).score == 0.0
 
 
-def test_critical_overhang_is_where_the_hand_calculation_says():
+def test_critical_overhang_is_where_the_hand_calculation_says() -> None:
     """A load on a 1x8 bar, held by two studs, moved out stud by stud."""
     posts = PlacedBrick("post", _bar(2, 0.001), Cell(5, 5, 1))
     bar = PlacedBrick("bar", _bar(8, 0.0), Cell(5, 5, 2))
@@ -102,7 +108,7 @@ def test_critical_overhang_is_where_the_hand_calculation_says():
         assert report.body == "bar"
 
 
-def test_a_supporting_tool_takes_the_load_and_does_not_pull():
+def test_a_supporting_tool_takes_the_load_and_does_not_pull() -> None:
     post = PlacedBrick("post", _bar(1, 0.001), Cell(5, 5, 1))
     bar = PlacedBrick("bar", _bar(8, 0.02), Cell(5, 5, 2))
     end = (5.5 * STUD_PITCH, 12.5 * STUD_PITCH, 0.0096)
@@ -112,7 +118,7 @@ def test_a_supporting_tool_takes_the_load_and_does_not_pull():
     assert from_above.score == pytest.approx(stability([post, bar]).score)
 
 
-def test_a_loose_brick_is_not_held_down():
+def test_a_loose_brick_is_not_held_down() -> None:
     tower = [brick("a", "2x2", 0, 0, 1), brick("b", "2x4", 0, 0, 2)]
     tip = Load("b", (0.0, 0.0, -1.0), ((0.008, 3.5 * STUD_PITCH, 0.0192),))
     assert math.isfinite(stability(tower, loads=[tip]).score)
@@ -122,7 +128,7 @@ def test_a_loose_brick_is_not_held_down():
     assert (found.stable, found.score, found.body) == (False, math.inf, "b")
 
 
-def test_sideways_force_is_limited():
+def test_sideways_force_is_limited() -> None:
     tower = [brick("a", "1x1", 0, 0, 1)]
     push = Load("a", (30.0, 0.0, 0.0), ((0.004, 0.004, 0.0),))
     assert not stability(tower, loads=[push]).stable
@@ -137,14 +143,16 @@ def test_sideways_force_is_limited():
         (brick("c", "2x4", 0, 0, 0), "layer 0"),
     ],
 )
-def test_errors_name_the_brick(other, words):
+def test_errors_name_the_brick(other: PlacedBrick, words: str) -> None:
     with pytest.raises(ScenarioError, match=words):
         PartialStructures([brick("a", "2x4", 0, 0, 1), other])
 
 
 @pytest.mark.parametrize("kind", sorted(BRICKS))
 @pytest.mark.parametrize("turned", [False, True])
-def test_cavity_contacts_are_those_of_walls_tubes_and_bars(kind, turned):
+def test_cavity_contacts_are_those_of_walls_tubes_and_bars(
+    kind: str, turned: bool
+) -> None:
     item = PlacedBrick("a", BRICKS[kind], Cell(3, 4, 2, turned))
     narrow = min(item.brick.studs) == 1
     for x, y in item.studs:
@@ -161,19 +169,19 @@ _KINDS = ["1x2", "1x4", "2x2", "2x4", "1x1", "1x6", "1x2-plate", "2x4-plate"]
 
 
 @st.composite
-def _structures(draw, most=9, side=6):
+def _structures(draw: st.DrawFn, most: int = 9, side: int = 6) -> list[PlacedBrick]:
     """Heavy enough for the friction of single knobs to be in question."""
     bricks = draw(dropped(_KINDS, (2, most), (0, side)))
     return _heavier(bricks, draw(st.sampled_from([1.0, 30.0, 100.0])))
 
 
-def _heavier(bricks, scale):
+def _heavier(bricks: Iterable[PlacedBrick], scale: float) -> list[PlacedBrick]:
     return [
         replace(i, brick=replace(i.brick, mass=i.brick.mass * scale)) for i in bricks
     ]
 
 
-def _changed(structure, change):
+def _changed(structure: list[PlacedBrick], change: Change) -> list[PlacedBrick]:
     """Return a structure with the rectangle of every brick mapped by ``change``."""
     out = []
     for item in structure:
@@ -199,14 +207,18 @@ def _changed(structure, change):
         ]
     ),
 )
-def test_shifting_turning_and_mirroring_change_nothing(structure, change):
+def test_shifting_turning_and_mirroring_change_nothing(
+    structure: list[PlacedBrick], change: Change
+) -> None:
     here, there = stability(structure), stability(_changed(structure, change))
     assert there.score == pytest.approx(here.score, rel=1e-6, abs=1e-8)
 
 
 @settings(max_examples=25, deadline=None)
 @given(_structures(), st.floats(0.1, 4.0))
-def test_scores_grow_with_weight_and_shrink_with_strength(structure, factor):
+def test_scores_grow_with_weight_and_shrink_with_strength(
+    structure: list[PlacedBrick], factor: float
+) -> None:
     wide = JointStrength(0.98 * factor, 0.85 * factor, 1e4)
     here = stability(structure, strength=JointStrength(sideways=1e4)).score
     assert stability(structure, strength=wide).score == pytest.approx(
@@ -216,7 +228,9 @@ def test_scores_grow_with_weight_and_shrink_with_strength(structure, factor):
 
 @settings(max_examples=25, deadline=None)
 @given(_structures(), st.data())
-def test_a_post_below_a_brick_never_makes_it_worse(structure, data):
+def test_a_post_below_a_brick_never_makes_it_worse(
+    structure: list[PlacedBrick], data: st.DataObject
+) -> None:
     filled = {p for i in structure for p in i.places}
     gaps = sorted(
         (x, y, z)
@@ -231,14 +245,16 @@ def test_a_post_below_a_brick_never_makes_it_worse(structure, data):
 
 
 @st.composite
-def _partial_structures(draw):
+def _partial_structures(draw: st.DrawFn) -> tuple[list[PlacedBrick], frozenset[str]]:
     """Return a structure and the names of some of its bricks."""
     structure = draw(_structures(most=12, side=4))
     names = st.sets(st.sampled_from([i.name for i in structure]), min_size=1)
     return structure, frozenset(draw(names))
 
 
-def _all_of(scale, *bricks):
+def _all_of(
+    scale: float, *bricks: tuple[str, int, int, int, bool]
+) -> tuple[list[PlacedBrick], frozenset[str]]:
     """Return a structure of kind, x, y, z, turned with scaled masses, and all its names."""
     out = _heavier([brick(f"b{k}", *one) for k, one in enumerate(bricks)], scale)
     return out, frozenset(i.name for i in out)
@@ -270,7 +286,9 @@ _LONG_CHAIN = (
 @example(_all_of(40.0, *_CHAIN))  # gives way; without the 2x4 it would stand
 @example(_all_of(30.0, *_CHAIN))
 @example(_all_of(1.0, *_LONG_CHAIN))
-def test_partial_structures_agree_with_the_plain_program(some):
+def test_partial_structures_agree_with_the_plain_program(
+    some: tuple[list[PlacedBrick], frozenset[str]],
+) -> None:
     """The quick judge against one linear program over everything, for any subset."""
     structure, names = some
     structures = PartialStructures(structure)
@@ -282,7 +300,9 @@ def test_partial_structures_agree_with_the_plain_program(some):
 
 @settings(max_examples=40, deadline=None)
 @given(_structures(most=12, side=4), st.data())
-def test_pressing_agrees_with_the_plain_program(structure, data):
+def test_pressing_agrees_with_the_plain_program(
+    structure: list[PlacedBrick], data: st.DataObject
+) -> None:
     structures = PartialStructures(structure)
     names = frozenset(i.name for i in structure)
     item = structure[-1]  # nothing lies on the last one

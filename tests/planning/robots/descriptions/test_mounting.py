@@ -10,7 +10,6 @@ import pytest
 
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.errors import FittingError
-from planning.kinematics.kinematics import frame_in_flange
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.descriptions.urdf_file import GivenLimits
 from planning.robots.registry import robot_model
@@ -73,7 +72,7 @@ def test_a_gripper_of_a_vendor_sits_where_pinocchio_puts_it() -> None:
         assert np.allclose(found, MOUNT @ pose, atol=1e-9), link
     assert (model.name, model.flange_link, model.dof) == ("ur5e+hand", "tool0", 6)
     assert {part.group for part in model.parts[-11:]} == {"tool"}
-    tip = frame_in_flange(model, "tool")
+    tip = model.frame_in_flange("tool")
     assert np.allclose(tip[:3, 3], (MOUNT @ (0, 0, 0.14, 1))[:3])
     # Fingers close along x of the tcp: that is y of the tool frame, up to its sign.
     assert np.isclose(abs(tip[:3, 1] @ MOUNT[:3, 0]), 1.0)

@@ -19,6 +19,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from numpy.testing import assert_array_equal
 
+from planning.cell.workcell import CellObject, Fixture
 from planning.errors import OutputError
 from planning.robots.registry import robot_model
 from planning.transforms import Array, Indices, from_quat_wxyz, translation
@@ -257,7 +258,8 @@ def test_bodies_have_the_size_of_their_shapes(
     markers = {marker.ns: marker for marker in shown.m.markers[1:]}
     (others,) = messages["/objects"]
     markers |= {marker.ns: marker for marker in others.m.markers[1:]}
-    for item in (*cell.fixtures, *cell.objects):
+    items: list[Fixture | CellObject] = [*cell.fixtures, *cell.objects]
+    for item in items:
         corners = points_of(markers[item.name])
         assert np.allclose(corners.max(axis=0), item.size / 2.0)
         assert np.allclose(corners.min(axis=0), -item.size / 2.0)
@@ -302,7 +304,7 @@ def volume(corners: Array) -> float:
 
 
 def test_trajectories_are_the_segments(run: RunResult, messages: Messages) -> None:
-    said = defaultdict(list)
+    said: dict[str, list[Any]] = defaultdict(list)
     for robot in run.tpg.cell.robots:
         said[robot.name] += messages[f"/{robot.name}/joint_trajectory"]
     count = 0
@@ -428,7 +430,7 @@ def test_a_rate_out_of_range_is_refused(rate_hz: float, run: RunResult) -> None:
         exported(run, "mcap", rate_hz=rate_hz)
 
 
-def times_of_the_whole_grid(motion: Trajectory, rate_hz: float) -> Array:
+def times_of_the_whole_grid(motion: Trajectory, rate_hz: float) -> Indices:
     """Return when something is said of a robot, by looking at every period of the run."""
     end = int(motion.t_ns[-1])
     count = int(end * rate_hz / NANOSECONDS) + 1
@@ -436,7 +438,8 @@ def times_of_the_whole_grid(motion: Trajectory, rate_hz: float) -> Array:
     times = np.unique(np.append(grid[grid < end], [0, end]))
     moves = np.any(np.diff(motion.at(times), axis=0) != 0.0, axis=1)
     second = np.diff(times // NANOSECONDS, prepend=-1) > 0
-    return times[second | np.append(moves, True) | np.append(True, moves)]
+    told: Indices = times[second | np.append(moves, True) | np.append(True, moves)]
+    return told
 
 
 @settings(max_examples=60)
@@ -452,7 +455,8 @@ def test_what_stands_is_said_again_for_a_minute(
         seconds = [0.0, *(s for s, _ in spans), stand, 1.0]
         ways = [0.0, *(float(moves) for _, moves in spans), 0.0, 1.0]
         t_ns = np.rint(np.cumsum(seconds) * NANOSECONDS).astype(np.int64)
-        return Trajectory("arm", t_ns, np.cumsum(ways)[:, None], np.zeros(len(t_ns)))
+        node = np.zeros(len(t_ns), dtype=np.int64)
+        return Trajectory("arm", t_ns, np.cumsum(ways)[:, None], node)
 
     own = motion(20.0)
     assert_array_equal(_times(own, rate_hz), times_of_the_whole_grid(own, rate_hz))

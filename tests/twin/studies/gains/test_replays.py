@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import TaskKind
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.studies.study_toys import toy_workload
@@ -166,7 +166,7 @@ def test_what_robots_do_after_their_last_work_gains_nothing() -> None:
         }
         for chain in load.tpg.chains:
             task = int(chain.task[-1])
-            if load.tpg.tasks[task].kind != TRANSIT:
+            if load.tpg.tasks[task].kind != TaskKind.TRANSIT:
                 continue
             rows = np.flatnonzero(every == task)
             home = Intervention("task", "HOME", chain.robot, task, rows)
@@ -186,7 +186,7 @@ def _work_done(tpg: TemporalPlanGraph, execution: Execution) -> int:
         end[node]
         for chain, end in zip(tpg.chains, execution.end, strict=True)
         for node, task in enumerate(chain.task.tolist())
-        if tpg.tasks[task].kind != TRANSIT
+        if tpg.tasks[task].kind != TaskKind.TRANSIT
     )
 
 

@@ -5,7 +5,6 @@ import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +37,10 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _loads() -> list[Workload]:
     return [toy_workload(), toy_workload(policy="sequential")]
+
+
+def _given(executor: Executor) -> Callable[[], AbstractContextManager[Executor]]:
+    return lambda: nullcontext(executor)
 
 
 def _in_process() -> AbstractContextManager[Executor]:
@@ -74,7 +77,7 @@ def test_an_interrupted_study_goes_on_where_it_was(tmp_path: Path) -> None:
     for blocks in (1, 3, 0, 2):
         before = set(blocks_done(tmp_path / "parts"))
         with pytest.raises(KeyboardInterrupt):
-            _run(partial(nullcontext, _Dying(blocks)), tmp_path / "parts")
+            _run(_given(_Dying(blocks)), tmp_path / "parts")
         new = set(blocks_done(tmp_path / "parts")) - before
         assert not new & set(computed)
         computed += new
@@ -221,7 +224,7 @@ class _Broken:
 def test_a_replication_that_raises_is_a_row_with_its_error() -> None:
     load = toy_workload()
     models = load.execution.durations.models
-    broken = dict(models) | {"pick": _Broken(), "place-up": _Broken()}
+    broken: dict[str, Any] = {**models, "pick": _Broken(), "place-up": _Broken()}
     own = Workload(load.tpg, ExecutionModel(SkillDurations(broken)), 5)
     rows = compute_block(pack_workload(own), Block(0, 0, 60)).rows
     wrong = rows.outcome == "error"
@@ -236,4 +239,4 @@ def test_a_replication_that_raises_is_a_row_with_its_error() -> None:
 
 def test_workers_that_keep_dying_end_the_study(tmp_path: Path) -> None:
     with pytest.raises(TwinError, match="--resume"):
-        _run(partial(nullcontext, _Refusing(0)), tmp_path / "blocks")
+        _run(_given(_Refusing(0)), tmp_path / "blocks")

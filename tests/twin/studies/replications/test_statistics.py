@@ -46,14 +46,14 @@ def test_the_mean_has_the_union_of_two_intervals(
 ) -> None:
     sample = np.array(values)
     assume(sample.std() > 1e-3)
-    n, error = len(sample), stats.sem(sample)
+    n, error = len(sample), float(stats.sem(sample))
     t = stats.t.ppf(0.5 + 0.5 * confidence, n - 1)
     g = float(stats.skew(sample, bias=False))
 
-    def transformed(
-        w: float,
-    ) -> float:  # Hall (1992): monotone, so bisection inverts it
-        return w + g * w**2 / 3 / n**0.5 + g**2 * w**3 / 27 / n + g / 6 / n**0.5
+    def transformed(w: float) -> float:
+        # Hall (1992): monotone, so bisection inverts it
+        bent = g * w**2 / 3 / n**0.5 + g**2 * w**3 / 27 / n
+        return float(w + bent + g / 6 / n**0.5)
 
     limits = []
     for side in (t, -t):
@@ -238,7 +238,8 @@ def _makespan(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
         for k in range(4):
             end += np.where(stalls > k, rng.uniform(1.0, 20.0, shape), 0.0)
         ends.append(end)
-    return np.maximum(*ends)
+    first, second = ends
+    return np.asarray(np.maximum(first, second))
 
 
 def _stalled(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:

@@ -11,7 +11,6 @@ from planning.cell.workcell import Fixture, PlacedRobot
 from planning.contacts.touching import PlacedObject, nearby_entities
 from planning.grips.pads import own_bodies
 from planning.grips.tool_grips import robot_grips
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PlacePart
 from planning.parts.part_skills import process_targets
@@ -63,7 +62,13 @@ def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
             ]
             if found := _turned(wanted, frame):
                 at = subject.thing_at(name, key)
-                yield Finding(at, f"{name} cannot be gripped: {found}", error=True)
+                yield Finding(
+                    at,
+                    f"{name} cannot be gripped: {found}",
+                    error=True,
+                    code="not gripped",
+                    parts=(name,),
+                )
                 break
     for number, known, work, robots in parts.works():
         targets = (
@@ -76,7 +81,9 @@ def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
         ]
         if found := _turned(wanted, work.process.frame):
             at = parts.step_at(number)
-            yield Finding(at, f"{work.words} cannot be done: {found}", error=True)
+            words = f"{work.words} cannot be done: {found}"
+            owner = work.spot.owner or ""
+            yield Finding(at, words, error=True, code="not done", parts=(owner,))
 
 
 def _turned(wanted: Sequence[tuple[PlacedRobot, list[Array]]], frame: str) -> str:
@@ -162,7 +169,7 @@ def _missing_clearance(
         body = Shape((), tuple(own_bodies(robot.model)))
         if not body.pieces:
             return None
-        tip = inverse(frame_in_last_joint(robot.model, rules.frame))
+        tip = inverse(robot.model.frame_in_last_joint(rules.frame))
         for grip in robot_grips(robot, item.shape, at, at, rules):
             pose = at @ grip.pose @ tip
             near = nearby_entities((Fixture("tool", body, pose), pose), placed, clear)
@@ -198,6 +205,9 @@ def _no_room(
         f"no grip on {name} has room beside its neighbours {where}: {grip} lacks least, {format_millimetres(lack)}"
         f" beside {neighbour}; {remedy}, or take a slimmer tool",
         error=in_source,
+        code="no room",
+        parts=(name, neighbour),
+        figures=(lack,),
     )
 
 
@@ -234,4 +244,7 @@ def check_lifts(subject: CheckContext, parts: OrderedParts) -> Findings:
                 f"{name} is lifted by leave_m {orientations.leave:g}, and then {other} comes up where it lay, at a"
                 f" distance of {format_millimetres(abs(first[other]))}; lift it farther{remedy}",
                 error=True,
+                code="lift",
+                parts=(name, other),
+                figures=(orientations.leave, abs(first[other])),
             )

@@ -44,6 +44,8 @@ def check_grips(subject: CheckContext, parts: OrderedParts) -> Findings:
                 subject.thing_at(name, "size_m"),
                 f"no fingers span {name}: its shortest edge is {format_millimetres(least)}, and {listing}",
                 error=True,
+                code="span",
+                parts=(name,),
             )
             continue
         for key, at, where in (
@@ -61,6 +63,8 @@ def check_grips(subject: CheckContext, parts: OrderedParts) -> Findings:
                     " part, or allow more of opening_m, directions or steepest_deg"
                     + (", or take a smaller cup" if wide else ""),
                     error=True,
+                    code=f"no face at {key}",
+                    parts=(name,),
                 )
 
 

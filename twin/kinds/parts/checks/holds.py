@@ -13,7 +13,7 @@ from planning.grips.grip import GripRules
 from planning.grips.pads import own_bodies
 from planning.grips.tool_grips import describe_missed_contact, robot_grips
 from planning.parts.assembly import PartAssembly, PlacePart
-from planning.tasks.task import CLOSE, HOLD, OPEN
+from planning.tasks.task import Actuation, TaskKind
 from planning.transforms import Transform
 from twin.checks.finding import (
     CheckContext,
@@ -28,10 +28,10 @@ from twin.kinds.parts.checks.context import for_part_assemblies
 from twin.kinds.parts.ordered_parts import OrderedParts
 
 _USES = {
-    "pick": (CLOSE,),
-    "place-down": (OPEN,),
-    "handover": (CLOSE, OPEN),
-    HOLD: (CLOSE,),
+    "pick": (Actuation.CLOSE,),
+    "place-down": (Actuation.OPEN,),
+    "handover": (Actuation.CLOSE, Actuation.OPEN),
+    TaskKind.HOLD: (Actuation.CLOSE,),
 }
 """What tools do in a skill of an assembly of parts."""
 
@@ -59,6 +59,8 @@ def check_holds(subject: CheckContext, parts: OrderedParts) -> Findings:
                         subject.robot_at(may[model].name, "tool", "model"),
                         f"{may[model].name} would hold {name} by none of its grips {where}: {words}",
                         error=all(own is None or own for own in missed.values()),
+                        code="hold",
+                        parts=(may[model].name, name),
                     )
 
 
@@ -119,6 +121,9 @@ def check_friction(subject: CheckContext, parts: OrderedParts) -> Findings:
                 f" their axis; friction bears {worst.most_force:.3g} N or {round(worst.most_torque, 6):.3g} N m (force_n"
                 f" {grip.force:g}, balance.friction {assembly.friction:g}): hold it nearer to its centre of mass,"
                 " or with more force or larger pads",
+                code="slip",
+                parts=(grip.tool, name),
+                figures=(worst.moment_arm, worst.force, worst.torque),
             )
 
 
@@ -201,6 +206,6 @@ def _said(subject: CheckContext) -> Iterator[tuple[KeyPath, str]]:
     ]
     places.append((("assembly", "grips"), getattr(scenario.assembly, "grips", None)))
     for at, section in places:
-        for act in (CLOSE, OPEN):
+        for act in (Actuation.CLOSE, Actuation.OPEN):
             if getattr(section, f"{act}_s", None) is not None:
                 yield (*at, f"{act}_s"), act

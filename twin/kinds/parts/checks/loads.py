@@ -112,6 +112,8 @@ def _too_heavy(
                 f"{part.name} weighs {part.mass:g} kg, which {who} carries beside its tool ({listing};"
                 " limits.payload_kg)",
                 error=True,
+                code="heavy",
+                parts=(part.name,),
             )
             return
 

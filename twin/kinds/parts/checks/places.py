@@ -16,7 +16,6 @@ from planning.contacts.touching import (
     standing_fixtures,
 )
 from planning.grips.tool_grips import tool_bodies
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.parts.assembly import MachineWork, PlacePart, Process
 from planning.parts.part_skills import process_targets
 from planning.parts.part_steps import (
@@ -69,6 +68,9 @@ def check_goals(subject: CheckContext, parts: OrderedParts) -> Findings:
                 f"{name} goes where {other} {when} by then: they would overlap by"
                 f" {overlaps.words(name, other, deep)}",
                 error=True,
+                code="overlap",
+                parts=(name, other),
+                figures=(deep,),
             )
         if not touched and not assembly.joined_to(name):
             near = describe_nearest(name, part, lying)
@@ -77,6 +79,8 @@ def check_goals(subject: CheckContext, parts: OrderedParts) -> Findings:
                 f"{name} would be left in the air: {place} it touches neither a fixture nor a"
                 f" part that is there by then (touch_m {section.touch_m:g}); {near}",
                 error=True,
+                code="unsupported",
+                parts=(name,),
             )
 
 
@@ -87,7 +91,13 @@ def check_joints(subject: CheckContext, parts: OrderedParts) -> Findings:
     known = set().union(*listed)
     for joint, words in wide_joints(subject.cell, parts.listed):
         own = {name_in_file(name, known) for name in joint.ends}
-        yield Finding(("assembly", "joined", listed.index(own)), words, error=True)
+        yield Finding(
+            ("assembly", "joined", listed.index(own)),
+            words,
+            error=True,
+            code="apart",
+            parts=joint.ends,
+        )
 
 
 @for_part_assemblies
@@ -147,7 +157,7 @@ def _nearest(
 ) -> Iterator[tuple[str, float]]:
     """Yield the nearest thing to a robot's tool at each pose of its path, with distance [m]."""
     body = Shape((), tuple(tool_bodies(robot.model)))
-    tip = inverse(frame_in_last_joint(robot.model, process.frame))
+    tip = inverse(robot.model.frame_in_last_joint(process.frame))
     execution = process_targets(process, known.place, process.turns[0])
     for goal in execution.targets.subgoals[execution.first : execution.last + 1]:
         pose: Transform = goal.pose @ tip
@@ -195,23 +205,35 @@ def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
                     + name
                     + ".fixtures",
                     error=True,
+                    code="off fixtures",
+                    parts=(step.part, nearest[0]),
+                    figures=(nearest[1],),
                 )
         elif (gap := _from_door(own, lying, subject)) is not None and gap > _BESIDE:
             yield Finding(
                 at,
                 f"{name} works at {step.part} {gap:.2f} m away from its door: {tell}",
+                code="off door",
+                parts=(step.part,),
+                figures=(gap,),
             )
         elif spread > _BESIDE:
             yield Finding(
                 at,
                 f"{name} works at {step.part} {spread:.2f} m away from where it worked before, at"
                 f" {format_position(first[:3, 3].tolist())}: one of the two is not in the machine; {tell}",
+                code="two places",
+                parts=(step.part,),
+                figures=(spread, *first[:3, 3].tolist()),
             )
         elif step.part not in moved and own.door is None:
             yield Finding(
                 at,
                 f"{name} works at {step.part} where that lies at the start, at"
                 f" {format_position(pose[:3, 3].tolist())}: no step brings it to the machine; {tell}",
+                code="not brought",
+                parts=(step.part,),
+                figures=tuple(pose[:3, 3].tolist()),
             )
 
 

@@ -169,6 +169,8 @@ def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findi
             f"{nobody} picks and places {name} with one grip: {_list(picks)} where it lies,"
             f" {_list(places)} {leg.words}; the planner looks for a place to lay it down in"
             " between",
+            code="one grip",
+            parts=(name,),
         )
         return
     key, at, words = leg.start_at, part.start, "where it lies"
@@ -180,6 +182,9 @@ def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findi
         f" {min(tried, _MOST_GRIPS)} grips, with approach_m {distances.approach:g} and leave_m"
         f" {distances.leave:g}{_beyond(robots, frame, at)}",
         error=tried <= _MOST_GRIPS,
+        code="reach",
+        parts=(name,),
+        figures=tuple(at[:3, 3].tolist()),
     )
 
 
@@ -242,6 +247,9 @@ def _check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
             f" {process.frame!r} and approach_m {process.approach:g}: tried {who or 'no robot'} in"
             f" {len(process.turns)} turns",
             error=True,
+            code="reach",
+            parts=(step.spot.owner or "",),
+            figures=tuple(found.place[:3, 3].tolist()),
         )
 
 

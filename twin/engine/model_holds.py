@@ -1,4 +1,7 @@
-"""Tasks that open a time window are held back until the later step is likely to be in time."""
+"""Waits that an execution model adds to a plan: those of a registered policy, and before time windows open.
+
+Tasks that open a time window are held back until the later step is likely to be in time.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,9 @@ import numpy as np
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import with_window_hold_edges
+from twin.engine.dispatch_policies import with_policy
 from twin.engine.execution_model import OTHER, ExecutionModel
+from twin.registry import POLICIES
 from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.node_times import NodeTimeSampler
 
@@ -18,19 +23,24 @@ _SEED = 7_919
 _DRAWS, _MOST_VALUES = 2000, 10_000_000
 
 
-def with_window_holds(
+def with_model_holds(
     tpg: TemporalPlanGraph, model: ExecutionModel
 ) -> TemporalPlanGraph:
-    """Return a graph in which window-opening tasks are held back; see ``with_window_hold_edges``.
+    """Return a graph with the waits of a registered policy, and with window-opening tasks held back.
 
-    Only under asynchronous release: a planned clock, turns and slots hold tasks back by themselves.
-    A later step is forecast by the longest remaining path to it, with durations drawn as in runs,
-    without acceleration limits and messages.
+    Tasks are held back, see ``with_window_hold_edges``, only under asynchronous release: a planned clock,
+    turns and slots hold tasks back by themselves. A later step is forecast by the longest remaining path
+    to it, with durations drawn as in runs, without acceleration limits and messages.
 
     Args:
         tpg: the plan.
         model: execution model, with disturbances.
+
+    Raises:
+        RequestError: a registered policy returned what are no edges, or edges in a circle.
     """
+    if model.policy not in POLICIES.own:
+        tpg = with_policy(tpg, model.policy, OTHER)
     timed = any(window.most is not None for window in tpg.windows)
     if not timed or model.hold <= 0.0 or model.policy != "asynchronous":
         return tpg
