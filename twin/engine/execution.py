@@ -374,7 +374,7 @@ class Execution:
 
     def _receive_report(self, chain: int, node: int) -> None:
         self._reports.append((chain, node))
-        # As ``dispatch_again`` does; this is the most frequent call of all.
+        # As ``redispatch`` does; this is the most frequent call of all.
         if not self._report_arrived.triggered:
             self._report_arrived.succeed()
 

@@ -26,6 +26,9 @@ PERSON = "person"
 AGAIN = 2**32
 """Offset added to the step or task number in draw keys for each retry or further question."""
 
+AnswerCallback = Callable[["Question"], bool]
+"""Returns whether a person helps, given a question; raises ``UnansweredError`` until it is answered."""
+
 
 @dataclass(frozen=True)
 class Question:
@@ -48,10 +51,6 @@ class Question:
     def __str__(self) -> str:
         """Return the question, for people."""
         return self.words
-
-
-AnswerCallback = Callable[[Question], bool]
-"""Returns whether a person helps, given a question; raises ``UnansweredError`` until it is answered."""
 
 
 class UnansweredError(Exception):
