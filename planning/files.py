@@ -29,7 +29,7 @@ LARGEST = 64 << 20
 
 _STDIN, _HANDLES = Path("/dev/stdin"), (Path("/dev/fd"), Path("/proc/self/fd"))
 
-MOST_ARRAYS = 200_000
+_MOST_ARRAYS = 200_000
 """Most arrays of an npz file."""
 
 _ENTRY_MARK = b"PK\x01\x02"
@@ -41,7 +41,7 @@ NPZ_ERRORS = (
 )
 """Whatever zipfile and numpy raise for bytes that are no npz file of some known arrays."""
 
-SCHEME = "package://"
+_SCHEME = "package://"
 
 
 def open_regular(path: Path) -> BufferedReader:
@@ -163,8 +163,8 @@ def read_npz(content: bytes, *, kinds: str, most: int) -> dict[str, npt.NDArray[
         Exception: of NPZ_ERRORS: it is no npz file.
     """
     size = 0
-    if content.count(_ENTRY_MARK) > MOST_ARRAYS:  # zipfile reads all entries at once
-        raise ValueError(f"it has more than {MOST_ARRAYS} arrays")
+    if content.count(_ENTRY_MARK) > _MOST_ARRAYS:  # zipfile reads all entries at once
+        raise ValueError(f"it has more than {_MOST_ARRAYS} arrays")
     with zipfile.ZipFile(BytesIO(content)) as archive:
         items = archive.infolist()
         if len({item.filename for item in items}) < len(items):
@@ -235,9 +235,9 @@ def resolve_file_name(name: str, folder: Path, error: type[TwinError]) -> Path:
     Raises:
         TwinError: of the class ``error``: there is no such package, or no such file in it.
     """
-    if not name.startswith(SCHEME):
+    if not name.startswith(_SCHEME):
         return folder / name
-    package, _, rest = name.removeprefix(SCHEME).partition("/")
+    package, _, rest = name.removeprefix(_SCHEME).partition("/")
     places = list(_package_folders(package))
     if not places:
         raise error(

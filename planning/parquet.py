@@ -11,7 +11,7 @@ from planning.files import open_regular
 if TYPE_CHECKING:
     import pyarrow as pa
 
-MOST_CELLS = 50_000_000
+_MOST_CELLS = 50_000_000
 """Most values of a table, and one eighth of the bytes that its columns take."""
 
 
@@ -37,7 +37,7 @@ def read_parquet(path: Path) -> pa.Table:
     """Return the table of a Parquet file; its size is checked before it is decoded.
 
     Raises:
-        OutputError: it cannot be read, is no Parquet file, has more values than ``MOST_CELLS``, or, by
+        OutputError: it cannot be read, is no Parquet file, has more values than ``_MOST_CELLS``, or, by
             the name of the file, other columns than a table of a run.
     """
     import pyarrow as pa
@@ -49,7 +49,7 @@ def read_parquet(path: Path) -> pa.Table:
             groups = [about.row_group(k) for k in range(about.num_row_groups)]
             rows = max(about.num_rows, sum(group.num_rows for group in groups))
             size = sum(group.total_byte_size for group in groups)
-            if rows * max(about.num_columns, 1) > MOST_CELLS or size > 8 * MOST_CELLS:
+            if rows * max(about.num_columns, 1) > _MOST_CELLS or size > 8 * _MOST_CELLS:
                 raise OutputError(
                     f"{path}: has {rows} rows of {about.num_columns} columns: that is too much to be"
                     " of this program"

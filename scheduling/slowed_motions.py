@@ -26,7 +26,7 @@ def slowed_motions(tpg: TemporalPlanGraph) -> dict[str, dict[str, Any]]:
     for chain in tpg.chains:
         if chain.drive is None or not np.any(chain.drive.slowed_by > BY_JOINTS):
             continue
-        moves = first_nodes_of_motions(chain)
+        moves = _first_nodes_of_motions(chain)
         names = tpg.cell.robot(chain.robot).model.joint_names
         causes = {"tool speed": BY_TOOL_SPEED}
         causes |= {f"effort of {name}": BY_EFFORT + j for j, name in enumerate(names)}
@@ -40,7 +40,7 @@ def slowed_motions(tpg: TemporalPlanGraph) -> dict[str, dict[str, Any]]:
     return found
 
 
-def first_nodes_of_motions(chain: NodeChain) -> Indices:
+def _first_nodes_of_motions(chain: NodeChain) -> Indices:
     """Return the first node of each stretch and of each moving skill; none without limits."""
     drive = chain.drive
     if drive is None:

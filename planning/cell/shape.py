@@ -117,7 +117,7 @@ class Mesh:
     source: str = "mesh"
 
 
-def polyhedron_sides(radius: float) -> int:
+def _polyhedron_sides(radius: float) -> int:
     """Return the number of sides of the polyhedron around a round bar: a multiple of four."""
     for count in range(_FEWEST_SIDES, _MOST_SIDES, _STEP):
         if radius * (1.0 / math.cos(math.pi / count) - 1.0) <= _STANDS_OUT:
@@ -129,7 +129,7 @@ def polyhedron_sides(radius: float) -> int:
 def round_body(form: Cylinder | Capsule) -> ConvexBody:
     """Return the polyhedron around a cylinder or a capsule, in the frame of the form."""
     rings = _of_cylinder(form) if isinstance(form, Cylinder) else _of_capsule(form)
-    count = polyhedron_sides(form.radius)
+    count = _polyhedron_sides(form.radius)
     # Corners are half-way between the points where the faces touch the round side.
     turn = 2.0 * math.pi * (np.arange(count) + 0.5) / count
     vertices = np.vstack(
@@ -145,13 +145,13 @@ def round_body(form: Cylinder | Capsule) -> ConvexBody:
 
 def _of_cylinder(form: Cylinder) -> list[tuple[float, float]]:
     """Return the rings of corners: how far from the axis, and how high."""
-    out = form.radius / math.cos(math.pi / polyhedron_sides(form.radius))
+    out = form.radius / math.cos(math.pi / _polyhedron_sides(form.radius))
     return [(out, -0.5 * form.length), (out, 0.5 * form.length)]
 
 
 def _of_capsule(form: Capsule) -> list[tuple[float, float]]:
     """Return the rings of corners, each where the faces of two latitudes meet."""
-    edge = math.cos(math.pi / polyhedron_sides(form.radius))
+    edge = math.cos(math.pi / _polyhedron_sides(form.radius))
     rings = []
     for low, high in pairwise(_LATITUDES.tolist()):
         faces = [[math.cos(a) * edge, math.sin(a)] for a in (low, high)]

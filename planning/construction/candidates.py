@@ -21,7 +21,7 @@ from planning.transforms import Array
 Skeleton = tuple[str, ...]
 """Robots in the order in which they have a part in hand."""
 
-ROOM = 1.0
+_ROOM = 1.0
 """Robots that place parts nearer to each other than this block each other [m]."""
 
 _PACE = 0.8
@@ -135,7 +135,7 @@ def rank_parts(
     def rank(part: str) -> tuple[float, ...]:
         near = graph.placed_neighbours(part, there)
         away = (float(np.linalg.norm((where[part] - at)[:2])) for at in busy)
-        crowd = sum(distance < ROOM for distance in away)
+        crowd = sum(distance < _ROOM for distance in away)
         ready = earliest_placement_time(problem, part, placed)
         soon = ready
         if tool is not None:

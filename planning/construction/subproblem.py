@@ -128,7 +128,7 @@ class LegPlanner:
 
     def retreat(self, building: BuildState, robot: str) -> BuildState | None:
         """Return the state in which a robot has retreated to HOME, out of the others' way."""
-        hints = approach_hints(building.world, robot)
+        hints = _approach_hints(building.world, robot)
         leg = self.leg(building, robot, (), hints=hints, work=False)
         return None if leg is None else leg.building
 
@@ -147,7 +147,7 @@ def retreat_hints(world: FixedWorld, robot: str) -> Array:
     return _places(line, line.busy_until, line.end)
 
 
-def approach_hints(world: FixedWorld, robot: str) -> Array:
+def _approach_hints(world: FixedWorld, robot: str) -> Array:
     """Return waypoint hints from a robot's last approach, usable for its return, shape (w, n)."""
     line = world.robots[robot]
     if not line.skills:

@@ -173,7 +173,7 @@ def _depth_on_way(
         at = translation(*(-away * direction)) @ pose
         if nearby_entities((item[0], at), {"": other}, 0.0):
             own = [Element(e.form, at @ e.pose) for e in item[0].shape.elements]
-            found = max(pieces_overlap_depth(a, b) for a, b in product(own, met))
+            found = max(_pieces_overlap_depth(a, b) for a, b in product(own, met))
             deepest = max(deepest, found)
     return deepest
 
@@ -219,7 +219,7 @@ def _depth(one: Shape, other: Shape, between: Transform) -> float:
 
 def forms_overlap_depth(first: Element, second: Element) -> float:
     """Return the penetration depth of two forms; for meshes, triangles tell whether they are free [m]."""
-    hulls = pieces_overlap_depth(first, second)
+    hulls = _pieces_overlap_depth(first, second)
     if hulls <= ROUNDING:
         return hulls
     if (gap := surface_gap(first, second)) > 0.0:
@@ -317,7 +317,7 @@ def mesh_bodies(form: Mesh) -> tuple[ConvexBody, ...]:
     )
 
 
-def pieces_overlap_depth(one: Element, other: Element) -> float:
+def _pieces_overlap_depth(one: Element, other: Element) -> float:
     """Return the greatest penetration depth of pieces of two forms, round ones exact [m].
 
     Not positive where they are free: then it is how far they are apart, or less.
@@ -334,7 +334,7 @@ def _pair_depths(
 ) -> Iterator[float]:
     """Yield the penetration depths of pieces, pair by pair [m]."""
     request = coal.DistanceRequest()
-    own, met = exact_shapes(one), exact_shapes(other)
+    own, met = _exact_shapes(one), _exact_shapes(other)
     for i, k in pairs:
         result = coal.DistanceResult()
         yield -float(coal.distance(*own[i], *met[k], request, result))
@@ -368,7 +368,7 @@ def _boxes(element: Element) -> tuple[Array, Array]:
     return middle - reach, middle + reach
 
 
-def exact_shapes(element: Element) -> list[tuple[Any, Any]]:
+def _exact_shapes(element: Element) -> list[tuple[Any, Any]]:
     """Return coal's shapes of a form with their poses: exact, but for the pieces of a mesh."""
     form, pose = element.form, element.pose
     at = coal.Transform3s(pose[:3, :3], pose[:3, 3])

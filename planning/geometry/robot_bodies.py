@@ -38,7 +38,7 @@ _KNOWN: BoundedCache[RobotBodies] = BoundedCache(4000)
 GROUPS = ("arm", "tool")
 """Groups of a robot's bodies, each an entity of its own."""
 
-SECOND_ORDER = 1.2
+_SECOND_ORDER = 1.2
 """Bounds of links are this times what the first order says. The proof asks for 1.1, with bounds that are
 not quite the same, so what is planned is proved as well."""
 
@@ -253,7 +253,7 @@ def position_error_bound(
             for part in (slice(0, 3), slice(3, 6))
         )
         most = (error.m * of_way + error.rad * of_turn).max()
-        out[k] = SECOND_ORDER * float(most)
+        out[k] = _SECOND_ORDER * float(most)
     return out
 
 

@@ -23,7 +23,7 @@ from planning.cell.shape import Shape
 from planning.geometry.exact import hull_shape
 from planning.transforms import Array, Transform, inverse
 
-ALONG_CLOSING = 0.002
+_ALONG_CLOSING = 0.002
 """Allowed offset of a part from the middle between the fingers, for inaccurate models [m]."""
 
 BESIDE = 0.0005
@@ -370,10 +370,10 @@ def _off_pads(pads: Pads, tool: str, part: str) -> Iterator[str]:
         if pads.reach < 0.0 < miss[2]:
             beyond = f": its tcp lies {_mm(-pads.reach)} beyond their tips"
         yield f"{who} {tool} {close} {_past(miss)} {part}, and must touch it{beyond}"
-    elif abs(off) > ALONG_CLOSING:
+    elif abs(off) > _ALONG_CLOSING:
         yield (
             f"{part} would be {_mm(abs(off))} off the middle between the fingers of {tool}, and may be"
-            f" {_mm(ALONG_CLOSING)} (closing): move its tcp to where they meet"
+            f" {_mm(_ALONG_CLOSING)} (closing): move its tcp to where they meet"
         )
 
 

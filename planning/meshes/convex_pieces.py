@@ -22,16 +22,16 @@ from planning.meshes.mesh_file import MeshTriangles
 from planning.meshes.prisms import prism_pieces
 from planning.transforms import Array, Indices
 
-MOST_PIECES = 256
+_MOST_PIECES = 256
 """Pieces of a mesh: what has more cannot be planned with."""
 
-MOST_BODIES = 2000
+_MOST_BODIES = 2000
 """Bodies of a mesh that do not hang together."""
 
-MOST_CORNERS = 96
+_MOST_CORNERS = 96
 """Greatest number of corners of a hull; finer ones are enclosed by a coarser one."""
 
-MOST_CUT = 100_000
+_MOST_CUT = 100_000
 """Greatest number of triangles of a non-convex body, which takes a minute."""
 
 _SAMPLES = 4000
@@ -74,7 +74,9 @@ class Cut:
     missed: float
 
 
-def cut_convex(triangles: MeshTriangles, within: float, most: int = MOST_PIECES) -> Cut:
+def cut_convex(
+    triangles: MeshTriangles, within: float, most: int = _MOST_PIECES
+) -> Cut:
     """Return convex pieces that contain a mesh.
 
     Args:
@@ -86,9 +88,9 @@ def cut_convex(triangles: MeshTriangles, within: float, most: int = MOST_PIECES)
         ShapeError: there would be too many.
     """
     bodies = _bodies(triangles)
-    if len(bodies) > MOST_BODIES:
+    if len(bodies) > _MOST_BODIES:
         raise ShapeError(
-            f"it has {len(bodies)} bodies that do not hang together, more than {MOST_BODIES}:"
+            f"it has {len(bodies)} bodies that do not hang together, more than {_MOST_BODIES}:"
             " leave out what nothing can touch, or describe the shape by a compound"
         )
     hulls: list[Array] = []
@@ -96,7 +98,7 @@ def cut_convex(triangles: MeshTriangles, within: float, most: int = MOST_PIECES)
         found = _pieces(vertices, faces, within, most)
         hulls += [_simpler(hull, 0.25 * within) for hull in found]
     hulls = _without_inner(hulls)
-    _require_few(len(hulls), MOST_PIECES, within)
+    _require_few(len(hulls), _MOST_PIECES, within)
     points = _surface_points(triangles)
     hulls = _including(hulls, points)
     missed = float(np.min([_outside(hull, points) for hull in hulls], axis=0).max())
@@ -154,14 +156,14 @@ def _pieces(vertices: Array, faces: Indices, within: float, most: int) -> list[A
     if _fills(trimesh.Trimesh(vertices, faces, process=False), hull):
         return [hull_vertices(vertices)]
     closed = closed_surface(vertices, faces)
-    prisms = prism_pieces(*closed, within, MOST_PIECES)
+    prisms = prism_pieces(*closed, within, _MOST_PIECES)
     if prisms is not None:
         return prisms
     body: Any = trimesh.Trimesh(*closed, process=False)
-    if len(faces) > MOST_CUT:
+    if len(faces) > _MOST_CUT:
         raise ShapeError(
             f"a body of it has {len(faces)} triangles and is not convex, and more than"
-            f" {MOST_CUT} take too long to cut: simplify it (MeshLab, Blender)"
+            f" {_MOST_CUT} take too long to cut: simplify it (MeshLab, Blender)"
         )
     import coacd
 
@@ -257,14 +259,14 @@ def _simpler(hull: Array, tolerance: float) -> Array:
     The face planes that cut off most are added one after another, until what is left stands out
     by no more than the tolerance, or has as many corners as it may.
     """
-    if len(hull) <= MOST_CORNERS:
+    if len(hull) <= _MOST_CORNERS:
         return hull
     planes = np.unique(np.round(ConvexHull(hull).equations, 12), axis=0)
     inner = np.append(hull.mean(axis=0), 1.0)
     around = np.vstack([sphere_directions(32), np.eye(3), -np.eye(3)])
     chosen = np.column_stack([around, -(hull @ around.T).max(axis=0)])
     corners = _corners(chosen, inner)
-    while len(corners) < MOST_CORNERS:
+    while len(corners) < _MOST_CORNERS:
         out = corners @ planes[:, :3].T + planes[:, 3]
         if out.max() <= tolerance:
             break

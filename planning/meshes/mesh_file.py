@@ -14,11 +14,11 @@ from planning.errors import ShapeError
 from planning.files import read_file
 from planning.transforms import Array, Indices
 
-SUFFIXES = (".stl", ".obj")
+_SUFFIXES = (".stl", ".obj")
 MOST_BYTES = 256 << 20
 """Bytes of a file."""
 
-MOST_FACES = 500_000
+_MOST_FACES = 500_000
 """Triangles of a file."""
 
 _BELIEVED = 5.0
@@ -75,9 +75,9 @@ def read_triangles(path: Path, content: bytes, scale: float | None) -> MeshTrian
         raise ShapeError(
             f"mesh {path} has no triangles: export a surface, not points or curves"
         )
-    if len(faces) > MOST_FACES:
+    if len(faces) > _MOST_FACES:
         raise ShapeError(
-            f"mesh {path} has {len(faces)} triangles, more than {MOST_FACES}: {_SIMPLER}"
+            f"mesh {path} has {len(faces)} triangles, more than {_MOST_FACES}: {_SIMPLER}"
         )
     if not np.all(np.isfinite(vertices)):
         raise ShapeError(
@@ -96,10 +96,10 @@ def read_mesh_bytes(path: Path) -> bytes:
     Raises:
         ShapeError: it is not there, of no kind that is known, or too large.
     """
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in _SUFFIXES:
         raise ShapeError(
             f"mesh {path} is of an unknown kind: export it as one of these",
-            choices=SUFFIXES,
+            choices=_SUFFIXES,
         )
     try:
         return read_file(path, MOST_BYTES)

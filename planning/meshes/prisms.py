@@ -40,7 +40,7 @@ _FEW = 64
 """Finer pieces than have to be are made where they are no more than this."""
 
 
-def merge_convex_rings(points: Array, rings: list[Ring], within: float) -> list[Ring]:
+def _merge_convex_rings(points: Array, rings: list[Ring], within: float) -> list[Ring]:
     """Join neighbours while the union has only shallow hollows (after Hertel and Mehlhorn).
 
     Args:
@@ -297,7 +297,7 @@ def _convex_polygons(loops: tuple[Array, ...], within: float) -> Iterator[Array]
         points = np.vstack(own)
         ends = np.cumsum([len(loop) for loop in own]).astype(np.uint32)
         triangles = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
-        for ring in merge_convex_rings(
+        for ring in _merge_convex_rings(
             points, _counterclockwise(points, triangles), within
         ):
             yield points[list(ring)]

@@ -66,7 +66,7 @@ def load_bound_s(
         tasks = work.expand(plan.with_choice(choice), choice.step, 0)
         # Other robots may release what they held.
         own = [task for task in tasks.tasks if task.robot in choice.robots]
-        seconds = busy_seconds(cell, replace(tasks, tasks=tuple(own)), settings)
+        seconds = _busy_seconds(cell, replace(tasks, tasks=tuple(own)), settings)
         loads.append(AlternativeLoad(choice.step, choice.object, seconds))
     return least_load(loads, work.problem.unlimited)
 
@@ -82,7 +82,7 @@ def _choices(problem: AssignmentProblem) -> Iterator[StepChoice]:
                     yield StepChoice(problem.primaries[p], problem.supports[s])
 
 
-def busy_seconds(
+def _busy_seconds(
     cell: Workcell, step: StepTasks, settings: MotionSettings
 ) -> dict[str, float]:
     """Return the least busy time of each robot, and of each working machine, in a step [s].

@@ -60,7 +60,7 @@ _Ends = Mapping[bytes, tuple[Array, frozenset[str]]]
 """Contact configuration of a pick or place, shape (n,), and the parts that must be gone before, by tool pose on the part."""
 
 
-def with_steps_as_listed(_: Workcell, assembly: PartAssembly) -> PartAssembly:
+def _with_steps_as_listed(_: Workcell, assembly: PartAssembly) -> PartAssembly:
     """Return an assembly with its steps as they are."""
     return assembly
 
@@ -69,7 +69,7 @@ def find_alike_candidates(
     cell: Workcell,
     assembly: PartAssembly,
     find: Find,
-    order: Order = with_steps_as_listed,
+    order: Order = _with_steps_as_listed,
 ) -> PartCandidates:
     """Return the candidates of an assembly after interchangeable parts are assigned to goals.
 

@@ -68,7 +68,7 @@ class PartBalance:
         self._named = {step.step.name: k for k, step in enumerate(steps)}
         self._standing = standing or make_stability_check(cell, steps, rules)
         joints, self._joining = self._joined()
-        until = planned_holds(steps)
+        until = _planned_holds(steps)
         self._build = [
             BuildStep((s.part.name,) if _builds(s) else (), joints[k], until.get(k))
             for k, s in enumerate(steps)
@@ -202,7 +202,7 @@ def stability_constraints(
         InfeasibleStepError: something falls even in the given order; says what would help.
     """
     if assembly.balance is None:
-        return StableBuild(frozenset(), planned_holds(steps))
+        return StableBuild(frozenset(), _planned_holds(steps))
     waits: set[tuple[int, int]] = set()
     keeps: dict[int, int] = {}
     leaves = assembly.supply.leaves.keys()
@@ -218,7 +218,7 @@ def _builds(step: KnownStep) -> TypeGuard[PartStep]:
     return isinstance(step, PartStep) and step.step.stop is None
 
 
-def planned_holds(steps: Sequence[KnownStep]) -> dict[int, int]:
+def _planned_holds(steps: Sequence[KnownStep]) -> dict[int, int]:
     """Return, for steps from 0, until which step their part is held, where the assembly states it."""
     named = {s.step.name: k for k, s in enumerate(steps) if s.step.name is not None}
     return {

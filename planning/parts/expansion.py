@@ -107,7 +107,7 @@ class _Expansion:
             assert isinstance(step, MachineWork)
             shut: tuple[Handling, ...] = ()
             if step.door is not None:
-                shut = shut_door_handlings(
+                shut = _shut_door_handlings(
                     step.door, self._cell.object(step.door).start
                 )
             about = step.machine, step.process, step.words, step.part, shut
@@ -416,7 +416,7 @@ def _stock_contacts(steps: Sequence[KnownStep]) -> Mapping[str, frozenset[str]]:
     }
 
 
-def shut_door_handlings(door: str, pose: Transform) -> tuple[Handling, Handling]:
+def _shut_door_handlings(door: str, pose: Transform) -> tuple[Handling, Handling]:
     """Return the handlings by which a door appears when a task begins, and is gone at its end.
 
     So no robot may be there for as long as the task may last, and it rests nowhere in between.

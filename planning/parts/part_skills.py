@@ -89,7 +89,7 @@ def place_targets(frame: str, grip: Transform, handling: PartHandling) -> SkillT
     )
 
 
-def hold_targets(frame: str, grip: Transform, handling: PartHandling) -> SkillTargets:
+def _hold_targets(frame: str, grip: Transform, handling: PartHandling) -> SkillTargets:
     """Return the subgoals of gripping a part at rest: straight to it, hold."""
     back = grip @ translation(0.0, 0.0, -handling.approach)
     path = straight_subgoals(frame, "approach", back, grip)
@@ -315,7 +315,7 @@ class PartSkills:
         assert step.held is not None
         name = step.held.part.name
         at_part, handling = grip_contact(robot.name, name), self.assembly.handling(name)
-        targets = hold_targets(self.assembly.frame, step.held.pose @ grip, handling)
+        targets = _hold_targets(self.assembly.frame, step.held.pose @ grip, handling)
         contacts = SkillContacts(NOTHING, at_part, at_part)
         scene = SkillScene(self.cell, step.around, self._at_home, contacts)
         held = step.held.part, grip

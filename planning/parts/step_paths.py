@@ -37,7 +37,7 @@ Candidate = PrimaryCandidate | SupportCandidate
 Holders = Mapping[str, tuple[Array, Tools]]
 """Robots that hold something: their configurations, shape (n,), and loads, by name."""
 
-NOBODY: Holders = {}
+_NOBODY: Holders = {}
 Item = TypeVar("Item", PrimaryCandidate, SupportCandidate)
 
 
@@ -62,7 +62,7 @@ class StepPaths:
     relays: dict[PrimaryCandidate, Relay] = field(default_factory=dict)
 
     def among(
-        self, item: Candidate, holding: Holders, supporting: Holders = NOBODY
+        self, item: Candidate, holding: Holders, supporting: Holders = _NOBODY
     ) -> tuple[SkillPath, ...] | Obstruction:
         """Return the paths of a candidate next to robots that hold something, or the obstruction.
 
@@ -76,7 +76,7 @@ class StepPaths:
         tries, found = self.tries.get(item, ()), list(self.unpaired.get(item, ()))
         for k, tried in enumerate(tries, len(found) - len(tries)):
             last = k == len(found) - 1
-            if holders := {**holding, **(supporting if last else NOBODY)}:
+            if holders := {**holding, **(supporting if last else _NOBODY)}:
                 path = self._beside(tried, item, holders).found(found[k])
                 if isinstance(path, Obstruction):
                     return path
@@ -104,7 +104,7 @@ class StepPaths:
         Where nothing is free next to several holding robots, the paths are those without them, which motion
         planning finds to be blocked.
         """
-        choice, supporting = plan[step], NOBODY
+        choice, supporting = plan[step], _NOBODY
         if (hold := self.planned_hold(plan, step)) is not None:
             supporting = {hold.robot: (hold.path[-1], choice.tools)}
         found = self.among(choice.primary, self._kept(plan, step), supporting)
@@ -172,7 +172,7 @@ class Pairing:
             bad, _ = self._beside(
                 self._cheapest(step, support.robot),
                 f"beside {support.robot} that holds",
-                (NOBODY, {support.robot: (at, support.tools)}),
+                (_NOBODY, {support.robot: (at, support.tools)}),
                 good[support.robot],
             )
             self.found.incompatible |= {(p, s) for p in bad}
@@ -202,7 +202,7 @@ class Pairing:
             found.reject(item.step, f"{words}, lets go", wrong, item.robot)
             return False
         at = paths.unpaired[item][-1].contact
-        holding: tuple[Holders, Holders] = {item.robot: (at, item.tools)}, NOBODY
+        holding: tuple[Holders, Holders] = {item.robot: (at, item.tools)}, _NOBODY
         clashing: set[tuple[int, int]] = set()
         incompatible: set[tuple[int, int]] = set()
         for later in range(item.step + 1, paths.keeps[item.step] + 1):

@@ -221,10 +221,10 @@ def shape_vertices(shape: Any, name: str) -> Array:
         length = float(shape.halfLength)
         return frustum_corners(shape.radius, shape.radius, -length, length)
     if kind == "Sphere":
-        return sphere_corners(float(shape.radius))
+        return _sphere_corners(float(shape.radius))
     if kind == "Capsule":
         ends = [[0.0, 0.0, s * float(shape.halfLength)] for s in (-1.0, 1.0)]
-        ball = sphere_corners(float(shape.radius))
+        ball = _sphere_corners(float(shape.radius))
         return hull_vertices(np.vstack([ball + end for end in ends]))
     if hasattr(shape, "vertices"):
         points = np.asarray(shape.vertices(), dtype=np.float64)
@@ -259,7 +259,7 @@ def frustum_corners(
     )
 
 
-def sphere_corners(radius: float) -> Array:
+def _sphere_corners(radius: float) -> Array:
     """Return the corners of a polyhedron around a sphere, shape (v, 3).
 
     A ring every ``pi / 24`` of latitude; the faces of such a net come no closer to the

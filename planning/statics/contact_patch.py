@@ -65,7 +65,7 @@ def contact_patch(
     """
     a = first.vertices @ at[:3, :3].T + at[:3, 3]
     b = second.vertices @ where[:3, :3].T + where[:3, 3]
-    ours, theirs = bounding_directions(first), bounding_directions(second)
+    ours, theirs = _bounding_directions(first), _bounding_directions(second)
     axes = _axes(
         (ours.normals @ at[:3, :3].T, ours.edges @ at[:3, :3].T),
         (theirs.normals @ where[:3, :3].T, theirs.edges @ where[:3, :3].T),
@@ -91,7 +91,7 @@ class Directions:
     edges: Array
 
 
-def bounding_directions(body: ConvexBody) -> Directions:
+def _bounding_directions(body: ConvexBody) -> Directions:
     """Return the normals and edge directions of a body, cached per body."""
     return _directions(body.vertices.tobytes())
 

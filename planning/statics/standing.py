@@ -43,7 +43,7 @@ _State = tuple[
 ]
 """What is there, joined and held, and what weighs."""
 
-DENSITY = 1000.0
+_DENSITY = 1000.0
 """Of a part whose mass is not given [kg/m^3]."""
 
 
@@ -74,7 +74,7 @@ def body_at(item: CellObject | Fixture, pose: Transform) -> PlacedBody:
         item.name,
         shape.pieces,
         pose,
-        mass or DENSITY * shape.volume,
+        mass or _DENSITY * shape.volume,
         shape.centre_of_mass,
     )
 

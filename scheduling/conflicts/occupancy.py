@@ -68,7 +68,7 @@ class Occupancy:
         return int(self.sequence.node[-1]) + 1
 
 
-def cut_into_segments(
+def _cut_into_segments(
     robot: PlacedRobot,
     chain: NodeChain,
     held: Sequence[tuple[Shape, Transform]] = (),
@@ -173,7 +173,7 @@ def chain_occupancy(
         for s in spans
         if s.carried
     }
-    q_a, q_b, node, waypoint = cut_into_segments(robot, chain, tuple(bodies.values()))
+    q_a, q_b, node, waypoint = _cut_into_segments(robot, chain, tuple(bodies.values()))
     task = chain.task[node]
     found = [(span, *_segments_of(span, node, waypoint, chain)) for span in spans]
     runs = sorted((run for run in found if run[1] < run[2]), key=lambda run: run[1])

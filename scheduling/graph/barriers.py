@@ -1,10 +1,4 @@
-"""Barriers between the slots of a synchronous plan, as edges of a graph (APEX-MR V-A).
-
-The order of nodes where one robot works at a time.
-
-The chains of a graph that belong to machines, see ``planning.cell.workcell``. The nodes in which
-robots stand while tools close and open.
-"""
+"""Barriers between the slots of a synchronous plan, as edges of a graph (APEX-MR V-A)."""
 
 from __future__ import annotations
 

@@ -60,13 +60,13 @@ from scheduling.graph.temporal_plan_graph import (
 FORMAT = "assembly-twin temporal plan graph"
 VERSION = 1
 
-LARGEST_BYTES = 2**28
+_LARGEST_BYTES = 2**28
 """Most that the arrays of a plan may take in memory: 100 times the largest shipped one."""
 
 _AGAIN = "it was written by another version of this program; plan again"
 
 
-def check_plan(tpg: TemporalPlanGraph) -> None:
+def _check_plan(tpg: TemporalPlanGraph) -> None:
     """Check that indices are known, chains in order, and robots within joint limits.
 
     Raises:
@@ -221,7 +221,7 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
         OutputError: the files cannot be written, or ``load_plan`` would refuse the plan.
     """
     try:
-        check_plan(tpg)
+        _check_plan(tpg)
         described, arrays = write_graph(tpg)
     except OutputError as error:
         raise OutputError(
@@ -280,7 +280,7 @@ def load_plan(
         require_own_files(folder, ("plan.json", "plan.npz", "robots"))
         text = read_file(path := folder / "plan.json")
         document = parse_json(text)
-        content = read_file(path := folder / "plan.npz", LARGEST_BYTES)
+        content = read_file(path := folder / "plan.npz", _LARGEST_BYTES)
     except OSError as error:
         raise OutputError(
             f"cannot read the plan in {folder}: {path.name}: {error}"
@@ -302,13 +302,13 @@ def load_plan(
     try:
         described = PlanDocument.model_validate_json(text)
         described.check_names()
-        arrays = read_npz(content, kinds="fiub", most=LARGEST_BYTES)
+        arrays = read_npz(content, kinds="fiub", most=_LARGEST_BYTES)
         for name, values in arrays.items():
             # Robots stay as cells build them: numba recompiles for read-only arrays.
             if not name.startswith("robot_"):
                 values.setflags(write=False)
         tpg = read_graph(described, arrays, models or {}, folder)
-        check_plan(tpg)
+        _check_plan(tpg)
     except KeyError as error:
         # The arrays are those that belong to it, so what is missing was not written.
         raise OutputError(

@@ -14,7 +14,6 @@ from planning.tasks.work import TaskGraph, task_graph
 from planning.transforms import Indices
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import (
-    TASK_DEPENDENCY,
     NodeChain,
     TemporalPlanGraph,
 )
@@ -149,14 +148,6 @@ def turn_edges(tpg: TemporalPlanGraph) -> Indices:
     chain, node = chain[robots], (order - first[chain])[robots]
     rows = np.stack([chain[:-1], node[:-1], chain[1:], node[1:]], axis=1)
     return np.asarray(rows[rows[:, 0] != rows[:, 2]])
-
-
-def with_turns(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Return the graph with edges that make robots take turns.
-
-    So a robot knows how far it may go before it is another one's turn.
-    """
-    return add_edges(tpg, [turn_edges(tpg)], TASK_DEPENDENCY)
 
 
 def turn_order(tpg: TemporalPlanGraph) -> list[int]:

@@ -51,7 +51,7 @@ def committed_subgraph(
     tasks = tuple(
         (replace(task, goal=False) if task.index in cut else task)
         if task.index in done
-        else as_omitted_task(task)
+        else _as_omitted_task(task)
         for task in tpg.tasks[: max(done, default=-1) + 1]
     )
     own = [
@@ -89,7 +89,7 @@ def contacts_allowed_during(
     return tuple(own for c, own in pairs if own.tasks or not c.tasks)
 
 
-def as_omitted_task(task: Task) -> Task:
+def _as_omitted_task(task: Task) -> Task:
     """Return a task marked as omitted."""
     return replace(
         task,
@@ -141,7 +141,7 @@ def extend_graph(
     for chain in new.chains:
         later = replace(chain, planned_start=chain.planned_start + begins + 1.0)
         parts[place[chain.robot]].append(later)
-    chains = tuple(join_chain_parts(own) for own in parts)
+    chains = tuple(_join_chain_parts(own) for own in parts)
     handlings = [
         replace(h, robot=place[committed.chains[h.robot].robot])
         for h in committed.handlings
@@ -182,7 +182,7 @@ def extend_graph(
         chains,
         *NO_EDGES,
         tuple(handlings),
-        merge_contacts((*committed.allowed, *new.allowed)),
+        _merge_contacts((*committed.allowed, *new.allowed)),
         _pairs((*committed.dependencies.tolist(), *dependencies.tolist(), *passed)),
         windows=tuple(window for window in timed if window.own <= done),
     )
@@ -223,7 +223,7 @@ def _empty_chain(cell: Workcell, name: str) -> NodeChain:
     return pose_nodes(name, home, np.empty((0, len(home))), 0, 0.0)
 
 
-def join_chain_parts(parts: Sequence[NodeChain]) -> NodeChain:
+def _join_chain_parts(parts: Sequence[NodeChain]) -> NodeChain:
     """Return concatenated chains, at rest in between."""
     if len(parts) == 1:
         return parts[0]
@@ -253,7 +253,7 @@ def _without_repeated_pick(task: Task, hands: Mapping[str, str | None]) -> Task:
     return replace(task, handlings=tuple(h for h in task.handlings if not taken(h)))
 
 
-def merge_contacts(allowed: Sequence[AllowedContact]) -> tuple[AllowedContact, ...]:
+def _merge_contacts(allowed: Sequence[AllowedContact]) -> tuple[AllowedContact, ...]:
     """Return contacts merged by pair of things."""
     tasks: dict[tuple[str, str, bool, float | None], frozenset[int]] = {}
     for c in allowed:
@@ -302,7 +302,7 @@ def with_attempt(
     if robot in old:
         at = old[robot]
         chains = list(committed.chains)
-        chains[at] = join_chain_parts([chains[at], stood])
+        chains[at] = _join_chain_parts([chains[at], stood])
     else:
         at, chains = len(committed.chains), [*committed.chains, stood]
     own = tpg.chain_index[robot]
@@ -328,7 +328,7 @@ def with_attempt(
     )
     tasks = [
         *committed.tasks,
-        *map(as_omitted_task, tpg.tasks[len(committed.tasks) : index + 1]),
+        *map(_as_omitted_task, tpg.tasks[len(committed.tasks) : index + 1]),
     ]
     tasks[index] = task
     handled = [
@@ -343,7 +343,7 @@ def with_attempt(
         ),
         cause=np.concatenate([committed.cause, tpg.cause[rows]]),
         handlings=(*committed.handlings, *handled),
-        allowed=merge_contacts(
+        allowed=_merge_contacts(
             (*committed.allowed, *contacts_allowed_during(tpg.allowed, {index}))
         ),
     )

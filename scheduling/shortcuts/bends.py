@@ -216,10 +216,10 @@ class NodesLeft:
     def bent(
         self, chain: NodeChain, path: BlendedPath, low: float, high: float
     ) -> BentNodes | None:
-        """Return the nodes of a bend, see ``bent_nodes``; the remaining nodes are updated."""
+        """Return the nodes of a bend, see ``_bent_nodes``; the remaining nodes are updated."""
         begin, room = self._run.begins[0], range(self._start, self._run.room.stop)
         own = self._times[room.start - begin : room.stop - begin + 1]
-        found = bent_nodes(chain, self._run.chain, room, own, path, low, high)
+        found = _bent_nodes(chain, self._run.chain, room, own, path, low, high)
         if found is not None:
             at = found.swap.first - begin
             self._times = self._times.copy()
@@ -229,7 +229,7 @@ class NodesLeft:
         return found
 
 
-def bent_nodes(
+def _bent_nodes(
     chain: NodeChain,
     index: int,
     room: range,

@@ -42,7 +42,7 @@ _QUICK = 8
 """Most candidates for each run in a quick look ahead."""
 
 
-def apply_sidesteps(
+def _apply_sidesteps(
     board: ShortcutSearch, candidates: int, seed: int, progress: Progress = no_progress
 ) -> None:
     """Change the graph of a search by sidesteps as long as they pay.
@@ -177,7 +177,7 @@ def shorten_tpg(
         candidates: most candidates drawn.
         seed: of the draws.
         progress: called with candidates done and in all.
-        sidesteps: most sidesteps drawn after that, see ``apply_sidesteps``.
+        sidesteps: most sidesteps drawn after that, see ``_apply_sidesteps``.
         seconds: how long candidates are drawn, whether they pay or not; the one that is looked at
             then is the last. 0 for as long as they pay [s].
         clock: returns the time [s].
@@ -204,7 +204,7 @@ def shorten_tpg(
             progress(*((spent, seconds) if seconds else (done, candidates)))
     progress(candidates, candidates)
     if sidesteps:
-        apply_sidesteps(board, sidesteps, seed, progress)
+        _apply_sidesteps(board, sidesteps, seed, progress)
     if board.graph.tpg is tpg:
         return tpg
     shortened = join_nodes(board.graph, board.spans, step)

@@ -236,7 +236,7 @@ class StillBodies:
         return sweeps
 
 
-def over_before(
+def _over_before(
     chain: int | None, robot: VerifiedRobot, precedence: Precedence
 ) -> Indices:
     """Return, per piece of a robot, the number of first nodes of a chain complete before it."""
@@ -254,8 +254,8 @@ def simultaneous_pieces(
 
     They follow each other: those from the first number on, up to the second one.
     """
-    low = np.searchsorted(b.pieces.node, over_before(b.chain, a, precedence))
-    past = over_before(a.chain, b, precedence)
+    low = np.searchsorted(b.pieces.node, _over_before(b.chain, a, precedence))
+    past = _over_before(a.chain, b, precedence)
     high = np.searchsorted(past, a.pieces.node, side="right")
     return low, np.maximum(low, high)
 
@@ -270,7 +270,7 @@ def pieces_during(
     if chain is None:
         return low, high
     past = {
-        c: over_before(c, robot, precedence) for c in range(len(precedence.complete))
+        c: _over_before(c, robot, precedence) for c in range(len(precedence.complete))
     }
     for k, rest in enumerate(resting):
         if rest.put is not None:

@@ -41,7 +41,7 @@ _SAME = 1e-6
 _FASTER = 1e-3
 """Share by which a joint may be faster than its limit: what is rounded is far below it."""
 
-HANDLED_IN = frozenset(
+_HANDLED_IN = frozenset(
     {
         "pick",
         "place-down",
@@ -255,7 +255,7 @@ def _of_task(
         away = np.abs(path[-1:] - task.path[-1:]).max(initial=0.0)
         if away > _SAME:
             yield f"it ends {away:.3g} rad or m beside the goal of its task"
-    about = task.object if task.kind in HANDLED_IN else None
+    about = task.object if task.kind in _HANDLED_IN else None
     if about is not None and all(h.object != about for h in handled):
         yield f"{about!r} does not change hands in it"
     for said, h in zip_longest(task.handlings, handled):

@@ -23,7 +23,7 @@ from planning.construction.stopwatch import Stopwatch
 from planning.packed import packed
 from planning.transforms import Array
 
-POSTPROCESSING = "postprocessing"
+_POSTPROCESSING = "postprocessing"
 """Name of the time that shortcuts and new times of paths take."""
 
 _DETOUR = 4.0
@@ -83,7 +83,7 @@ def space_time_rrt(
     found = search.run(np.empty((0, len(start))) if hints is None else hints)
     if found is None or not linger:
         return found
-    with watch.time(POSTPROCESSING):
+    with watch.time(_POSTPROCESSING):
         return with_early_waits(checker, found, query)
 
 
@@ -187,7 +187,7 @@ class _Search:
             if clear and k == len(counts) - 1:
                 best = path
             else:
-                with self.watch.time(POSTPROCESSING):
+                with self.watch.time(_POSTPROCESSING):
                     best = retime_with_waits(checker, path, query, latest) or best
         return best
 
@@ -229,7 +229,7 @@ class _Search:
     def _improve(self, found: SpaceTimePath, seed: int) -> SpaceTimePath:
         """Return a path with less travel that arrives no later."""
         settings, checker, query = self.settings, self.checker, self.query
-        with self.watch.time(POSTPROCESSING):
+        with self.watch.time(_POSTPROCESSING):
             for turn in range(3):
                 before = found.arrival
                 tries = settings.shortcuts

@@ -22,8 +22,8 @@ from planning.transforms import (
 
 Colour = tuple[int, int, int]
 
-AERATED_CONCRETE = 500.0
-SPRUCE = 450.0
+_AERATED_CONCRETE = 500.0
+_SPRUCE = 450.0
 """Densities [kg/m3]."""
 
 _PLYWOOD = 7.8
@@ -61,7 +61,7 @@ def tower(
         levels: number of beams.
         size: of a beam [m].
     """
-    mass = SPRUCE * float(np.prod(size))
+    mass = _SPRUCE * float(np.prod(size))
     return tuple(
         ModelPart(
             name=f"beam{k + 1}",
@@ -92,7 +92,7 @@ def wall(
         joint: gap between the blocks of a course [m].
     """
     pitch = size[0] + joint
-    mass = AERATED_CONCRETE * float(np.prod(size))
+    mass = _AERATED_CONCRETE * float(np.prod(size))
     out = []
     for course in range(courses):
         shift = 0.25 * pitch * (1 if course % 2 else -1)
@@ -128,7 +128,7 @@ def well(
     """
     angle = 2.0 * np.pi / sides
     size = (2.0 * radius * np.tan(angle / 2.0) - joint, section[0], section[1])
-    mass = AERATED_CONCRETE * float(np.prod(size))
+    mass = _AERATED_CONCRETE * float(np.prod(size))
     out = []
     for course in range(courses):
         for side in range(sides):

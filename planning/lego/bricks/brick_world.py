@@ -36,7 +36,7 @@ from planning.transforms import Transform, read_only_copy, translation
 STORAGE = "storage-plate"
 """Name of the plate of the stock as a fixture, where it is another than ``"plate"``."""
 
-PLATE_THICKNESS = 0.005
+_PLATE_THICKNESS = 0.005
 """Thickness of a base plate's box below the surface that bricks rest on [m]."""
 
 _COLOURS: dict[tuple[int, int], tuple[int, int, int]] = {
@@ -97,8 +97,8 @@ def stock_objects(assembly: LegoAssembly) -> tuple[CellObject, ...]:
 
 def plate_fixture(plate: Plate, name: str = "plate") -> Fixture:
     """Return the base plate as a box whose top face is the surface that bricks rest on."""
-    size = np.array([*(n * STUD_PITCH for n in plate.studs), PLATE_THICKNESS])
-    pose = plate.pose @ translation(0.0, 0.0, -PLATE_THICKNESS / 2)
+    size = np.array([*(n * STUD_PITCH for n in plate.studs), _PLATE_THICKNESS])
+    pose = plate.pose @ translation(0.0, 0.0, -_PLATE_THICKNESS / 2)
     return Fixture(name, box_shape(name, size), read_only_copy(pose))
 
 

@@ -24,7 +24,7 @@ from planning.transforms import Array, Transform, rotation, translation
 
 Key = TypeVar("Key", bound=Hashable)
 
-BRICK_GAP = 0.0002
+_BRICK_GAP = 0.0002
 """A brick is this much shorter than its studs times the pitch [m]."""
 
 
@@ -42,7 +42,7 @@ def box_size(brick: BrickType) -> Array:
     """Return the edge lengths of a brick's box in its own axes, shape (3,) [m]."""
     h, w = brick.studs
     return np.array(
-        [h * STUD_PITCH - BRICK_GAP, w * STUD_PITCH - BRICK_GAP, brick_height(brick)]
+        [h * STUD_PITCH - _BRICK_GAP, w * STUD_PITCH - _BRICK_GAP, brick_height(brick)]
     )
 
 

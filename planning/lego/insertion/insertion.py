@@ -197,7 +197,7 @@ class InsertionSite:
         question = (name, method, self.roomy, holds)
         if question not in design.borne:
             force = min(design.force_onto(name, (k,)) for k in whole._onto)
-            load = press_load(self.item, *self.roomy, up=self.up, force=force)
+            load = _press_load(self.item, *self.roomy, up=self.up, force=force)
             there = whole.names.difference(whole._over)
             bearing = design.structures.could_bear(there, load, holds)
             design.borne[question] = bearing
@@ -258,7 +258,7 @@ class InsertionSite:
 
     def load(self, *presses: Press) -> Load:
         """Return the insertion force with a press, or with any of several."""
-        return press_load(self.item, *presses, up=self.up, force=self.force)
+        return _press_load(self.item, *presses, up=self.up, force=self.force)
 
     def step(self, chosen: Insertion) -> LegoStep:
         """Return an insertion as a step of an assembly, with all its alternatives."""
@@ -345,7 +345,7 @@ def _name(brick: str | None) -> str:
     return "the plate" if brick is None else f"brick {brick!r}"
 
 
-def press_load(item: PlacedBrick, *presses: Press, up: bool, force: float) -> Load:
+def _press_load(item: PlacedBrick, *presses: Press, up: bool, force: float) -> Load:
     """Return the force of the tool on a brick that it presses on.
 
     The tool has hold of the brick by one or two studs and keeps it from turning, so its force

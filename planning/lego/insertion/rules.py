@@ -9,7 +9,7 @@ from functools import cached_property
 
 from planning.lego.bricks.assembly import BrickType, PlacedBrick, Press
 
-TOOLS_APART = 0.095
+_TOOLS_APART = 0.095
 """Two upright tools whose axes are nearer than this meet at their force sensors [m]."""
 
 Grip = tuple[str, Press, bool]
@@ -40,7 +40,7 @@ class InsertionMethod(Enum):
     @property
     def apart(self) -> float:
         """Distance of the other arm's tool from the press [m]."""
-        return TOOLS_APART if self is InsertionMethod.DOWN_HELD_ABOVE else 0.0
+        return _TOOLS_APART if self is InsertionMethod.DOWN_HELD_ABOVE else 0.0
 
     @property
     def held(self) -> bool:

@@ -68,13 +68,13 @@ def stable_steps(
         else:
             steps.append(stable)
     if rules.removable:
-        faults += [item.words for item in unremovable_steps(assembly)]
+        faults += [item.words for item in _unremovable_steps(assembly)]
     if faults:
         raise InfeasibleStepError(format_faults(faults, what=" steps"), steps=weak)
     return replace(assembly, steps=tuple(steps))
 
 
-def unremovable_steps(assembly: LegoAssembly) -> tuple[UnremovableBrick, ...]:
+def _unremovable_steps(assembly: LegoAssembly) -> tuple[UnremovableBrick, ...]:
     """Return the temporary bricks of an assembly's steps that can no longer be removed."""
     built = zip(assembly.structure, assembly.steps, strict=True)
     helpers = frozenset(item.name for item, step in built if step.temporary)

@@ -27,10 +27,10 @@ REACH = 0.45
 HEIGHT = 0.35
 """Height of the receiving tool above the receiver's base [m]."""
 
-DRAW_BACK = 0.075
+_DRAW_BACK = 0.075
 """The receiver waits and comes away this far behind the place of the handover [m]."""
 
-REST = (0.2, 0.0, 0.5)
+_REST = (0.2, 0.0, 0.5)
 """Where the giver's flange waits before and after, pointing down, in its base frame [m]."""
 
 _REACHES = (0.40, 0.45, 0.50, 0.35)
@@ -68,7 +68,7 @@ def receive_poses(
         product(reaches, _HEIGHTS, directions),
         key=lambda p: round(abs(p[0] - REACH) + abs(p[1] - HEIGHT), 6),
     )
-    back = translation(0.0, 0.0, -DRAW_BACK)
+    back = translation(0.0, 0.0, -_DRAW_BACK)
     out = []
     for reach, height, direction in places:
         turned = receiver @ rotation("z", direction)
@@ -80,7 +80,7 @@ def receive_poses(
 
 def giver_rest_poses(giver: Transform) -> Subgoal:
     """Return the giver's flange poses before and after a handover, pointing down."""
-    pose = giver @ translation(*REST) @ rotation("x", np.pi)
+    pose = giver @ translation(*_REST) @ rotation("x", np.pi)
     return Subgoal("handover rest", "flange", pose)
 
 

@@ -61,13 +61,13 @@ LEVER_WALL = 0.0032
 STUD_HEIGHT = 0.0017
 """Height of a stud [m]."""
 
-TOP_SHIFT = 0.002
+_TOP_SHIFT = 0.002
 """The tool of a support-top stands this far inside the edge, along its x [m]."""
 
-BOTTOM_LEAD = 0.001
+_BOTTOM_LEAD = 0.001
 """A support-bottom is approached from this far below [m]."""
 
-TOP_LEAD = 0.005
+_TOP_LEAD = 0.005
 """A support-top is approached from this far above [m]."""
 
 ORIENTATIONS = (0, 1, 2, 3)
@@ -292,11 +292,11 @@ def support_targets(plate: Plate, support: Support) -> tuple[SkillTargets, ...]:
     frame[:3, 3] = 0.0
     heading, z = frame @ rotation("z", _YAW[support.orientation]), support.cell.z
     if support.from_above:
-        shift = heading[:3, 0] * TOP_SHIFT
+        shift = heading[:3, 0] * _TOP_SHIFT
         lift = frame[:3, 2] * (LEVER_WALL + STUD_HEIGHT - LAYER_HEIGHT)
         pose = heading @ _DOWN
         pose[:3, 3] = _contact(plate, support, z)[:3, 3] + shift + lift
-        return (_support("support-top", pose, frame, (0.0, 0.0, TOP_LEAD)),)
+        return (_support("support-top", pose, frame, (0.0, 0.0, _TOP_LEAD)),)
     up = frame[:3, 2] * (LAYER_HEIGHT - STUD_PITCH)
     pose = heading @ _LEVEL
     pose[:3, 3] = _contact(plate, support, z - 1)[:3, 3] + up
@@ -306,7 +306,7 @@ def support_targets(plate: Plate, support: Support) -> tuple[SkillTargets, ...]:
             "support-bottom",
             pose,
             frame,
-            (i * BOTTOM_LEAD, j * BOTTOM_LEAD, -BOTTOM_LEAD),
+            (i * _BOTTOM_LEAD, j * _BOTTOM_LEAD, -_BOTTOM_LEAD),
         )
         for i, j in product((0, 1, -1), repeat=2)
     )

@@ -34,10 +34,10 @@ from planning.lego.bricks.assembly import (
 from planning.statics.equilibrium import ContactForce, Load, Vector
 from planning.transforms import Array
 
-CONTACT_RADIUS = 0.25
+_CONTACT_RADIUS = 0.25
 """Distance of the contacts from the axis of a knob, as in StableLego [studs]."""
 
-LAYER = LAYER_HEIGHT / STUD_PITCH
+_LAYER = LAYER_HEIGHT / STUD_PITCH
 """Height of a layer [studs]."""
 
 UP = (0.0, 0.0, 1.0)
@@ -92,9 +92,9 @@ def filled_places(bricks: Mapping[str, PlacedBrick]) -> dict[GridPlace, str]:
     return filled
 
 
-def stud_height(level: float) -> float:
+def _stud_height(level: float) -> float:
     """Return the height of a level above the plate [studs]."""
-    return level / BRICK_LEVELS * LAYER
+    return level / BRICK_LEVELS * _LAYER
 
 
 def find_joints(
@@ -135,7 +135,7 @@ def side_contacts(
                 dict.fromkeys((face.y0, face.y1)),
             )
             for x, y, level in product(*across, (face.bottom, face.top)):
-                at = (float(x), float(y), stud_height(level))
+                at = (float(x), float(y), _stud_height(level))
                 yield ContactForce(name, other, at, LEVEL[axis])
 
 
@@ -143,7 +143,7 @@ def brick_centre(item: PlacedBrick) -> Array:
     """Return a brick's centre of mass, taken as that of its box, shape (3,) [studs]."""
     nx, ny = item.span.size
     cell = item.cell
-    middle = stud_height(cell.level + item.brick.height / 2)
+    middle = _stud_height(cell.level + item.brick.height / 2)
     return np.array([cell.x + nx / 2, cell.y + ny / 2, middle])
 
 
@@ -159,13 +159,13 @@ def knob_points(upper: PlacedBrick, stud: tuple[int, int]) -> Array:
 def _cavity(nx: int, ny: int, i: int, j: int) -> Array:
     """Return the contacts of a knob in place (i, j) of an nx x ny cavity, about its axis."""
     points: list[tuple[float, float]] = []
-    diagonal = CONTACT_RADIUS / np.sqrt(2.0)
+    diagonal = _CONTACT_RADIUS / np.sqrt(2.0)
     for sign in (-1, 1):
         # A brick of one stud's width has bars across it between the knobs, no tubes.
         if (i == 0 if sign < 0 else i == nx - 1) or ny == 1:
-            points.append((sign * CONTACT_RADIUS, 0.0))
+            points.append((sign * _CONTACT_RADIUS, 0.0))
         if (j == 0 if sign < 0 else j == ny - 1) or nx == 1:
-            points.append((0.0, sign * CONTACT_RADIUS))
+            points.append((0.0, sign * _CONTACT_RADIUS))
         for other in (-1, 1):
             if 0 < i + (sign > 0) < nx and 0 < j + (other > 0) < ny:
                 points.append((sign * diagonal, other * diagonal))
@@ -218,7 +218,7 @@ def joint_contacts(
     joint: KnobJoint, upper: PlacedBrick, strength: JointStrength
 ) -> Iterator[ContactForce]:
     """Yield the contacts of a joint with its upper brick in studs, knob by knob."""
-    ends, height = (joint.lower, joint.upper), stud_height(upper.cell.level)
+    ends, height = (joint.lower, joint.upper), _stud_height(upper.cell.level)
     pull, sideways = strength.pull(upper), strength.sideways
     for stud in joint.studs:
         for x, y in knob_points(upper, stud).tolist():

@@ -55,7 +55,7 @@ Names = frozenset[str]
 _STRENGTH = JointStrength()
 
 
-def resting_region(
+def _resting_region(
     item: PlacedBrick, joints: Iterable[KnobJoint], regions: Mapping[str, Region]
 ) -> Region:
     """Return the region of a brick in which a push is carried straight down to the plate.
@@ -70,12 +70,12 @@ def resting_region(
         for joint in joints
         for stud in joint.studs
         for x, y in knob_points(item, stud)
-        if joint.lower is None or contains_point(regions[joint.lower], (x, y))
+        if joint.lower is None or _contains_point(regions[joint.lower], (x, y))
     ]
     return convex_hull(points)
 
 
-def contains_point(region: Region, point: Point) -> bool:
+def _contains_point(region: Region, point: Point) -> bool:
     """Return True when a point lies in a convex region or on its edge."""
     if not region:
         return False
@@ -191,7 +191,7 @@ class PartialStructures:
         known = self._standing.get(names)
         if known is None:
             regions = self._regions_of(names)
-            known = all(contains_point(regions[n], self._middle[n]) for n in names)
+            known = all(_contains_point(regions[n], self._middle[n]) for n in names)
             known = known or self._program.bears(LoadCase(names)) >= 0.0
             self._standing[names] = known
         return known
@@ -240,7 +240,7 @@ class PartialStructures:
         for px, py, _ in load.points:
             x = (weight * mx + push * px / STUD_PITCH) / (weight + push)
             y = (weight * my + push * py / STUD_PITCH) / (weight + push)
-            if contains_point(region, (x, y)):
+            if _contains_point(region, (x, y)):
                 return True
         return False
 
@@ -261,7 +261,7 @@ class PartialStructures:
                 key = (name, tuple((j.lower, number[j.lower]) for j in under))
                 shape = self._shapes.get(key)
                 if shape is None:
-                    region = resting_region(self.bricks[name], under, known)
+                    region = _resting_region(self.bricks[name], under, known)
                     shape = self._shapes[key] = (len(self._shapes), region)
                 number[name], known[name] = shape
         return known

@@ -217,7 +217,7 @@ def hold_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
     for name, value in values.items():
         if name not in joints or joints[name].get("type") == "fixed":
-            choices = free_joints(root)
+            choices = _free_joints(root)
             raise RobotModelError(
                 f"{path} has no joint {name!r} to hold"
                 + ("" if choices else ": it has none that moves"),
@@ -238,14 +238,14 @@ def hold_all_joints(root: Element, path: Path, values: Mapping[str, float]) -> N
         lower, upper = _range(joint, f"{path}: joint {name!r}")
         held.setdefault(name, min(max(0.0, lower), upper))
     hold_joints(root, path, held)
-    for name in free_joints(root):
+    for name in _free_joints(root):
         raise RobotModelError(
             f"{path}: joint {name!r} mimics a joint that is not there; name it among the joints that"
             " are held"
         )
 
 
-def free_joints(root: Element) -> tuple[str, ...]:
+def _free_joints(root: Element) -> tuple[str, ...]:
     """Return the names of the joints that are not fixed."""
     return tuple(
         str(joint.get("name"))

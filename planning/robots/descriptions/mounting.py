@@ -69,7 +69,7 @@ Piece = tuple[str, dict[str, str], Transform]
 _KEPT = ("link", "joint", "material")
 
 
-def shapes_to_urdf(name: str, shapes: Sequence[PlacedForm]) -> Element:
+def _shapes_to_urdf(name: str, shapes: Sequence[PlacedForm]) -> Element:
     """Return the description of a body with one link.
 
     Args:
@@ -86,7 +86,7 @@ def shapes_to_urdf(name: str, shapes: Sequence[PlacedForm]) -> Element:
     return root
 
 
-def cut_meshes(root: Element, within: float) -> None:
+def _cut_meshes(root: Element, within: float) -> None:
     """Replace the collision meshes of a description by their convex pieces.
 
     Args:
@@ -330,7 +330,7 @@ def _mount(
     """Add a tool to an arm; return its links and its frames in the frame of the flange."""
     path = tool.description or Path(tool.name)
     if tool.description is None:
-        body = shapes_to_urdf(tool.name, tool.shapes)
+        body = _shapes_to_urdf(tool.name, tool.shapes)
     else:
         body = read_description(path)
     dirs = search_folders(path)
@@ -367,7 +367,7 @@ def _mount(
 
 def _cut(body: Element, path: Path, within: float) -> None:
     try:
-        cut_meshes(body, within)
+        _cut_meshes(body, within)
     except ShapeError as error:
         raise RobotModelError(f"{path}: {error}") from None
 

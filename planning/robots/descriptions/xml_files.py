@@ -87,7 +87,7 @@ def search_folders(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[Path,
 
 def find_mesh(name: str, dirs: Sequence[Path]) -> Path | None:
     """Return the first file that matches a mesh's name, None where there is none."""
-    bare = bare_name(name)
+    bare = _bare_name(name)
     places = (folder / bare for folder in dirs)  # an absolute path stays as it is
     return next((place for place in places if is_file(place)), None)
 
@@ -99,11 +99,11 @@ def find_mesh_of_package(name: str, dirs: Sequence[Path]) -> Path | None:
     """
     found = find_mesh(name, dirs)
     if found is None and name.startswith(("package://", "model://")):
-        found = find_mesh(bare_name(name).partition("/")[2], dirs)
+        found = find_mesh(_bare_name(name).partition("/")[2], dirs)
     return found
 
 
-def bare_name(name: str) -> str:
+def _bare_name(name: str) -> str:
     """Return the name of a mesh without its scheme."""
     for scheme in ("file://", "package://", "model://"):
         name = name.removeprefix(scheme)

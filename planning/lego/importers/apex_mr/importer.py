@@ -32,7 +32,7 @@ from planning.lego.importers.apex_mr.task_files import (
 )
 from planning.transforms import Transform, from_rpy
 
-ROBOT_NAMES = ("left", "right")
+_ROBOT_NAMES = ("left", "right")
 
 HOME_DEG = (0.0, -15.4560442, -40.3565653, 0.0, -65.0994789, 0.0)
 """HOME of both arms: flange at (0.2, 0, 0.4) m in the base frame, pointing down [deg]."""
@@ -178,7 +178,7 @@ def _robots(folder: Path) -> list[dict[str, Any]]:
                 for frame, file in TOOLS.items()
             },
         }
-        for k, name in enumerate(ROBOT_NAMES, start=1)
+        for k, name in enumerate(_ROBOT_NAMES, start=1)
     ]
 
 

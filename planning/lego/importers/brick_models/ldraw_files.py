@@ -202,7 +202,7 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
         elif words[0] != "0":
             faults.add(number, f"{line.strip()[:30]!r} is no line of LDraw")
         elif len(words) > 1 and words[1].upper() in ("FILE", "NOFILE"):
-            name = file_name(line.split(None, 2)[2] if len(words) > 2 else "")
+            name = _file_name(line.split(None, 2)[2] if len(words) > 2 else "")
             here = None
             if words[1].upper() == "FILE":
                 if name in document.models:
@@ -218,7 +218,7 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
     return document
 
 
-def file_name(text: str) -> str:
+def _file_name(text: str) -> str:
     """Return the name of a file, normalised as references are."""
     return text.strip().strip('"').replace("\\", "/").casefold()
 
@@ -241,7 +241,7 @@ def _reference(words: Sequence[str], number: int) -> Reference | str:
     pose = np.eye(4)
     pose[:3, 3] = values[:3]
     pose[:3, :3] = np.reshape(values[3:], (3, 3))
-    return Reference(number, pose, file_name(words[14]), words[1].casefold())
+    return Reference(number, pose, _file_name(words[14]), words[1].casefold())
 
 
 def brick_type_of_file(name: str) -> BrickType | None:
