@@ -395,30 +395,33 @@ class Finals:
             self._samples[name] = read_sample(place)
         have = self._samples[name]
         if len(have) < count:
-            parcel, first = self._packed_workload(row), self._section.replications
+            packed_workload, first = (
+                self._packed_workload(row),
+                self._section.replications,
+            )
             parts = [have]
             for at in range(len(have), count, _BLOCK_SIZE):
                 block = Block(0, first + at, min(_BLOCK_SIZE, count - at))
-                parts.append(compute_block(parcel, block).rows.makespans_s())
+                parts.append(compute_block(packed_workload, block).rows.makespans_s())
             self._samples[name] = have = np.concatenate(parts)
             write_sample(place, have)
         return have[:count]
 
     def _packed_workload(self, row: TriedDesign) -> bytes:
         """Return the packed workload of a design, which is planned again if it is not in memory."""
-        parcel = self._exploration.parcel_of(row)
-        if not parcel:
+        packed_workload = self._exploration.packed_workload_of(row)
+        if not packed_workload:
             seed = int(row.about) if row.purpose == REPLANNED else None
             climb = RungClimb(self._setting, self._variant(row), planner_seed=seed)
             found = climb.evaluate()
-            if not found.parcel:
+            if not found.packed_workload:
                 raise OutputError(
                     f"{self._exploration.folder / JOURNAL}: design {row.design} is said to be possible,"
                     f" and is not: {found.rung}: {found.reason}"
                 )
-            parcel = found.parcel
-            self._exploration.keep_parcel(row, parcel)
-        return parcel
+            packed_workload = found.packed_workload
+            self._exploration.keep_packed_workload(row, packed_workload)
+        return packed_workload
 
 
 def _negated(found: Interval) -> Interval:
