@@ -165,7 +165,7 @@ def _missing_clearance(
     """Return the smallest missing clearance over the grips of a part [m], the neighbour, and the grip.
 
     Returns:
-        None where a grip lacks none, or there is none.
+        None where some grip has enough clearance, or there is no grip.
     """
     (item, at), found = part, list[tuple[float, str, str]]()
     rules = parts.listed.handling(item.name).grips
@@ -195,7 +195,7 @@ def _no_room(
     neighbour: str,
     grip: str,
 ) -> Finding:
-    """Return the finding: an error at the pitch of a source with parts too close together."""
+    """Return the finding on a part without room: an error at ``pitch_m`` where its source puts parts too close together."""
     at, remedy = subject.thing_at(name, key), "move one of the two"
     sources = {part.name: part.source for part in parts.section.parts}
     own, other = (sources.get(name_in_file(n, sources)) for n in (name, neighbour))
