@@ -1,11 +1,11 @@
 """Search for conflicts of two occupancies: a dual-tree descent over two swept sequences.
 
-With two robots the conflicts that matter form a staircase: for each node the last node of the
-other robot before it that comes too close, unless an earlier node waits for as much already.
-Blocks are pruned when their volumes are apart, when nothing in them is at stake (outside the
-window from ``floor`` to ``limit``), and, as edges are found, when these imply the rest. Below
-the leaves separating planes dismiss pairs of bodies, for ever shorter stretches of both motions;
-convex hulls decide on single segments.
+Of two robots, only these conflicts are needed: for each node the last conflicting node of the other
+robot before it, unless an earlier node waits for that one already. Plotted by node numbers they form
+a staircase. Blocks of the trees are pruned when their volumes are apart, when they are outside the
+queried window from ``floor`` to ``limit``, and when the conflicts found so far imply theirs. In the
+leaves, separating planes exclude pairs of bodies, on shorter and shorter pieces of both motions;
+distances of convex hulls decide on single segments.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from scheduling.conflicts.occupancy import Occupancy
 from scheduling.conflicts.swept_sequence import SweptSequence
 
 _MOST_HITS = 32768
+"""Most conflicts that are found before they are passed on."""
 
 
 def hulls_conflict(
@@ -40,8 +41,8 @@ def hulls_conflict(
     Args:
         a, s: an occupancy and a segment of it.
         b, t: another robot's occupancy and a segment of it.
-        descent: what proposed their bodies.
-        proposed: the pairs of bodies.
+        descent: the search that found their bodies close.
+        proposed: the close pairs of bodies.
     """
     table, robots = descent.table, descent.table.robots
     a_from, a_to = a.hulls.q_a[s], a.hulls.q_b[s]
@@ -90,7 +91,7 @@ def search_conflicts(
     if are_apart_everywhere(a.sequence, b.sequence, table.gap):
         return
     depth = 1
-    # A caller of the first conflict only does not wait for more.
+    # Begin with room for one: a caller may need the first conflict only.
     hits = np.empty((1, 2), dtype=np.int64)
     sequences = a.sequence, b.sequence
     with start_descent(*sequences, table, floor, limit, slack) as descent:
@@ -129,7 +130,7 @@ def next_proposal(
 ) -> tuple[int, int, int, int, int, int]:
     """Continue a descent up to the next pair of segments that needs an exact decision.
 
-    What is proved to conflict is noted in ``hits``.
+    Conflicts that are proved on the way are written into ``hits``.
 
     Args:
         descent: how far it has come.
@@ -207,7 +208,7 @@ def next_proposal(
 
 @kernel
 def are_apart_everywhere(a: SweptSequence, b: SweptSequence, gap: float) -> bool:
-    """Tell whether even the bounding volumes of two whole occupancies are apart."""
+    """Tell whether the bounding volumes of two whole occupancies are apart."""
     pairs = np.empty((1, 2), dtype=np.int64)
     return close_blocks(a, ZERO, b, ZERO, gap, ZERO > 0, pairs) == 0
 
@@ -230,7 +231,7 @@ def close_blocks(
     every: bool,
     out: Indices,
 ) -> int:
-    """Write the pairs of bodies of two blocks whose capsules come too close.
+    """Write the pairs of bodies of two blocks whose capsules are too close, into ``out``.
 
     Returns:
         Their number; with ``every`` unset, 1 as soon as there is one.

@@ -2,10 +2,10 @@
 
 Every node is cut into straight joint-space segments short enough that no point of the robot
 moves further than MOTION in one. What is proved of a segment holds for the whole motion within
-it: nothing between two samples goes unseen.
+it, not only for samples of it.
 
 An object that a node picks up or puts down is part of the whole node's occupancy: resting before
-or after, carried in between. So what conflicts with the resting object conflicts with that node.
+or after, carried in between. So whatever conflicts with the object at rest conflicts with that node.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from scheduling.conflicts.swept_sequence import LEAF, SweptSequence, swept_seque
 from scheduling.graph.temporal_plan_graph import NodeChain
 
 MOTION = 0.02
-"""Bound of the motion of any point within one segment [m]."""
+"""Farthest that any point of a robot moves within one segment [m]."""
 
 _NO_TASK = np.full(1, ALWAYS, dtype=np.int64)
-"""Tasks of a single segment that is no robot's node."""
+"""Task numbers of a single segment that belongs to no node."""
 
 _Run = tuple[ObjectSpan, int, int]
-"""An object, and the segments, ``range(first, stop)``, in which it is there."""
+"""An object, and the segments, ``range(first, stop)``, in which it is present."""
 
 _PieceRun = tuple[ConvexBody, ObjectSpan, int, int]
-"""A convex piece of an object, and the same."""
+"""A convex piece of an object, the object, and the segments, ``range(first, stop)``, in which it is present."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def _cut_into_segments(
     Args:
         robot: the robot.
         chain: its nodes.
-        held: objects that count too, with their poses in the flange frame.
+        held: objects that it holds at some time, with their poses in the flange frame.
 
     Returns:
         Segment ends, shape (s, n) each; the node of each segment; and the waypoint within its
@@ -88,13 +88,13 @@ def _cut_into_segments(
     q_a = np.vstack([chain.start[None], q_b[:-1]])
     node = np.repeat(np.arange(len(chain)), np.diff(chain.first)).astype(np.int64)
     waypoint = np.arange(len(q_b)) - chain.first[node] + 1
-    hulls = _with_ball(robot, held)
+    hulls = _with_load_ball(robot, held)
     while True:
         travel = bound_travel(hulls, q_a, q_b)
         pieces = np.ceil(travel / MOTION).astype(np.int64)
         if np.max(pieces, initial=0) <= 1:
             return q_a, q_b, node, waypoint
-        # The bound grows faster than the motion, so what was cut is measured again.
+        # The bound grows faster than the motion, so the pieces are measured again.
         np.maximum(pieces, 1, out=pieces)
         of = np.repeat(np.arange(len(pieces)), pieces)
         k = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
@@ -107,10 +107,10 @@ def _cut_into_segments(
         q_a, node, waypoint = cut_a, node[of], waypoint[of]
 
 
-def _with_ball(
+def _with_load_ball(
     robot: PlacedRobot, held: Sequence[tuple[Shape, Transform]]
 ) -> HullTable:
-    """Return a robot's bodies, and a ball that contains everything it ever holds."""
+    """Return a robot's bodies, and a ball around everything that it holds at any time."""
     hulls = robot_bodies(robot).hulls
     if not held:
         return hulls
@@ -198,7 +198,7 @@ def hold_occupancy(
     Args:
         cell: the static cell.
         chain: the robot's nodes.
-        holds: which ones, rising, at least one: hold k is before node k, the last one after
+        holds: which ones, in ascending order, at least one: hold k is before node k, the last one after
             the last node.
         spans: the objects of this chain.
         entities: numbers of the entities.
@@ -238,7 +238,7 @@ def rest_occupancy(
     pieces = cell.object(rest.object).shape.pieces
     solids = tuple(resting_solid(rest.object, body, rest.pose) for body in pieces)
     hulls = standing_hulls(solids)
-    if holder is not None and holder.base_error:  # it is off as the robot is
+    if holder is not None and holder.base_error:  # it deviates as the robot does
         base = standing_at(empty_chain_table(), holder.base, holder.base_error)
         local = inverse(holder.base) @ rest.pose
         solids = tuple(Solid(rest.object, body, local, base) for body in pieces)
@@ -256,7 +256,7 @@ def _segments_of(
     leads_to = node * room + waypoint
     (a, wa), (b, wb) = span.start, span.end
     if not span.carried and (a, wa) == (b, wb):
-        # At rest up to a node's start, or from its end on: one waypoint's worth of it.
+        # At rest up to a node's start, or from its end on: the segments of one waypoint.
         if wa == 0:
             wb = 1
         else:

@@ -249,7 +249,7 @@ class FrankaDriver:
         self._q, self._dq = np.array(state.q), np.array(state.dq)
         end = self._at if self._end < 0 else self._end
         if not self._seeks:
-            self._off = max(self._off, self._path.off(self._at, end, self._q))
+            self._off = max(self._off, self._path.deviation(self._at, end, self._q))
         modes = self._franky.RobotMode
         if state.robot_mode in (modes.Reflex, modes.UserStopped):
             self._mode = "fault"
@@ -262,18 +262,18 @@ class FrankaDriver:
             self._follow(state)
         elif self._hand.is_at_work:
             self._act()
-        elif self._failing >= 0 and self._at + 1 == len(self._path.stops):
+        elif self._failing >= 0 and self._at + 1 == len(self._path.points):
             self._failed, self._failing = self._failing, -1
             self._done = self._begun = self._failed + 1
         if self._end >= 0 or self._hand.is_at_work or self._held:
             return
-        if self._order is not None and self._at + 1 == len(self._path.stops):
+        if self._order is not None and self._at + 1 == len(self._path.points):
             self._ordered = True
             self._hand.begin(self._order.act)
             return
-        if self._at + 1 < len(self._path.stops):
+        if self._at + 1 < len(self._path.points):
             if self._seeks:
-                self._at, off = self._path.nearest(self._q)
+                self._at, off = self._path.nearest_segment(self._q)
                 if off > self._stray:
                     raise FrankaError(f"it stands {off:.3f} rad from its path")
                 self._passed(self._at)
@@ -282,15 +282,15 @@ class FrankaDriver:
 
     def _begin_next(self) -> None:
         """Begin the next leg or action."""
-        stop = self._path.stops[self._at + 1]
+        following = self._path.points[self._at + 1]
         if self._failing < 0:
-            self._begun = max(self._begun, self._path.stops[self._at].done + 1)
+            self._begun = max(self._begun, self._path.points[self._at].done + 1)
         self._since = time.monotonic()
-        if stop.stands:
-            self._hand.begin(stop.act, stop.seconds)
+        if following.stands:
+            self._hand.begin(following.act, following.seconds)
             return
         self._end = self._path.leg_end(self._at)
-        leg = self._path.stops[self._end].q - self._path.stops[self._at].q
+        leg = self._path.points[self._end].q - self._path.points[self._at].q
         longest = float(np.abs(leg).max())
         self._unit = leg / longest
         share = np.maximum(np.abs(self._unit), _LEAST_SHARE)
@@ -306,11 +306,11 @@ class FrankaDriver:
 
     def _move_to_end(self) -> None:
         """Move to the end of the leg, at most at the planned speed."""
-        top = self._path.top(self._at, self._end)
+        top = self._path.top_speed(self._at, self._end)
         slower = min(1.0, top / self._speed)
         factor = self._franky.RelativeDynamicsFactor(slower, 1.0, 1.0)
         motion = self._franky.JointMotion(
-            self._path.stops[self._end].q, relative_dynamics_factor=factor
+            self._path.points[self._end].q, relative_dynamics_factor=factor
         )
         self._robot.move(motion, asynchronous=True)
         self._stopping = self._stands = False
@@ -318,9 +318,9 @@ class FrankaDriver:
 
     def _follow(self, state: Any) -> None:
         """Track the progress on the leg, and extend the motion where possible."""
-        stops, end = self._path.stops, self._end
+        points, end = self._path.points, self._end
         square = float(self._unit @ self._unit)
-        between = self._path.points(self._at, end)[1:-1]
+        between = self._path.configurations(self._at, end)[1:-1]
         for k in np.flatnonzero((between - self._q) @ self._unit <= 0.0).tolist():
             self._passed(self._at + 1 + k)
         if self._held and not self._stopping:
@@ -336,7 +336,7 @@ class FrankaDriver:
                 self._move_to_end()
                 self._since = time.monotonic()
         else:
-            left = (stops[end].q - np.array(state.q_d)) @ self._unit / square
+            left = (points[end].q - np.array(state.q_d)) @ self._unit / square
             speed = max(0.0, float(np.array(state.dq_d) @ self._unit) / square)
             brake = speed * speed / (2.0 * self._rate) + _AHEAD_S * speed
             longer = self._path.leg_end(self._at, end)
@@ -349,13 +349,13 @@ class FrankaDriver:
                 self._passed(end)
                 self._at, self._end = end, -1
             elif time.monotonic() - self._since > _PATIENCE_S:
-                off = np.abs(self._q - stops[end].q).max()
+                off = np.abs(self._q - points[end].q).max()
                 raise FrankaError(f"it stands {off:.4f} rad from where it was sent")
 
     def _is_near_leg_end(self) -> bool:
         """Return whether the robot is near enough to the end of the leg to continue."""
-        off = float(np.abs(self._q - self._path.stops[self._end].q).max())
-        turn = self._path.turn(self._at, self._end)
+        off = float(np.abs(self._q - self._path.points[self._end].q).max())
+        turn = self._path.turn_sine(self._at, self._end)
         if turn < 1.0 and off * turn <= self._corner:
             return True
         self._near = self._near + 1 if off <= self._settle else 0
@@ -365,7 +365,7 @@ class FrankaDriver:
         """Record that the robot has passed a point, or stands there."""
         if self._failing >= 0:
             return  # no tool action on the way back
-        self._done = max(self._done, self._path.stops[k].done)
+        self._done = max(self._done, self._path.points[k].done)
         self._begun = max(self._begun, self._done + (k < self._end))
 
     def _act(self) -> None:
@@ -381,15 +381,15 @@ class FrankaDriver:
                 )
             self._acted, self._order, self._ordered = self._order.name, None, False
             return
-        stop = self._path.stops[self._at + 1]
+        point = self._path.points[self._at + 1]
         if self._failing >= 0 and good:
-            self._path, self._at = self._path.back(self._at + 1), 0
+            self._path, self._at = self._path.path_back(self._at + 1), 0
         elif good:
             self._at += 1
             self._passed(self._at)
-        elif stop.act == "close" and self._failing < 0:
+        elif point.act == "close" and self._failing < 0:
             # Open again, and go back to where the skill began.
-            self._failing = stop.first
+            self._failing = point.first
             self._words = f"the hand closed to {1000 * self._hand.width:.1f} mm"
             self._hand.begin("open")
         else:

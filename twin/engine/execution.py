@@ -1,6 +1,7 @@
 """Execution of a temporal plan graph: the state of one run, and the dispatcher (APEX-MR IV-D).
 
-Robots, late objects, replanning and people are ports, see ``ports``.
+``Dispatcher`` of scheduling/graph/dispatcher.py says which nodes are safe; ``Execution`` releases them to robots.
+Robots, late objects, replanning and people are interfaces, see ``ports``.
 """
 
 from __future__ import annotations
@@ -396,6 +397,7 @@ class Execution:
             arrival.succeed()
 
     def _dispatch(self) -> Steps:
+        """Process reports of complete nodes as they arrive, and release the nodes that become safe by them."""
         while True:
             # Reports before the start of the dispatcher count, too, as in a run continued from its log.
             self._report_arrived = self.env.event()

@@ -65,21 +65,21 @@ class Workload:
 
 
 def pack_workload(workload: Workload) -> bytes:
-    """Serialize a workload; a worker unpacks the same one once."""
+    """Serialize a workload; a worker that gets it several times unpacks it once."""
     return zlib.compress(pickle.dumps(workload, protocol=5), 1)
 
 
-def compute_block(parcel: bytes, block: Block) -> BlockResult:
+def compute_block(packed_workload: bytes, block: Block) -> BlockResult:
     """Execute a block of replications of a packed workload; the function that workers call.
 
     A replication that raises is a row with its error.
     """
-    return _engines(parcel).compute(block)
+    return _engines(packed_workload).compute(block)
 
 
 @lru_cache(maxsize=8)
-def _engines(parcel: bytes) -> Engines:
-    return Engines(pickle.loads(zlib.decompress(parcel)))
+def _engines(packed_workload: bytes) -> Engines:
+    return Engines(pickle.loads(zlib.decompress(packed_workload)))
 
 
 class Engines:
