@@ -1,11 +1,10 @@
 """Search for conflicts of two occupancies: a dual-tree descent over two swept sequences.
 
-With two robots the conflicts that matter form a staircase: for each node the last node of the
-other robot before it that comes too close, unless an earlier node waits for as much already.
-Blocks are pruned when their volumes are apart, when nothing in them is at stake (outside the
-window from ``floor`` to ``limit``), and, as edges are found, when these imply the rest. Below
-the leaves separating planes dismiss pairs of bodies, for ever shorter stretches of both motions;
-convex hulls decide on single segments.
+Of the conflicts of two robots only some need edges: for each node the last earlier node of the other robot
+that comes too close, unless a preceding node waits for it already. Blocks are pruned when their volumes are
+apart, when they are outside the window from ``floor`` to ``limit``, and when edges found so far imply their
+conflicts. Below the leaves, pairs of bodies are excluded by separating planes, over shorter and shorter
+stretches of both motions; on single segments convex hull distances decide.
 """
 
 from __future__ import annotations
@@ -40,8 +39,8 @@ def hulls_conflict(
     Args:
         a, s: an occupancy and a segment of it.
         b, t: another robot's occupancy and a segment of it.
-        descent: what proposed their bodies.
-        proposed: the pairs of bodies.
+        descent: the descent that found the pairs of bodies.
+        proposed: the pairs of bodies, as a slice of its lists.
     """
     table, robots = descent.table, descent.table.robots
     a_from, a_to = a.hulls.q_a[s], a.hulls.q_b[s]

@@ -1,10 +1,10 @@
 """A temporal plan graph with cached derived data, and the occupancies and conflicts of its stretches.
 
-The order of the nodes, the entities and their allowed contacts, where objects are, and what
-everything occupies are obtained from one ``DerivedTpg`` while edges are drawn, proved and changed.
+A ``DerivedTpg`` computes and caches the order of the nodes, the entities and their allowed contacts, the
+histories of objects, and all occupancies. Edges are added, verified and changed with it.
 
-A stretch is some nodes of a chain, some holds of it, or an object at rest. Whether two of them
-conflict depends on their content and their allowed contacts, not on the graph.
+Here a stretch is some nodes of a chain, some of its holds, or an object at rest. Whether two stretches
+conflict depends on their content and their allowed contacts, not on the edges of the graph.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ from scheduling.graph.total_order import (
     transitive_reduction,
 )
 
-_KEPT_ANSWERS = 100_000
-"""Answers that are kept."""
+_CACHED_RESULTS = 100_000
+"""Number of query results in the cache."""
 
 Window = tuple[Indices, Indices]
 """Nodes of a query: above the floor and below the limit, see ``search_conflicts``."""
@@ -320,9 +320,9 @@ class StretchConflicts:
     def __init__(self, *, kept: bool = False) -> None:
         self._kept = kept
         self._found: BoundedCache[Sequence[tuple[int, int]]] = BoundedCache(
-            _KEPT_ANSWERS
+            _CACHED_RESULTS
         )
-        self._clear: BoundedCache[bool] = BoundedCache(_KEPT_ANSWERS)
+        self._clear: BoundedCache[bool] = BoundedCache(_CACHED_RESULTS)
         self._allowed: tuple[AllowedContact, ...] = ()
         self._of_task: dict[int, set[int]] = {}
 

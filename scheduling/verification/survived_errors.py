@@ -82,8 +82,8 @@ class SurvivedErrors:
 
     Attributes:
         error: the required error of every robot.
-        robots: between robots and their loads.
-        rest: between robots or their loads, and resting things.
+        robots: tolerated share between robots with their loads.
+        rest: tolerated share between robots with their loads, and objects and fixtures at rest.
     """
 
     error: PoseError

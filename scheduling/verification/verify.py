@@ -1,13 +1,14 @@
 """Independent, slow proof that a saved plan keeps its guarantee (``twin verify``).
 
-Nothing here is shared with the code that builds the graph: order comes from sets of ancestors,
-geometry from pinocchio's own reading of the URDF files and coal's exact shapes, occupancy from
-dense samples grown by the motion between them; no capsules, no clocks, no conflict search.
-Checked are the structure; that what is done is what tasks say, and that no robot and no object jumps;
-and the invariant: (a) nodes of two robots that come too close are ordered, (b) so are a node and a robot
-that stands, (c) and a node and an object at rest. What may touch is held to a depth.
+No code is shared with the construction of the graph: precedence comes from ancestor sets, geometry from
+pinocchio's reading of the URDF files and coal's exact shapes, occupancy from dense samples enlarged by a bound
+on the motion between them.
 
-What a plan survives of errors is found in the same pass.
+Checked are the structure of the graph; that nodes do what their tasks state, without jumps of robots or
+objects; and the invariant: ordered are (a) nodes of two robots that come too close, (b) a node and a standing
+robot, (c) a node and an object at rest, if they come too close. Allowed contacts have a largest depth.
+
+The tolerated errors of bases and skills are computed in the same pass, see ``survived_errors``.
 """
 
 from __future__ import annotations
