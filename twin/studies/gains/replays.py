@@ -182,10 +182,9 @@ class Replay:
     ) -> Iterator[SegmentTimes]:
         """Yield node times with an intervention shortened by a share.
 
-        Each node is made shorter by itself; standstills stay as they were drawn unless they
-        are the lever, and the work stays as it was drawn where they are. The array of ``times``
-        itself is changed, and is as before afterwards: a copy of all takes longer than to
-        execute it again.
+        Each node is shortened separately. An intervention on standstills leaves the work as drawn, any other
+        leaves the standstills as drawn. The array of ``times`` is changed in place and restored afterwards:
+        copying it would take longer than the replay.
         """
         busy_ns, rows = self.times.busy_ns, intervention.rows
         kept, groups = busy_ns[rows], list(self.times.standstills)
