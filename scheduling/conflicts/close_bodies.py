@@ -1,7 +1,7 @@
 """Close bodies on two stretches of motion, compiled, and the state of a dual-tree descent.
 
-Separating planes exclude pairs of bodies, on shorter and shorter stretches of both motions; on two
-segments hulls decide.
+Pairs of bodies are excluded by separating planes, over shorter and shorter stretches of both motions; on two
+segments convex hull distances decide.
 """
 
 from __future__ import annotations

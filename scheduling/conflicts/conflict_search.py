@@ -1,11 +1,10 @@
 """Search for conflicts of two occupancies: a dual-tree descent over two swept sequences.
 
-Of two robots, only these conflicts are needed: for each node the last conflicting node of the other
-robot before it, unless an earlier node waits for that one already. Plotted by node numbers they form
-a staircase. Blocks of the trees are pruned when their volumes are apart, when they are outside the
-queried window from ``floor`` to ``limit``, and when the conflicts found so far imply theirs. In the
-leaves, separating planes exclude pairs of bodies, on shorter and shorter pieces of both motions;
-distances of convex hulls decide on single segments.
+Of the conflicts of two robots only some need edges: for each node the last earlier node of the other robot
+that comes too close, unless a preceding node waits for it already. Blocks are pruned when their volumes are
+apart, when they are outside the window from ``floor`` to ``limit``, and when edges found so far imply their
+conflicts. Below the leaves, pairs of bodies are excluded by separating planes, over shorter and shorter
+stretches of both motions; on single segments convex hull distances decide.
 """
 
 from __future__ import annotations
@@ -41,8 +40,8 @@ def hulls_conflict(
     Args:
         a, s: an occupancy and a segment of it.
         b, t: another robot's occupancy and a segment of it.
-        descent: the search that found their bodies close.
-        proposed: the close pairs of bodies.
+        descent: the descent that found the pairs of bodies.
+        proposed: the pairs of bodies, as a slice of its lists.
     """
     table, robots = descent.table, descent.table.robots
     a_from, a_to = a.hulls.q_a[s], a.hulls.q_b[s]

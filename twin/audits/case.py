@@ -242,15 +242,14 @@ class AuditCase(ReplayedRun):
     """An execution with all data of its audit.
 
     Args:
-        world: to measure in.
+        world: measures distances.
         tpg: the plan.
         recording: the execution.
-        wanted: places and holds by the scenario.
-        logged: when nodes were started and completed, by robot or machine; empty where no log says
-            so.
+        wanted: expectations of the scenario on places and holds.
+        logged: start and end times of nodes, by robot or machine; empty without a log.
 
     Attributes:
-        world, tpg, wanted, logged: see there.
+        world, tpg, wanted, logged: as given.
         moved: when robots moved in their nodes, by robot.
         shapes: of each fixture and object, by name.
         numbers: indices of the robots, by name.

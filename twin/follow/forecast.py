@@ -1,7 +1,8 @@
 """Monte-Carlo forecasts of the end of a run in progress.
 
-Completed nodes have known times. Current ones are drawn conditional on their elapsed time. The rest is
-drawn as for any run. Node times then follow from the graph.
+Completed nodes have known times. The remaining times of current nodes are drawn conditional on their elapsed
+times, later nodes as in a simulation. The times of all nodes then follow from the temporal plan graph. Each
+such simulated continuation of the run is called a *future*.
 """
 
 from __future__ import annotations
@@ -76,8 +77,8 @@ class Forecast:
 class Forecaster:
     """Makes repeated forecasts of one run.
 
-    The same futures are drawn every time, so that a forecast changes for what happens and not
-    by chance. Stops at times of the run's clock that have not begun are not foreseen.
+    The same futures are drawn every time, so that a forecast changes because of events and not by
+    chance. Emergency stops and breakdowns at times of the run's clock are included only once they have begun.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class Forecaster:
         Args:
             tpg: the executed plan.
             model: execution model, with disturbances.
-            samples: futures to draw.
+            samples: number of futures.
         """
         self._tpg = tpg
         self._graph = policy_graph(with_model_holds(tpg, model), model.policy)
@@ -115,11 +116,11 @@ class Forecaster:
 
     def drifts(self, run: FollowedRun) -> tuple[Drift, ...]:
         """Return the current drifts of a run, the largest first."""
-        # Making the watch takes a while, in which a run may just have begun.
-        return self._watch.current_drifts(run) if run.nodes_done >= FEWEST else ()
+        # Creating the drift watch takes long, so it waits until enough nodes are done.
+        return self._drift_watch.current_drifts(run) if run.nodes_done >= FEWEST else ()
 
     @cached_property
-    def _watch(self) -> DriftWatch:
+    def _drift_watch(self) -> DriftWatch:
         return DriftWatch(self._tpg, self._model, SEED)
 
     def forecast(self, run: FollowedRun, now_ns: int | None = None) -> Forecast:
@@ -142,7 +143,7 @@ class Forecaster:
                 busy[first[k] + node] = self._rest(k, robot, now)
             if robot.standing:
                 not_before[k] += self._standstill(robot, now)
-            fails |= self._fails(k, robot)
+            fails |= self._fails_for_good(k, robot)
         past = Past(
             now,
             _joined([robot.start_ns for robot in run.robots]),
@@ -160,7 +161,7 @@ class Forecaster:
         )
 
     def _adapt_task(self, k: int, robot: RobotProgress, busy: Nanoseconds) -> None:
-        """Scale a motion by the pace of its task so far."""
+        """Scale the remaining motions of a task by the pace of its completed ones."""
         pace = self._pace(k, robot)
         if pace is None:
             return
@@ -254,7 +255,7 @@ class Forecaster:
             return MeasuredTimes(values=stops)
         return Fixed(value_s=0.0)
 
-    def _fails(self, k: int, robot: RobotProgress) -> Array:
+    def _fails_for_good(self, k: int, robot: RobotProgress) -> Array:
         """Return the futures in which a remaining task of a robot fails for good."""
         if robot.failed:
             return np.ones(self._samples, dtype=bool)
@@ -269,12 +270,12 @@ def conditional_quantiles(model: DurationModel, least_s: float, u: Array) -> Arr
     """Return the quantiles of a duration conditional on a lower bound.
 
     Args:
-        model: of the duration.
-        least_s: what it is known to exceed [s].
+        model: distribution of the duration.
+        least_s: lower bound [s].
         u: probabilities in (0, 1).
 
     Returns:
-        Same shape as ``u`` [s]; ``least_s`` where the model knows of nothing longer.
+        Same shape as ``u`` [s]; ``least_s`` if the model has no longer duration.
     """
     low, high = 0.0, 1.0
     for _ in range(60):

@@ -1,4 +1,4 @@
-"""The bricks of an assembly as objects, fixtures and a collision world, and their names at stations.
+"""The bricks of an assembly as objects, fixtures and a collision world, and the names of bricks at feeding stations.
 
 A feeding station holds one brick at a time. Each of its bricks is an object of the cell, numbered in the
 order of picks: ``"feed.1"`` is there at the start, ``"feed.2"`` is supplied once ``"feed.1"`` was picked, or
@@ -139,7 +139,7 @@ class BrickWorld:
 
     @cached_property
     def stock_at_rest(self) -> Mapping[str, Placed]:
-        """All stock bricks at their start poses, a station's under its name."""
+        """All stock bricks at their start poses; the brick of a station has the name of the station."""
         out = {}
         for item in self.cell.objects:
             name = station_of(item.name, self.stations)
@@ -159,7 +159,7 @@ class BrickWorld:
         )
 
     def stock_neighbours(self, stock: str) -> dict[str, PlacedBrick]:
-        """Return the other stock bricks within two studs of one on its plate."""
+        """Return the other stock bricks on the plate of a stock brick within two studs of it."""
         near = self.cells_near_stock(stock, number=1)
         near.pop(stock)
         return near
@@ -167,16 +167,22 @@ class BrickWorld:
     @cached_property
     def _tiles(self) -> BrickTiles:
         """Index of the structure's plate: the stock, then the goals by their steps."""
-        stock = [(0, item) for item in self.assembly.stock if self._is_here(item)]
+        stock = [
+            (0, item)
+            for item in self.assembly.stock
+            if self._is_on_structure_plate(item)
+        ]
         return BrickTiles([*stock, *enumerate(self.goal_bricks, start=1)])
 
     @cached_property
     def _storage_tiles(self) -> BrickTiles:
         """Index of the stock's plate, where it is a separate one."""
         stock = self.assembly.stock
-        return BrickTiles((0, item) for item in stock if not self._is_here(item))
+        return BrickTiles(
+            (0, item) for item in stock if not self._is_on_structure_plate(item)
+        )
 
-    def _is_here(self, item: StockBrick) -> bool:
+    def _is_on_structure_plate(self, item: StockBrick) -> bool:
         """Tell whether a stock brick stands on the structure's plate."""
         return self.assembly.plate_of(item) is self.assembly.plate
 
@@ -212,16 +218,15 @@ class BrickWorld:
         return {goal_name(k + 1): k + 1 for k in range(len(self.assembly.steps))}
 
     def cells_near(self, span: GridSpan, number: int) -> dict[str, PlacedBrick]:
-        """Return the bricks near a block that may stand on the structure's plate in a step."""
+        """Return the bricks that may stand on the structure's plate in a step, near some cells of the grid."""
         return self._tiles.near(span, before=number)
 
     def cells_near_stock(self, stock: str, number: int) -> dict[str, PlacedBrick]:
-        """Return the bricks within two studs of a stock brick that may stand on its plate in a step.
-
-        It is among them.
-        """
+        """Return the bricks that may stand within two studs of a stock brick in a step, itself included."""
         item = self.stock[stock]
-        tiles = self._tiles if self._is_here(item) else self._storage_tiles
+        tiles = (
+            self._tiles if self._is_on_structure_plate(item) else self._storage_tiles
+        )
         return tiles.near(item.span.widened(1), before=number)
 
     def standing(self, number: int) -> StandingBoxes:

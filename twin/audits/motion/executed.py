@@ -208,11 +208,11 @@ class ReplayedRun:
     """The objects of an execution.
 
     Args:
-        cell: gives poses of objects that are not in the recording.
+        cell: the cell, with the poses of objects that are not in the recording.
         recording: the execution.
 
     Attributes:
-        cell: see there.
+        cell: the cell.
         robots: rows of every robot.
         end: time of the last row [s].
         stays: stays of each object in time order.

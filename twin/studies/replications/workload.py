@@ -1,7 +1,7 @@
 """Workload of one cell of a study, in a form that can be sent to any process or machine.
 
-Only time matters once paths are known to be safe. So it holds a timing graph: a TemporalPlanGraph
-that can be executed, but not drawn, of a few hundred kilobytes for hundreds of steps.
+Replications need only times, since the paths are verified before. So a workload holds a timing graph: a
+TemporalPlanGraph without shapes and paths, of a few hundred kilobytes for hundreds of steps.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from twin.studies.replications.experiment import Block
 
 @dataclass(frozen=True)
 class Workload:
-    """A plan, how it is executed, and what varies.
+    """A plan and its execution model.
 
     Attributes:
         tpg: plan to execute; a timing graph is enough.
         execution: execution model, with disturbances.
-        seed: names the draws.
-        reasons: why only the event engine can execute it; empty where both can.
-        made_from: hash of scenario, plan, policy, variant, files and versions, which results
-            of replications are kept with.
+        seed: seed of the draws.
+        reasons: why only the event engine can execute it; empty if both engines can.
+        made_from: hash of scenario, plan, policy, variant, files and versions, saved with the results of
+            replications.
         free: the plan without holding back, executed with the same draws to be compared
             with; None where nothing is.
         operated: data for replanning after failures for good; None where these end a replication.
