@@ -1,4 +1,4 @@
-"""Execution of an open plan at given motion times, in the form of the audit."""
+"""Recording of an open plan, executed at given motion times, for the audit."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from twin.audits.worlds.world import AuditWorld
 from twin.judge.foreign_graph import joint_columns, motion_configurations
 from twin.judge.open_plan import OpenEvent, OpenMotion, OpenPlan
 
-_SAME = 1e-6
-"""Joint values that differ by less are the same: digits of files [rad or m]."""
+_SAME_JOINT = 1e-6
+"""Joint values that differ by less are the same, since files round them [rad or m]."""
 
-_TICK = 1e-9
-"""Times that differ by less are the same: digits of files [s]."""
+_SAME_TIME_S = 1e-9
+"""Times that differ by less are the same, since files round them [s]."""
 
 _JUMP_S = 1e-6
-"""Time given to a jump of a robot, so that the path in between is checked [s]."""
+"""Assumed duration of a jump between two motions, so that the path in between is checked [s]."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class MotionSpan:
     """Interval in which a motion is executed.
 
     Attributes:
-        begin: [s].
-        factor: how many times as long as planned it takes.
+        begin: when the motion begins [s].
+        factor: executed duration over planned duration.
     """
 
     begin: float
@@ -49,7 +49,7 @@ class MotionSpan:
 
 
 def planned_spans(plan: OpenPlan) -> dict[str, MotionSpan]:
-    """Return when motions are planned, by id."""
+    """Return the planned span of each motion, by id."""
     return {motion.id: MotionSpan(motion.t_s[0]) for _, _, motion in plan.placed()}
 
 
@@ -65,14 +65,14 @@ class ForeignChange:
     """Transfer of an object in an execution.
 
     Attributes:
-        t: when [s].
-        owner: robot or machine in whose motion.
-        motion: that motion.
-        event: what the file says.
-        before: who held it, None at rest.
-        now: who holds it from then on, None at rest.
-        pose: in the world, at that moment, before it changes hands.
-        rests: in the world afterwards; None in a hand.
+        t: time of the transfer [s].
+        owner: robot or machine that executes the motion.
+        motion: the motion during which the object is transferred.
+        event: event of the open plan.
+        before: previous holder, None at rest.
+        now: next holder, None at rest.
+        pose: pose in the world just before the transfer.
+        rests: pose in the world afterwards; None in a hand.
     """
 
     t: float
@@ -90,9 +90,9 @@ class ForeignExecution:
     """Execution of an open plan.
 
     Attributes:
-        recording: for the audit.
-        changes: of hands, by time.
-        violations: what cannot be: jumps between motions, hands that are full or empty.
+        recording: input of the audit.
+        changes: transfers, by time.
+        violations: jumps between motions, and impossible transfers, as from an empty hand.
     """
 
     recording: Recording
@@ -109,17 +109,17 @@ def build_foreign_execution(
     """Return the execution of a plan.
 
     Args:
-        plan: fits the cell.
-        world: knows where flanges are.
-        tools: that robots change.
-        spans: when each motion is executed, by id; those of a robot do not overlap.
+        plan: open plan that fits the cell.
+        world: computes flange poses.
+        tools: tools that robots change.
+        spans: interval of each motion, by id; those of a robot do not overlap.
     """
     found: list[Violation] = []
     robots = {}
     end = makespan_s(plan, spans)
     for robot in world.cell.robots:
         robots[robot.name] = _rows(plan, robot, spans, end, found)
-    hands = _Hands(world, robots, tools)
+    tracker = _ObjectTracker(world, robots, tools)
     events = sorted(
         (
             (spans[motion.id].at(motion, event.t_s), event.verb == "take", name, k, n)
@@ -130,10 +130,10 @@ def build_foreign_execution(
     )
     for t, _, name, k, n in events:
         motion = plan.motions[name][k]
-        hands.change(t, name, motion, motion.events[n])
-    recording = Recording(robots, tuple(hands.rows), end)
+        tracker.change(t, name, motion, motion.events[n])
+    recording = Recording(robots, tuple(tracker.rows), end)
     return ForeignExecution(
-        recording, tuple(hands.changes), (*found, *hands.violations)
+        recording, tuple(tracker.changes), (*found, *tracker.violations)
     )
 
 
@@ -150,14 +150,14 @@ def _rows(
         return RobotRows(np.zeros(1), robot.home[None, :], np.full(1, -1))
     columns = joint_columns(plan, robot)
     stands = motion_configurations(own[0], columns)[0]
-    if np.max(np.abs(stands - robot.home)) > _SAME:
+    if np.max(np.abs(stands - robot.home)) > _SAME_JOINT:
         found.append(_jump(robot, 0.0, robot.home, stands, "its HOME", own[0].id))
     table = _Table(stands)
     for k, motion in enumerate(own):
         span, rows = spans[motion.id], motion_configurations(motion, columns)
         times = span.begin + (np.array(motion.t_s) - motion.t_s[0]) * span.factor
         table.stand_until(float(times[0]))
-        if np.max(np.abs(rows[0] - table.q[-1])) > _SAME:
+        if np.max(np.abs(rows[0] - table.q[-1])) > _SAME_JOINT:
             name = own[k - 1].id if k else "its HOME"
             words = table.q[-1], rows[0], name, motion.id
             found.append(_jump(robot, float(times[0]), *words))
@@ -171,8 +171,8 @@ def _rows(
 class _Table:
     """Collects rows of a robot, from rest at time 0.
 
-    A row at the time of the one before and in the same place takes its stead: of a motion that continues
-    where another one ended, at speed or not, the speeds of the later one count.
+    A row with the time and configuration of the previous one replaces its speeds and accelerations, as where a
+    motion continues from the end of another one without a stop.
     """
 
     def __init__(self, q: Array) -> None:
@@ -182,7 +182,7 @@ class _Table:
 
     def stand_until(self, t: float) -> None:
         """Add a standstill until a time [s], outside nodes."""
-        if t > self.t[-1] + _TICK:
+        if t > self.t[-1] + _SAME_TIME_S:
             still = np.zeros((1, len(self.q[0])))
             self.add(np.array([t]), self.q[-1][None], still, still, -1)
 
@@ -190,7 +190,8 @@ class _Table:
         """Add the rows of a node."""
         for k, at in enumerate(np.maximum(t, self.t[-1]).tolist()):
             again = (
-                at <= self.t[-1] + _TICK and np.max(np.abs(q[k] - self.q[-1])) <= _SAME
+                at <= self.t[-1] + _SAME_TIME_S
+                and np.max(np.abs(q[k] - self.q[-1])) <= _SAME_JOINT
             )
             if again:
                 self.v[-1], self.a[-1] = v[k], a[k]
@@ -212,12 +213,12 @@ class _Table:
 def _rates(
     values: tuple[tuple[float, ...], ...] | None,
     columns: list[int],
-    by: float,
-    like: Array,
+    divisor: float,
+    configurations: Array,
 ) -> Array:
     if values is None:
-        return np.zeros_like(like)
-    return np.asarray(np.array(values)[:, columns] / by)
+        return np.zeros_like(configurations)
+    return np.asarray(np.array(values)[:, columns] / divisor)
 
 
 def _jump(
@@ -238,13 +239,13 @@ class _ObjectLocation:
 
 
 @dataclass(eq=False)
-class _Hands:
+class _ObjectTracker:
     """Object places, updated by transfers.
 
     Attributes:
-        world: knows where flanges are.
+        world: computes flange poses.
         robots: rows of each robot.
-        tools: that robots change: they are no objects in hands.
+        tools: tools that robots change; one of them and an object can be held at once.
     """
 
     world: AuditWorld
@@ -270,7 +271,7 @@ class _Hands:
         """Apply an event."""
         verb, thing = event.verb, event.object
         place = self._places.get(thing)
-        wrong = "" if place is None else self._wrong(name, event, place)
+        wrong = "" if place is None else self._fault(name, event, place)
         if place is None and verb != "appear":
             wrong = "is not there"
         elif place is not None and verb == "appear":
@@ -298,7 +299,7 @@ class _Hands:
         else:
             self._places[thing] = _ObjectLocation(holder, pose)
 
-    def _wrong(self, name: str, event: OpenEvent, place: _ObjectLocation) -> str:
+    def _fault(self, name: str, event: OpenEvent, place: _ObjectLocation) -> str:
         """Return the fault of an event, empty if valid."""
         if event.verb in ("put", "give") and place.holder != name:
             return (
