@@ -44,7 +44,7 @@ class RobotTimeline:
 
     Attributes:
         robot: its name.
-        time: of the waypoints, never falling, shape (w,), w >= 1 [s].
+        time: of the waypoints, non-decreasing, shape (w,), w >= 1 [s].
         path: the waypoints, shape (w, n).
         skills: spans of time (start, end) that are one piece of work each: one node of a
             temporal plan graph, so whatever the robot sweeps in one it may sweep at any time
