@@ -89,9 +89,9 @@ class Descent(NamedTuple):
         a: occupancy of the nodes v that may have to wait.
         b: occupancy of the nodes u that may have to be waited for.
         table: allowed contacts and clearances.
-        floor: last u that each v waits for already, never falling, by node of ``a``; raised
+        floor: last u that each v waits for already, non-decreasing, by node of ``a``; raised
             as conflicts are noted.
-        limit: first u that is not at stake for each v, never falling, by node of ``a``.
+        limit: first u outside the query, for each v, non-decreasing, by node of ``a``.
         slack: subtracted from the clearances [m].
         room: to work in.
     """

@@ -1,11 +1,11 @@
 """Search for conflicts of two occupancies: a dual-tree descent over two swept sequences.
 
 With two robots the conflicts that matter form a staircase: for each node the last node of the
-other robot before it that comes too close, unless an earlier node waits for as much already.
-Blocks are pruned when their volumes are apart, when nothing in them is at stake (outside the
-window from ``floor`` to ``limit``), and, as edges are found, when these imply the rest. Below
-the leaves separating planes dismiss pairs of bodies, for ever shorter stretches of both motions;
-convex hulls decide on single segments.
+other robot before it that comes too close, unless an earlier node already waits for that one or a later one.
+Blocks are pruned when their volumes are apart, when they lie outside the window from ``floor`` to
+``limit``, and when the edges found so far imply all their conflicts. Within leaves, pairs of bodies are
+dismissed by separating planes, while both motions are split into shorter and shorter stretches;
+single segments are decided by convex hull distances.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def hulls_conflict(
     Args:
         a, s: an occupancy and a segment of it.
         b, t: another robot's occupancy and a segment of it.
-        descent: what proposed their bodies.
-        proposed: the pairs of bodies.
+        descent: the descent that has found their bodies.
+        proposed: rows of ``descent.room.pairs`` with the pairs of bodies.
     """
     table, robots = descent.table, descent.table.robots
     a_from, a_to = a.hulls.q_a[s], a.hulls.q_b[s]
@@ -82,7 +82,7 @@ def search_conflicts(
     Args:
         a: occupancy of the nodes v.
         b: occupancy of the nodes u.
-        floor: last u implied for each v already, never falling; raised here.
+        floor: last u implied for each v so far, non-decreasing; raised here.
         limit: first u outside the query, for each v, non-decreasing.
         table: allowed contacts and clearances.
         slack: subtracted from the clearances [m].
@@ -90,7 +90,7 @@ def search_conflicts(
     if are_apart_everywhere(a.sequence, b.sequence, table.gap):
         return
     depth = 1
-    # A caller of the first conflict only does not wait for more.
+    # Room for one at first: ``first_conflict`` needs no more.
     hits = np.empty((1, 2), dtype=np.int64)
     sequences = a.sequence, b.sequence
     with start_descent(*sequences, table, floor, limit, slack) as descent:
@@ -129,18 +129,18 @@ def next_proposal(
 ) -> tuple[int, int, int, int, int, int]:
     """Continue a descent up to the next pair of segments that needs an exact decision.
 
-    What is proved to conflict is noted in ``hits``.
+    Pairs of nodes that are proved to conflict are written to ``hits``.
 
     Args:
-        descent: how far it has come.
-        depth: filled rows of its stack.
-        hits: receives nodes (v, u) in conflict, shape (room, 2), room for one at least.
+        descent: state of the descent.
+        depth: number of filled rows of its stack.
+        hits: receives nodes (v, u) in conflict, shape (room, 2), with at least one row.
 
     Returns:
-        The new depth, the two segments, where in ``descent.room.pairs`` the close pairs of bodies
-        begin and how many they are, 0 when there is nothing to decide, and the number of
-        hits. The descent is over when the new depth is 0 and nothing is to be decided; it
-        stops early when ``hits`` is full.
+        The new depth, the two segments, the first row of ``descent.room.pairs`` with the close
+        pairs of bodies, the number of these rows (0 when there is nothing to decide), and the
+        number of hits. The descent is over when the new depth is 0 and there is nothing to
+        decide; it stops early when ``hits`` is full.
     """
     a, b, floor, limit = descent.a, descent.b, descent.floor, descent.limit
     found = ZERO
