@@ -35,10 +35,10 @@ class Pieces:
     Attributes:
         knots: piece k leads from knot k to knot k + 1, shape (s + 1, n).
         node: node that moves, or node before which the robot stands; once it is complete the piece
-            is over. The number of nodes for a piece that may last for ever, shape (s,).
+            is over. The number of nodes for the last piece, which has no end, shape (s,).
         standing: True where the robot stands, shape (s,).
         since: moment at which the piece begins, as node * room + waypoint, shape (s,).
-        room: see there.
+        room: factor of ``since``, more than the waypoints of any node.
         tasks: tasks that may allow a contact, shape (s, 2).
     """
 
@@ -69,7 +69,7 @@ class Pieces:
         return self.since + ~self.standing
 
     def moment(self, node: int, waypoint: int) -> int:
-        """Return a moment as one number."""
+        """Return the moment of a waypoint in a node as one number."""
         return node * self.room + waypoint
 
 
@@ -78,9 +78,9 @@ class Body:
     """A part of a robot, or everything that it carries at any time.
 
     Attributes:
-        motions: the part; or what is carried, one after another.
-        which: which of them is there in each piece, -1 for none, shape (s,).
-        load: whether it is carried and no part of the robot.
+        motions: motion of the part; or those of all carried objects, of which each piece has at most one.
+        which: index of the motion in each piece, -1 for none, shape (s,).
+        load: whether the body is carried rather than a part of the robot.
     """
 
     motions: tuple[Motion, ...]
@@ -96,13 +96,13 @@ class VerifiedRobot:
         placed: the robot.
         robot: its geometry.
         carried: the objects carried by each robot over time.
-        error: of its base, None for the one that the cell gives it.
-        deviations: of its flange by skill, None for those that the cell gives.
+        error: error of its base, None for that of the cell.
+        deviations: deviations of its flange by skill, None for those of the cell.
 
     Attributes:
-        name: of the robot.
-        error: of its base.
-        origin: of its base, shape (3,) [m].
+        name: name of the robot.
+        error: error of its base.
+        origin: origin of its base, shape (3,) [m].
         home: its HOME, shape (n,).
         chain: index of its chain, None if it has no node.
         pieces: its pieces.
@@ -152,7 +152,7 @@ class VerifiedRobot:
 
         self.bodies = [Body((moves(p),), everywhere, False) for p in robot.parts]
         held = [(self._while_held(c), moves(p)) for c, p in loads]
-        while held:  # loads that are not there at once share a body
+        while held:  # loads that are never carried at the same time share a body
             taken: list[Motion] = []
             which = np.full(len(self.pieces), -1)
             for inside, motion in held:
@@ -180,7 +180,7 @@ class VerifiedRobot:
         return np.asarray(table[bodies, pieces])
 
     def moment(self, piece: int, body: str) -> Moment:
-        """Return a piece as it is named in a problem."""
+        """Return the moment with which a problem names a piece."""
         pieces = self.pieces
         node, task = int(pieces.node[piece]), int(pieces.tasks[piece, 1])
         return Moment(self.name, node, task, bool(pieces.standing[piece]), body)
@@ -200,12 +200,12 @@ class StillBodies:
     """All objects and fixtures at rest at any time.
 
     Args:
-        resting: what lies where, and when.
-        robots: in whose hands some of it rests.
+        resting: objects and fixtures at rest, with places and times.
+        robots: robots, for the base errors of objects at rest in their hands.
 
     Attributes:
-        resting: the same, as often as it has convex parts.
-        motions: of each part, none.
+        resting: object or fixture of each convex part.
+        motions: motion of each part, which does not move.
     """
 
     def __init__(
@@ -252,7 +252,7 @@ def simultaneous_pieces(
 ) -> tuple[Indices, Indices]:
     """Return, per piece of a robot, the pieces of another that may be simultaneous.
 
-    They follow each other: those from the first number on, up to the second one.
+    They are consecutive: from the first returned index up to, but not including, the second.
     """
     low = np.searchsorted(b.pieces.node, _over_before(b.chain, a, precedence))
     past = _over_before(a.chain, b, precedence)
@@ -263,7 +263,7 @@ def simultaneous_pieces(
 def pieces_during(
     robot: VerifiedRobot, resting: list[Resting], precedence: Precedence
 ) -> tuple[Indices, Indices]:
-    """Return, per thing at rest, the pieces of a robot that may happen during its presence."""
+    """Return, per thing at rest, the range of pieces of a robot that may coincide with its presence."""
     pieces, chain = robot.pieces, robot.chain
     low = np.zeros(len(resting), dtype=np.int64)
     high = np.full(len(resting), len(pieces))
