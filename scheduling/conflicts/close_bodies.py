@@ -1,6 +1,6 @@
 """Close bodies on two stretches of motion, compiled, and the state of a dual-tree descent.
 
-Separating planes dismiss pairs of bodies, for ever shorter stretches of both motions; on two
+Separating planes dismiss pairs of bodies, for shorter and shorter stretches of both motions; on two
 segments hulls decide.
 """
 

@@ -82,7 +82,7 @@ def trace_objects(tpg: TemporalPlanGraph, ranks: Sequence[Indices]) -> ObjectHis
     """Return the history of every handled object.
 
     Args:
-        tpg: the graph; its edges are not looked at.
+        tpg: the graph; its edges are ignored.
         ranks: place of every node in the total order.
 
     Raises:

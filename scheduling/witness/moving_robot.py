@@ -29,7 +29,7 @@ class MovingRobot:
         path: configurations at the ticks of the clock, at least one, shape (m, n).
 
     Attributes:
-        robot, parts: see there.
+        robot, parts: see the class.
         begin, end: ticks at which each piece begins and ends, shape (s,).
         knots: configurations at which pieces begin and end, shape (s + 1, n).
         frames: poses of base and joints there, shape (s + 1, n + 1, 4, 4).

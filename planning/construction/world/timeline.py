@@ -266,7 +266,7 @@ def cut_timeline(
     Args:
         line: the timeline.
         start: pieces that end before are left out [s].
-        until: the robot is there up to this time, infinity for ever [s].
+        until: the robot is there up to this time, infinity without an end [s].
         step: cells of time begin at its multiples [s].
         changes: times at which pieces end even where the robot stands, such as those at which
             objects change hands.
