@@ -82,7 +82,7 @@ def search_conflicts(
     Args:
         a: occupancy of the nodes v.
         b: occupancy of the nodes u.
-        floor: last u implied for each v already, never falling; raised here.
+        floor: last u implied for each v so far, non-decreasing; raised here.
         limit: first u outside the query, for each v, non-decreasing.
         table: allowed contacts and clearances.
         slack: subtracted from the clearances [m].
@@ -132,15 +132,15 @@ def next_proposal(
     Conflicts that are proved on the way are written into ``hits``.
 
     Args:
-        descent: how far it has come.
-        depth: filled rows of its stack.
-        hits: receives nodes (v, u) in conflict, shape (room, 2), room for one at least.
+        descent: state of the descent.
+        depth: number of filled rows of its stack.
+        hits: receives nodes (v, u) in conflict, shape (room, 2), with at least one row.
 
     Returns:
-        The new depth, the two segments, where in ``descent.room.pairs`` the close pairs of bodies
-        begin and how many they are, 0 when there is nothing to decide, and the number of
-        hits. The descent is over when the new depth is 0 and nothing is to be decided; it
-        stops early when ``hits`` is full.
+        The new depth, the two segments, the first row of ``descent.room.pairs`` with the close
+        pairs of bodies, the number of these rows (0 when there is nothing to decide), and the
+        number of hits. The descent is over when the new depth is 0 and there is nothing to
+        decide; it stops early when ``hits`` is full.
     """
     a, b, floor, limit = descent.a, descent.b, descent.floor, descent.limit
     found = ZERO

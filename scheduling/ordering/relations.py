@@ -38,7 +38,7 @@ class TaskRelations:
     """Relations between the tasks of a graph.
 
     Args:
-        graph: its edges are not looked at.
+        graph: its edges are ignored.
         conflicts: what was found for other graphs of the same cell, and is to be added to; by
             default nothing.
 

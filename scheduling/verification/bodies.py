@@ -69,7 +69,7 @@ class Pieces:
         return self.since + ~self.standing
 
     def moment(self, node: int, waypoint: int) -> int:
-        """Return a moment as one number."""
+        """Return the moment of a waypoint in a node as one number."""
         return node * self.room + waypoint
 
 
@@ -96,13 +96,13 @@ class VerifiedRobot:
         placed: the robot.
         robot: its geometry.
         carried: the objects carried by each robot over time.
-        error: of its base, None for the one that the cell gives it.
-        deviations: of its flange by skill, None for those that the cell gives.
+        error: error of its base, None for that of the cell.
+        deviations: deviations of its flange by skill, None for those of the cell.
 
     Attributes:
-        name: of the robot.
-        error: of its base.
-        origin: of its base, shape (3,) [m].
+        name: name of the robot.
+        error: error of its base.
+        origin: origin of its base, shape (3,) [m].
         home: its HOME, shape (n,).
         chain: index of its chain, None if it has no node.
         pieces: its pieces.

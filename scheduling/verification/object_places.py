@@ -142,7 +142,7 @@ def object_histories(
 ) -> tuple[list[Carried], list[Resting]]:
     """Return the histories of all objects: carried by robots, or at rest.
 
-    Fixtures count as resting for ever. An object that is passed from hand to hand rests, in the
+    Fixtures rest at all times. An object that is passed from hand to hand rests, in the
     hand of the robot that stands, until that robot moves (or from when it stood still).
 
     Args:

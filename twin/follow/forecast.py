@@ -32,16 +32,16 @@ from twin.uncertainty.node_times import NodeTimeSampler
 from twin.uncertainty.skill_durations import drawn_nodes
 
 SAMPLES = 200
-"""Futures that are drawn; fewer where a plan is so large that they would not fit."""
+"""Number of sampled futures; fewer for plans with too many nodes for the memory."""
 
 SEED = stable_hash("forecast") >> 2
-"""Names the draws; no run has it by accident."""
+"""Seed of the sampled futures: a hash, so that no run has it by chance."""
 
 _FEWEST = 50
-"""Samples of a forecast, however large the graph."""
+"""Minimum number of sampled futures, however large the graph."""
 
 _MOST_VALUES = 8_000_000
-"""Times of nodes in all samples above that: it bounds the memory."""
+"""Maximum number of node times in all samples, beyond that minimum; it bounds the memory."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class Forecast:
     """Forecast of the end of a run in progress.
 
     Attributes:
-        t_ns: time of the run at which this was foreseen [ns].
-        makespan_s: end of the run in every future that was drawn and in which no task fails
-            for good, rising, shape (n,) [s].
-        failing: share of futures in which a task fails for good.
-        nodes_done, nodes: how far the run had come.
+        t_ns: time of the run at which the forecast was made [ns].
+        makespan_s: end of the run in every sampled future in which no task fails for good,
+            ascending, shape (n,) [s].
+        failing: share of sampled futures in which a task fails for good.
+        nodes_done, nodes: number of completed nodes, and of all nodes.
     """
 
     t_ns: int
@@ -84,7 +84,7 @@ class Forecaster:
     def __init__(
         self, tpg: TemporalPlanGraph, model: ExecutionModel, *, samples: int = SAMPLES
     ) -> None:
-        """Draw the futures.
+        """Sample the futures.
 
         Args:
             tpg: the executed plan.
@@ -103,16 +103,18 @@ class Forecaster:
         self._futures = [
             sampler.sample(seed=SEED, replication=r) for r in range(self._samples)
         ]
-        self._motion = np.stack([_joined(f.motion) for f in self._futures], axis=1)
-        self._stall = np.stack([_joined(f.stood) for f in self._futures], axis=1)
+        self._motion = np.stack(
+            [_concatenated(f.motion) for f in self._futures], axis=1
+        )
+        self._stall = np.stack([_concatenated(f.stood) for f in self._futures], axis=1)
         self._drawn = drawn_nodes(model.durations.bind(tpg))
-        self._model, self._asked = model, samples
+        self._model, self._max_samples = model, samples
 
     def of(self, tpg: TemporalPlanGraph) -> Forecaster:
         """Return a forecaster of the current plan; this one if it is unchanged."""
         if tpg is self._tpg:
             return self
-        return Forecaster(tpg, self._model, samples=self._asked)
+        return Forecaster(tpg, self._model, samples=self._max_samples)
 
     def drifts(self, run: FollowedRun) -> tuple[Drift, ...]:
         """Return the current drifts of a run, the largest first."""
@@ -140,14 +142,14 @@ class Forecaster:
             if node < len(robot.start_ns):
                 self._adapt_task(k, robot, busy)
             if robot.under_way >= 0:
-                busy[first[k] + node] = self._rest(k, robot, now)
+                busy[first[k] + node] = self._remaining_ns(k, robot, now)
             if robot.standing:
                 not_before[k] += self._standstill(robot, now)
-            fails |= self._fails_for_good(k, robot)
+            fails |= self._failing_futures(k, robot)
         past = Past(
             now,
-            _joined([robot.start_ns for robot in run.robots]),
-            _joined([robot.end_ns for robot in run.robots]),
+            _concatenated([robot.start_ns for robot in run.robots]),
+            _concatenated([robot.end_ns for robot in run.robots]),
             not_before,
         )
         end = end_times(self._graph, busy, self._messages, past)
@@ -162,7 +164,7 @@ class Forecaster:
 
     def _adapt_task(self, k: int, robot: RobotProgress, busy: Nanoseconds) -> None:
         """Scale the remaining motions of a task by the pace of its completed ones."""
-        pace = self._pace(k, robot)
+        pace = self._task_pace(k, robot)
         if pace is None:
             return
         chain, node = self._tpg.chains[k], robot.completed
@@ -172,7 +174,7 @@ class Forecaster:
         rows = self._graph.first[k] + rest
         busy[rows] = moving[:, None] + self._stall[rows]
 
-    def _rest(self, k: int, robot: RobotProgress, now: int) -> Nanoseconds:
+    def _remaining_ns(self, k: int, robot: RobotProgress, now: int) -> Nanoseconds:
         """Return the remaining time of the current node in every future [ns]."""
         chain, node = self._tpg.chains[k], robot.under_way
         worked = robot.worked_ns(now)
@@ -183,14 +185,14 @@ class Forecaster:
             if total is not None:
                 rest = np.maximum(total - worked, 0)
         else:
-            pace = self._pace(k, robot)
+            pace = self._task_pace(k, robot)
             if pace is not None:
                 planned = int(to_nanoseconds(chain.duration[node] * pace))
                 rest = np.full(self._samples, max(planned - worked, 0))
         return np.asarray(rest + self._retries(k, robot, node), dtype=np.int64)
 
-    def _pace(self, k: int, robot: RobotProgress) -> float | None:
-        """Return observed over planned time of a task's completed motions, None without any."""
+    def _task_pace(self, k: int, robot: RobotProgress) -> float | None:
+        """Return the ratio of observed to planned time of a task's completed motions, None without any."""
         chain, node = self._tpg.chains[k], robot.completed
         low = int(np.searchsorted(chain.task, chain.task[node]))
         done = np.arange(low, node)[~chain.skill[low:node]]
@@ -255,14 +257,14 @@ class Forecaster:
             return MeasuredTimes(values=stops)
         return Fixed(value_s=0.0)
 
-    def _fails_for_good(self, k: int, robot: RobotProgress) -> Array:
+    def _failing_futures(self, k: int, robot: RobotProgress) -> Array:
         """Return the futures in which a remaining task of a robot fails for good."""
         if robot.failed:
             return np.ones(self._samples, dtype=bool)
         return np.array([f.failed[k] >= robot.completed for f in self._futures])
 
 
-def _joined(rows: Sequence[Nanoseconds]) -> Nanoseconds:
+def _concatenated(rows: Sequence[Nanoseconds]) -> Nanoseconds:
     return np.concatenate([*rows, np.empty(0, dtype=np.int64)]).astype(np.int64)
 
 

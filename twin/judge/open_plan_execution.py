@@ -20,14 +20,14 @@ from twin.audits.worlds.world import AuditWorld
 from twin.judge.open_plan import OpenEvent, OpenMotion, OpenPlan
 from twin.judge.open_plan_graph import joint_columns, motion_configurations
 
-_SAME = 1e-6
+_SAME_JOINT = 1e-6
 """Joint values that differ by less are the same, as files round them [rad or m]."""
 
-_TICK = 1e-9
+_SAME_TIME_S = 1e-9
 """Times that differ by less are the same, as files round them [s]."""
 
 _JUMP_S = 1e-6
-"""Time given to a jump of a robot, so that the path in between is checked [s]."""
+"""Assumed duration of a jump between two motions, so that the path in between is checked [s]."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class MotionSpan:
     """Interval in which a motion is executed.
 
     Attributes:
-        begin: [s].
-        factor: how many times as long as planned it takes.
+        begin: when the motion begins [s].
+        factor: executed duration over planned duration.
     """
 
     begin: float
@@ -52,7 +52,7 @@ class MotionSpan:
 
 
 def planned_spans(plan: OpenPlan) -> dict[str, MotionSpan]:
-    """Return when motions are planned, by id."""
+    """Return the planned span of each motion, by id."""
     return {motion.id: MotionSpan(motion.t_s[0]) for _, _, motion in plan.placed()}
 
 
@@ -154,14 +154,14 @@ def _robot_rows(
         return RobotRows(np.zeros(1), robot.home[None, :], np.full(1, -1))
     columns = joint_columns(plan, robot)
     stands = motion_configurations(own[0], columns)[0]
-    if np.max(np.abs(stands - robot.home)) > _SAME:
+    if np.max(np.abs(stands - robot.home)) > _SAME_JOINT:
         found.append(_jump(robot, 0.0, robot.home, stands, "its HOME", own[0].id))
     table = _RowTable(stands)
     for k, motion in enumerate(own):
         span, rows = spans[motion.id], motion_configurations(motion, columns)
         times = span.begin + (np.array(motion.t_s) - motion.t_s[0]) * span.factor
         table.stand_until(float(times[0]))
-        if np.max(np.abs(rows[0] - table.q[-1])) > _SAME:
+        if np.max(np.abs(rows[0] - table.q[-1])) > _SAME_JOINT:
             name = own[k - 1].id if k else "its HOME"
             words = table.q[-1], rows[0], name, motion.id
             found.append(_jump(robot, float(times[0]), *words))
@@ -186,7 +186,7 @@ class _RowTable:
 
     def stand_until(self, t: float) -> None:
         """Add a standstill until a time [s], outside nodes."""
-        if t > self.t[-1] + _TICK:
+        if t > self.t[-1] + _SAME_TIME_S:
             still = np.zeros((1, len(self.q[0])))
             self.add(np.array([t]), self.q[-1][None], still, still, -1)
 
@@ -194,7 +194,8 @@ class _RowTable:
         """Add the rows of a node."""
         for k, at in enumerate(np.maximum(t, self.t[-1]).tolist()):
             again = (
-                at <= self.t[-1] + _TICK and np.max(np.abs(q[k] - self.q[-1])) <= _SAME
+                at <= self.t[-1] + _SAME_TIME_S
+                and np.max(np.abs(q[k] - self.q[-1])) <= _SAME_JOINT
             )
             if again:
                 self.v[-1], self.a[-1] = v[k], a[k]
@@ -216,12 +217,12 @@ class _RowTable:
 def _rates(
     values: tuple[tuple[float, ...], ...] | None,
     columns: list[int],
-    by: float,
-    like: Array,
+    divisor: float,
+    configurations: Array,
 ) -> Array:
     if values is None:
-        return np.zeros_like(like)
-    return np.asarray(np.array(values)[:, columns] / by)
+        return np.zeros_like(configurations)
+    return np.asarray(np.array(values)[:, columns] / divisor)
 
 
 def _jump(
@@ -274,7 +275,7 @@ class _ObjectTracker:
         """Apply an event."""
         verb, thing = event.verb, event.object
         place = self._places.get(thing)
-        wrong = "" if place is None else self._wrong(name, event, place)
+        wrong = "" if place is None else self._fault(name, event, place)
         if place is None and verb != "appear":
             wrong = "is not there"
         elif place is not None and verb == "appear":
@@ -302,7 +303,7 @@ class _ObjectTracker:
         else:
             self._places[thing] = _ObjectLocation(holder, pose)
 
-    def _wrong(self, name: str, event: OpenEvent, place: _ObjectLocation) -> str:
+    def _fault(self, name: str, event: OpenEvent, place: _ObjectLocation) -> str:
         """Return what is wrong with an event, empty if valid."""
         if event.verb in ("put", "give") and place.holder != name:
             return (

@@ -37,7 +37,7 @@ class RobotRows:
     """The rows of one robot: straight lines in joint space join them, or cubics in time.
 
     Attributes:
-        t: times, shape (k,), never falling [s].
+        t: times, shape (k,), non-decreasing [s].
         q: configurations, shape (k, n).
         node: node of each row, shape (k,), -1 before the first.
         v: joint speeds, shape (k, n), in a run whose robots keep to limits of acceleration; the
