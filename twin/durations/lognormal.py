@@ -48,7 +48,7 @@ class Lognormal(FittableModel):
             raise ValueError("p95_s must not be less than median_s")
         return self
 
-    def located(self, folder: Path) -> Lognormal:
+    def _located(self, folder: Path) -> Lognormal:
         """Return the model; ScenarioError when it is wider than numbers go."""
         median, p95 = self._quantiles()
         if p95 / 1e9 > median:

@@ -43,7 +43,7 @@ class TruncatedNormal(FittableModel):
     low_s: Seconds = 0.0
     high_s: PositiveSeconds | None = None
 
-    def located(self, folder: Path) -> TruncatedNormal:
+    def _located(self, folder: Path) -> TruncatedNormal:
         """Return the model; ScenarioError when hardly anything is between its bounds."""
         if abs(self.mean_s) / 1e9 > self.sd_s:
             raise ScenarioError(
