@@ -261,7 +261,7 @@ DURATIONS = Group(
         "triangular": "twin.durations.bounded:Triangular",
         "pert": "twin.durations.bounded:Pert",
         "normal": "twin.durations.normal:TruncatedNormal",
-        "lognormal": "twin.durations.normal:Lognormal",
+        "lognormal": "twin.durations.lognormal:Lognormal",
         "exponential": "twin.durations.lifetimes:Exponential",
         "gamma": "twin.durations.lifetimes:Gamma",
         "weibull": "twin.durations.lifetimes:Weibull",

@@ -22,7 +22,8 @@ from planning.cell.workcell import (
     WorldState,
 )
 from planning.contacts.touching import nearby_entities, standing_fixtures
-from planning.grips.fingers import finger_obstacles, firm_grips
+from planning.grips.closing_fingers import finger_obstacles
+from planning.grips.fingers import firm_grips
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import explain_overload, robot_grips
 from planning.handling.handovers import Handover, MeetingPlace, find_handover

@@ -24,7 +24,8 @@ import numpy as np
 
 from planning.cell.motion_limits import MotionLimits
 from planning.kernels import inner_kernel, kernel
-from planning.timing.rounded_path import STRAY, RoundedPath, curve_points, rounded_path
+from planning.timing.blended_path import STRAY
+from planning.timing.rounded_path import RoundedPath, curve_points, rounded_path
 from planning.timing.stretch import LEAST_BUILD_UP
 from planning.transforms import Array
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from planning.cell.motion_limits import MotionLimits
 from planning.kernels import inner_kernel, kernel
+from planning.timing.blended_path import BentPieces, BlendedPath
 from planning.timing.path_bounds import (
     HEAD_ROOM,
     PathBounds,
@@ -20,7 +21,6 @@ from planning.timing.path_bounds import (
     torque_limited_speed,
     unlimited_efforts,
 )
-from planning.timing.rounded_path import BentPieces, BlendedPath
 from planning.transforms import Array
 
 LEAST_BUILD_UP = 1e-6

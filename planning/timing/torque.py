@@ -23,8 +23,8 @@ from scipy import constants
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
+from planning.timing.blended_path import BentPieces, BlendedPath
 from planning.timing.path_bounds import EffortRows, PathEfforts
-from planning.timing.rounded_path import BentPieces, BlendedPath
 from planning.timing.smooth_path import SmoothPath
 from planning.timing.stretch import Stretch
 from planning.transforms import Array, Indices, Transform

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.geometry.distance import ROUNDING
 from planning.geometry.exact import TOLERANCE
+from planning.geometry.gjk import ROUNDING
 from planning.geometry.separation import (
     APART,
     CONFLICT,

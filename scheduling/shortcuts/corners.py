@@ -26,8 +26,9 @@ from scheduling.pace import paces
 from scheduling.shortcuts.bends import BentNodes, NodesLeft, TransitRun, find_runs
 from scheduling.shortcuts.candidates import find_spans
 from scheduling.shortcuts.graph_pieces import GraphPieces
-from scheduling.shortcuts.replacement_check import Rivals, are_standing_robots_clear
+from scheduling.shortcuts.replacement_check import Rivals
 from scheduling.shortcuts.rewiring import Swap, rewire
+from scheduling.shortcuts.stand_check import are_standing_robots_clear
 from scheduling.shortcuts.static_scene import StaticSceneCache
 from scheduling.stretch_times import stretch_drive
 

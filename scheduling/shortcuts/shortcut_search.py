@@ -25,7 +25,7 @@ from scheduling.shortcuts.candidates import (
     remove_waypoints_on_lines,
 )
 from scheduling.shortcuts.graph_pieces import GraphPieces
-from scheduling.shortcuts.replacement_check import Rivals, are_standing_robots_clear
+from scheduling.shortcuts.replacement_check import Rivals
 from scheduling.shortcuts.rewiring import (
     EARLY,
     IN_PLACE,
@@ -34,6 +34,7 @@ from scheduling.shortcuts.rewiring import (
     reorder_nodes,
     rewire,
 )
+from scheduling.shortcuts.stand_check import are_standing_robots_clear
 from scheduling.shortcuts.static_scene import SmoothedPathCache, StaticSceneCache
 
 _LATER = 1e-9

@@ -24,11 +24,7 @@ from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.bodies import StillBodies, VerifiedRobot
 from scheduling.verification.encounters import Encounter, Encounters
-from scheduling.verification.graph_structure import (
-    Precedence,
-    check_structure,
-    not_as_said,
-)
+from scheduling.verification.graph_structure import Precedence, check_structure
 from scheduling.verification.object_places import (
     Carried,
     Resting,
@@ -37,6 +33,7 @@ from scheduling.verification.object_places import (
 )
 from scheduling.verification.problems import Moment, Problem
 from scheduling.verification.survived_errors import SurvivedErrors, survived_errors
+from scheduling.verification.task_deviations import not_as_said
 from scheduling.verification.touching import (
     allowed_depths,
     self_contact_problems,

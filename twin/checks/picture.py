@@ -23,17 +23,14 @@ from planning.errors import OutputError
 from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.tasks.task import DOOR
 from planning.transforms import Array, Transform
+from twin.checks.close_ups import CloseUp, find_close_ups, panel_width
 from twin.checks.finding import CheckContext
+from twin.checks.labels import NAME_SIZE, Names
 from twin.checks.views import (
-    NAME_SIZE,
-    CloseUp,
     DrawnShape,
-    Names,
     Viewpoint,
     draw_axes,
     draw_shapes,
-    find_close_ups,
-    panel_width,
     placed_points,
     style_view,
     widen_rectangle,

@@ -28,6 +28,7 @@ from twin.host.progress import Report, report_nothing
 from twin.judge.delays import CircularWaitsError, delayed_spans
 from twin.judge.intended_contacts import intended_contacts
 from twin.judge.open_plan import OpenMotion, OpenPlan, read_open_plan
+from twin.judge.open_plan_cell import cell_for
 from twin.judge.open_plan_execution import (
     MotionSpan,
     OpenPlanExecution,
@@ -35,7 +36,7 @@ from twin.judge.open_plan_execution import (
     makespan_s,
     planned_spans,
 )
-from twin.judge.open_plan_graph import build_open_plan_graph, cell_for
+from twin.judge.open_plan_graph import build_open_plan_graph
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario

@@ -16,8 +16,11 @@ from twin.engine.execution import Execution
 from twin.engine.ports import Steps
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.live.link import AwaitedActuation, Link, sync_tool_commands
-from twin.live.measured import History, MeasuredLog, MeasuredRows, samples_between
+from twin.live.lost_samples import samples_between
+from twin.live.measured_log import MeasuredLog
+from twin.live.measured_rows import MeasuredRows
 from twin.live.messages import Report
+from twin.live.run_history import History
 from twin.runs.execution_record import Measured
 from twin.uncertainty.node_times import NodeTimes
 

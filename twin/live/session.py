@@ -21,8 +21,8 @@ from twin.drivers.simulated_arm import SimulatedArm
 from twin.engine.execution import Ports
 from twin.live.driver_end import DriverEnd, LocalWire, Wire, new_instance_number
 from twin.live.link import Link
-from twin.live.measured import History
 from twin.live.remote_robots import RemoteRobots
+from twin.live.run_history import History
 from twin.registry import DRIVERS
 
 if TYPE_CHECKING:

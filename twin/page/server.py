@@ -19,8 +19,8 @@ from typing import Any, cast, get_args
 from planning.errors import RequestError
 from twin.engine.execution_model import ExecutionModel
 from twin.follow.drift import Drift
-from twin.follow.follow import POLL_S, lines_of_growing_file
 from twin.follow.forecast import Forecast, Forecaster
+from twin.follow.log_lines import POLL_S, lines_of_growing_file
 from twin.host.atomic_files import finite_or_none
 from twin.page.panel import Action, NodesSoFar, Order, Panel
 

@@ -27,13 +27,7 @@ from twin.scenario.variations import (
 )
 from twin.studies.folder import RefusedLayout, StudyRequest
 from twin.studies.operated_figures import OperatedSummary
-from twin.studies.products import (
-    LineSummary,
-    WindowsSummary,
-    line_summary,
-    product_times,
-    windows_summary,
-)
+from twin.studies.products import LineSummary, line_summary, product_times
 from twin.studies.replications.block_results import (
     COMPLETED,
     ERROR,
@@ -54,6 +48,7 @@ from twin.studies.replications.statistics import (
 )
 from twin.studies.replications.workload import Workload
 from twin.studies.sensitivity import Influence, SobolIndex
+from twin.studies.window_figures import WindowsSummary, windows_summary
 from twin.warnings.plan_warnings import stall_warnings
 from twin.warnings.unreached_speeds import unreached_speeds
 

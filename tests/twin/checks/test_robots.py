@@ -30,11 +30,11 @@ from tests.twin.checks.test_check import CELL
 from tests.twin.checks.test_tools import HANDS, hand_cell
 from tests.twin.program import invoke
 from tests.twin.written import Change, checked, refusal, written
+from twin.checks.close_ups import MOST, find_close_ups
 from twin.checks.finding import CheckContext
 from twin.checks.overview import flange_warning, robot_overview
 from twin.checks.picture import cell_figure
 from twin.checks.tools import finger_gap
-from twin.checks.views import MOST, find_close_ups
 from twin.kinds.parts.checks.context import ordered_parts
 from twin.kinds.parts.checks.loads import check_payloads
 from twin.reading.scenario_file import load_scenario

@@ -20,9 +20,10 @@ from tests.twin.written import Change, loaded, refusal
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
 from twin.durations.composed import AnyDuration, Retries, Shifted, SkillOverride
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
+from twin.durations.lognormal import Lognormal
 from twin.durations.measured import Packaged, packaged_timings
 from twin.durations.model import DurationModel, PackagedSkill
-from twin.durations.normal import Lognormal, TruncatedNormal
+from twin.durations.normal import TruncatedNormal
 from twin.scenario.sections.scenario import Scenario, resolve_scenario
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations

@@ -161,7 +161,7 @@ class LegoKind(AssemblyKind):
         The order of all steps is stable and has room for the tool. Candidates of a step are found when it is
         planned; the order is not changed if the arms cannot do a step.
         """
-        from planning.lego.sequencing.blocking import check_reach
+        from planning.lego.sequencing.step_reach import check_reach
         from planning.lego.skills.expansion import lazy_lego_work
 
         rules, robots = self._rules(cell), len(cell.robots)
@@ -194,8 +194,8 @@ class LegoKind(AssemblyKind):
 
     def _given(self, cell: Workcell, rules: SequencingRules) -> LegoAssembly:
         """Return the assembly of the listed steps, checked by the rules."""
-        from planning.lego.sequencing.blocking import check_reach
         from planning.lego.sequencing.stable_steps import stable_steps
+        from planning.lego.sequencing.step_reach import check_reach
 
         assembly = build_lego(self.section)
         if self.section.rules.check_steps:
