@@ -1,4 +1,4 @@
-"""Checks of grips: contact of pads or cups, friction, and actuation times."""
+"""Checks of tool contact with parts: contact of pads or cups, friction, and actuation times."""
 
 from __future__ import annotations
 
