@@ -1,1 +1,1 @@
-"""Robots moved by drivers, which execute the nodes that the dispatcher clears."""
+"""Execution of a plan by drivers, which move the robots through the nodes cleared by the dispatcher."""

@@ -1,10 +1,9 @@
-"""State of a run from its log, from which a restarted dispatcher continues, and its measured samples.
+"""State and measured samples of a run, from which a restarted dispatcher continues.
 
-``measured.csv`` has every sample of every robot as received, so that a kill loses none of them. Where
-samples were lost, as after a driver was killed, a robot's position is inferred from its clearances: it
-followed its path, and stood. A straight line between two samples would cut the corners of that path,
-through whatever they
-lead around.
+Samples are appended to ``measured.csv`` as they are received; of a standstill only the first and last ones are
+written. If samples are missing between two others, for example after a driver was killed, the robot is assumed to
+have followed its planned path between them. A straight line between two samples would cut the corners of that path
+and could pass through obstacles.
 """
 
 from __future__ import annotations
