@@ -1,4 +1,7 @@
-"""Figures of products over the replications of a study: throughput, takt, lateness, and windows of time between steps."""
+"""Statistics of products over the replications of a study.
+
+They are throughput, takt, lateness, and time windows between steps.
+"""
 
 from __future__ import annotations
 

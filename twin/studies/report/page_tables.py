@@ -1,4 +1,7 @@
-"""Tables and lists of the report: makespans, gains, lines, layouts; some are printed, too."""
+"""Tables and lists of a study report: makespans, gains, production lines and layouts.
+
+Some of them are also printed in the terminal.
+"""
 
 from __future__ import annotations
 
