@@ -1,1 +1,1 @@
-"""Execution of a plan by drivers, which move the robots through the nodes cleared by the dispatcher."""
+"""Execution of a plan by drivers: each driver moves a robot through the nodes that the dispatcher permits."""

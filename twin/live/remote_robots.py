@@ -1,4 +1,4 @@
-"""Robots moved by drivers: the dispatcher clears nodes for execution, and drivers report what they execute.
+"""Robots moved by drivers: the dispatcher permits (clears) nodes, and drivers report which nodes they execute.
 
 The clock of the simulation follows real time. Everything without a driver is simulated, such as a person who
 brings a part.

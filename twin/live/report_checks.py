@@ -1,7 +1,8 @@
-"""Validation of driver reports against the nodes cleared for the robot, before a report is used.
+"""Validation of driver reports before they are used.
 
-Drivers are external programs, so every field of a report is untrusted input. A report that breaks a rule is
-rejected as a whole, and its robot is no longer trusted.
+Drivers are external programs, so every field of a report is untrusted input. It is compared with the nodes that the
+dispatcher has cleared for the robot. A report that breaks a rule is rejected as a whole, and its robot is no longer
+trusted.
 """
 
 from __future__ import annotations

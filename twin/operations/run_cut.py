@@ -1,4 +1,4 @@
-"""State of a run at a given time, and the work that remains from it on (``RUN@T`` on the command line).
+"""State of a run at a given time, written ``RUN@T``, and the work that remains after it.
 
 A new plan continues from that state.
 """
