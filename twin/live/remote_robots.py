@@ -1,7 +1,7 @@
-"""Robots moved by drivers: the dispatcher clears nodes, and drivers report events.
+"""Robots moved by drivers: the dispatcher permits (clears) nodes, and drivers report which nodes they execute.
 
-The simulation's clock follows real time. Anything without a driver, such as a person who brings a part,
-is simulated.
+The clock of the simulation follows real time. Everything without a driver is simulated, such as a person who
+brings a part.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Execution of nodes by drivers: start and end times from their reports, and measured samples."""
+"""Execution of nodes by drivers: start and end times and measured samples are taken from their reports."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MISSING_S = 2.0
 
 
 class ReportedNodes:
-    """Executes nodes: those of robots as their drivers report, those of machines in simulation.
+    """Executes nodes of robots as their drivers report, and nodes of machines in simulation.
 
     Attributes:
         links: state of the protocol of each driver, by robot.

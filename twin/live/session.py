@@ -1,4 +1,4 @@
-"""Session with the drivers of all robots of a cell, through which one run moves real or simulated robots."""
+"""Session with the drivers of all robots of a cell, real or simulated, for one run."""
 
 from __future__ import annotations
 

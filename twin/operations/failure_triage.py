@@ -1,4 +1,7 @@
-"""Triage of skills that have failed for good: retry, restart the step, ask a person, or abandon the step."""
+"""Triage of skills whose attempts have all failed.
+
+The possible decisions are to retry the skill, to restart its step, to ask a person, or to abandon the step.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One operation of a cell: execution with replanning, until all is done or infeasible."""
+"""Operation of a cell: execution with replanning, until every step is done or infeasible."""
 
 from __future__ import annotations
 

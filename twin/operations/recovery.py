@@ -1,7 +1,8 @@
-"""Recovery of assemblies when a skill has failed for good, or a robot is out: the best of plans from several cuts.
+"""Recovery of assemblies after all attempts at a skill have failed, or after a robot has gone out of service.
 
-What happens after each failure is decided by ``failure_triage``: retry the skill; or its step, with another grip,
-object of the kind or robot, as the integer program chooses; or abandon the step with its dependents.
+Plans are made from several cuts, and the best one is used. ``failure_triage`` decides what follows each failure. The
+skill is retried; or its step is restarted with another grip, object of the same kind or robot, chosen by the integer
+program; or the step is abandoned together with the steps that depend on it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Draft of a recovery from one cut: planned extension, and abandoned steps."""
+"""Draft of a recovery plan from one cut: the planned extension, and the abandoned steps."""
 
 from __future__ import annotations
 

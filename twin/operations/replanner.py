@@ -1,8 +1,8 @@
-"""Replanning of an execution: the graph is cut and extended while it is executed.
+"""Replanning during an execution: the graph is cut and extended while robots execute it.
 
-A skill that fails for good, or an outage of a robot, does not end the run: the committed prefix is
-executed, meanwhile the rest is planned from the world at its end, and then the extended graph takes
-over.
+A run continues after all attempts at a skill have failed, or after an outage of a robot. While the committed prefix
+is executed, the rest is planned from the world state at the end of that prefix. Then the extended graph replaces the
+old one.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Hold = Callable[[TemporalPlanGraph], TemporalPlanGraph]
 
 
 class RollingReplanner(Replanner):
-    """Extends the graph of an execution whenever something has failed, or more steps are due.
+    """Extends the graph of an execution after failures, or when more steps are due.
 
     Attributes:
         versions: plan revisions that were executed, in order.

@@ -1,4 +1,7 @@
-"""Cut of a run at a time: the state from which a new plan continues, and the work that remains (``RUN@T``)."""
+"""State of a run at a given time, written ``RUN@T``, and the work that remains after it.
+
+A new plan continues from that state.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ _MOST_DEVIATION = 0.02
 def cut_run(
     case: LoadedScenario, moment: RunMoment, out: Collection[str]
 ) -> RunRemainder:
-    """Return the remainder of a run from a time on.
+    """Return the remaining work of a run at a given time.
 
     Every robot continues to the end of the first node after which it is at rest and within no skill; the plan
     begins in the world state that results.

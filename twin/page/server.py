@@ -1,4 +1,7 @@
-"""Web server of the page that shows a run, for browsers of this machine; it refuses cross-site requests."""
+"""Web server of the page that shows a run.
+
+It serves browsers on this machine only, and refuses cross-site requests.
+"""
 
 from __future__ import annotations
 

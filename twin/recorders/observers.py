@@ -1,4 +1,4 @@
-"""Recorders of the events of a run, in a file or in memory; a recorder that fails does not stop the run."""
+"""Recorders of the events of a run, to a file or in memory; a failing recorder does not stop the run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Rerun viewer: open a recording, or render stills without a display."""
+"""Control of the Rerun viewer: opens a recording, or renders still pictures without a display."""
 
 from __future__ import annotations
 

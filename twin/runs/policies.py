@@ -1,4 +1,7 @@
-"""Names of policies, each of a plan and a release of its nodes, for commands, tables and files."""
+"""Names of policies in commands, tables and files.
+
+A policy combines a plan with a rule by which its nodes are released.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,8 @@ SHORTENED = "shortened"
 IN_SLOTS = "in slots"
 SLOTS_SHORTENED = "in slots, shortened"
 AT_ONCE = "at once"
-"""Plans: one task after another; that one with a better order of tasks and shortcuts; in slots; in slots with
-shortcuts; and in space and time, as for constructions."""
+"""Names of plans: motions planned one task after another; the same with an improved task order and shortcuts;
+motions in slots; the same with shortcuts; and space-time planning, as for constructions."""
 
 WHOLE_PLANS = {SHORTENED: IN_TURNS, SLOTS_SHORTENED: IN_SLOTS}
 """Base plan of each plan with shortcuts."""

@@ -1,4 +1,4 @@
-"""Trajectories of robots and placements of objects, from the node times of a run."""
+"""Trajectories of robots and poses of objects, computed from the node times of a run."""
 
 from __future__ import annotations
 

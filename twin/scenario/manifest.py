@@ -1,4 +1,4 @@
-"""``manifest.json``: the data needed to understand, repeat and resume a run or a study."""
+"""Manifest of a run or study (``manifest.json``): the data needed to understand, repeat and resume it."""
 
 from __future__ import annotations
 

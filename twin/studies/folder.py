@@ -1,4 +1,4 @@
-"""The folder of a study: names of its files, its request as a manifest, and its tidy tables."""
+"""Folder of a study: file names, the request of the study as a manifest, and tables of results."""
 
 from __future__ import annotations
 

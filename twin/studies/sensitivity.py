@@ -1,4 +1,4 @@
-"""Sensitivity of the makespan to inputs of a plan: effects of single inputs (tornado chart), and Sobol indices."""
+"""Sensitivity of the makespan to inputs: effects of single inputs (tornado chart), and Sobol indices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Monte-Carlo study: plan, replicate, audit, summarise."""
+"""Monte-Carlo study: planning, replications, audits and summary."""
 
 from __future__ import annotations
 

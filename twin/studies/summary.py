@@ -1,6 +1,6 @@
-"""Figures of a study for ``summary.json``: makespans of cells, and differences.
+"""Figures of a study for ``summary.json``: makespans under each policy and variant of the inputs, and differences.
 
-Their confidence intervals come from ``twin.studies.replications.statistics``.
+Their confidence intervals are computed in ``twin.studies.replications.statistics``.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ class CellSummary(Figures):
 
 
 class Difference(Figures):
-    """A policy against another one, replication by replication, with the same variant.
+    """Paired difference of two policies, replication by replication, with the same variant.
 
     Attributes:
         policy, reference: which.

@@ -1,4 +1,4 @@
-"""One trial of a plan: execute it, write its folder, audit it."""
+"""One run of a plan: execution, output files and audit."""
 
 from __future__ import annotations
 

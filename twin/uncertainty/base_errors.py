@@ -1,4 +1,4 @@
-"""Bounds of the pose errors of robot bases, from calibration, and of flanges in skills, from force control."""
+"""Bounds of pose errors: of robot bases (calibration), and of flanges during skills (force control)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Random motion times, standstills and failures of one robot in many replications.
 
-Draws are keyed by the robot's tasks, so a task gets the same draws in any order of events. Rare events
-are stored as a list of (node, replication) entries, not as dense arrays.
+Draws are keyed by the tasks of the robot, so a task gets the same draws whatever the order of events. Rare events are
+stored as a list of (node, replication) entries instead of dense arrays.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from twin.durations.model import DurationModel, Factor, Skill
 from twin.uncertainty.base_errors import PoseErrorSection
 
 Probability = Annotated[float, Field(ge=0, le=1)]
-"""Of something that happens or not."""
+"""Probability of an event."""
 
 
 class _FactorSection(Section):

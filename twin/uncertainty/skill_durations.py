@@ -1,4 +1,4 @@
-"""Skill durations: the model of each skill task of a TPG, and draws of many replications."""
+"""Skill durations: the duration model of each skill of a plan, and draws for many replications."""
 
 from __future__ import annotations
 

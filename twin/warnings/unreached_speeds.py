@@ -1,4 +1,7 @@
-"""Warnings on speed factors above 1 that robots cannot reach: the factor reached, and the limiting joints."""
+"""Warnings about speed factors above 1 that robots cannot reach.
+
+Each warning gives the factor that is reached, and the joints that limit it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Candidate interventions on a plan: those with the most time on critical paths, chosen before any is tried."""
+"""Candidate interventions of a plan: the tasks, waits and standstills with the most time on critical paths.
+
+An intervention shortens a part of the plan. Candidates are selected before any of them is simulated.
+"""
 
 from __future__ import annotations
 

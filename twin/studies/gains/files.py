@@ -1,7 +1,7 @@
-"""Files ``gains.json`` and ``gains.csv``: how much interventions would reduce the makespan.
+"""Files ``gains.json`` and ``gains.csv``: estimated reduction of the makespan by interventions.
 
-An *intervention* shortens a part of the plan, such as a skill or a wait; a *cell* of a study is one policy
-with one variant of the inputs.
+An *intervention* shortens a part of the plan, such as a skill or a wait. A *cell* of a study is one policy with one
+variant of the inputs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Interventions that shorten parts of a plan, and replays with the same draws."""
+"""Interventions, each of which shortens a part of a plan, and their simulation.
+
+The replications of a study are simulated again with the same random draws.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Results of blocks of replications: rows, sums over tasks, and a file of each block.
+"""Results of blocks of replications: rows, sums over tasks, and one file per block.
 
-A file is complete or absent: a killed study resumes from them.
+Each file is written completely or not at all, so an interrupted study resumes from the files of its blocks.
 """
 
 from __future__ import annotations

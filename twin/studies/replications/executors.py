@@ -1,6 +1,6 @@
-"""Executors of replications: the calling process, all its cores, or a cluster.
+"""Executors of replications: the calling process, worker processes on all cores, or a cluster.
 
-All are used as ``concurrent.futures.Executor``, so the results of a study do not depend on the choice.
+All implement ``concurrent.futures.Executor``, so the results of a study do not depend on the choice.
 """
 
 from __future__ import annotations

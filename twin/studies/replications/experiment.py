@@ -1,4 +1,4 @@
-"""Design of a study: policies, varied inputs, and the number of replications of each."""
+"""Design of a study: policies, varied inputs, and the number of replications of each combination."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runner of replications on any executor, until the precision is reached."""
+"""Runner of replications on any executor, until the requested precision is reached."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Workload of one cell of a study, in a form that can be sent to any process or machine.
+"""Workload of a study for one policy and one variant of the inputs, in a form that can be sent to other processes.
 
-Replications need only times, since the paths are verified before. So a workload holds a timing graph: a
-TemporalPlanGraph without shapes and paths, of a few hundred kilobytes for hundreds of steps.
+Replications need only times, since paths are verified before. A workload therefore contains a timing graph: a
+``TemporalPlanGraph`` without shapes and paths, of a few hundred kilobytes for hundreds of steps.
 """
 
 from __future__ import annotations

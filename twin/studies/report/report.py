@@ -1,4 +1,4 @@
-"""``report.html``: figures and tables of a study in one file that needs no network."""
+"""Report of a study (``report.html``): figures and tables in one file that can be viewed offline."""
 
 from __future__ import annotations
 

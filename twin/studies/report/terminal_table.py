@@ -1,4 +1,4 @@
-"""Terminal table of the figures of a study."""
+"""Table of the results of a study, printed in the terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks and picture content of a scenario with an assembly of parts."""
+"""Checks of a scenario with an assembly of parts, and the parts that pictures of the scenario show."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of gripping: tool orientations, and clearance of tools to neighbouring parts."""
+"""Checks of tool orientations that steps need, and of clearance between tools and neighbouring parts."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _MOST_NAMED = 4
 
 @for_part_assemblies
 def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield parts and places of processes that need a tool orientation which no robot can reach."""
+    """Yield parts and process poses that need a tool orientation outside the reach of every robot."""
     assembly, frame = parts.listed, parts.listed.frame
     for _, step, where, end in steps_in_order(subject.cell, assembly):
         if not isinstance(step, PlacePart):

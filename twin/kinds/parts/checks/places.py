@@ -1,4 +1,4 @@
-"""Checks of places: overlap, support and balance of parts at goals, and places of processes."""
+"""Checks of goals (overlap, support and balance of parts), and of poses at which processes are done."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of reach: parts, places of work and racks."""
+"""Checks of reach: whether robots can reach all parts, process poses and tool racks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of times: windows between steps and due times of products that cannot be kept."""
+"""Checks of times: time windows between steps, and due times of products, that no plan can meet."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Waits = dict[int, list[tuple[int, float, float]]]
 
 @for_part_assemblies
 def check_windows(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield steps whose window is shorter than the work in between.
+    """Yield steps whose time window is shorter than the work within it.
 
     The work between two steps is the longest chain of steps from the earlier to the later one, by least durations
     of processes and least times between steps. Motions count as zero.
