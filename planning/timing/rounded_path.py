@@ -1,15 +1,14 @@
-"""Polylines with rounded corners: curves of continuous curvature, close to them.
+"""Paths in joint space with rounded corners: curves of continuous curvature close to a polyline.
 
-Skills follow a *rounded path*. Around each corner the direction changes over a length of its own, to both
-sides, at a rate that rises linearly to the corner and falls linearly behind it. With x the way from the
-corner, h that length and d the change of direction, that adds d (h - abs(x))^3 / (6 h^2) to the polyline.
-Such terms of neighbouring corners add up: along many short lines that bend evenly, the curvature is even.
+A skill follows a *rounded path*. Within a length h before and after each corner, the curvature rises linearly up
+to the corner and falls linearly after it. With x the arc length from the corner and d the change of direction,
+this adds d (h - abs(x))^3 / (6 h^2) to the polyline. Terms of neighbouring corners add up: many short lines that
+bend evenly have an even curvature.
 
-Transits follow a *blended path*: a polyline at the full speed of each leg, and at each corner the velocity
-goes from that of the one leg to that of the other over a window of time, half of it before the corner. The
-acceleration rises, stays and falls meanwhile. Windows may overlap, where legs are short; as long as
-they begin and end in the order of the corners, the velocity is a mean of those of the legs, so no
-joint is faster than on all of them.
+A transit follows a *blended path*: it passes each leg of a polyline at full speed. At each corner the velocity
+changes from that of one leg to that of the next over a time window centred at the corner; the acceleration rises,
+stays constant and falls. Windows may overlap where legs are short. As long as windows begin and end in the order
+of the corners, the velocity is a weighted mean of the velocities of the legs, so no joint exceeds its speed there.
 """
 
 from __future__ import annotations
