@@ -1,4 +1,4 @@
-"""Durations of straight joint-space motions, and the pose nodes along them."""
+"""Durations of straight joint-space motions, and their subdivision into pose nodes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from planning.transforms import Array
 
 
 class SpeedModel(Protocol):
-    """Turns joint-space motions into seconds."""
+    """Model of the durations of joint-space motions."""
 
     def durations(self, travel: Array) -> Array:
         """Return the times of straight motions.
 
         Args:
-            travel: how far each joint goes, of any sign, shape (..., n) [rad or m].
+            travel: signed displacement of each joint, shape (..., n) [rad or m].
 
         Returns:
             Shape (...) [s].

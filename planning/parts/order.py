@@ -1,15 +1,15 @@
-"""Search for an order of steps: from contacts, insertion paths and stated precedences, then by trial and error.
+"""Search for a feasible order of the steps of an assembly of parts.
 
-Known before any trial:
+These rules hold before the search:
 
-- a part follows the parts that it rests on;
-- a part whose straight insertion path another part would block precedes that part;
-- parts stacked in the stock are picked from the top;
-- a process follows the placement of its part, and precedes parts that would block its tool.
+- A part follows the parts that it rests on.
+- A part precedes each part that would block its straight insertion path.
+- Parts stacked in the stock are picked from the top.
+- A process follows the placement of its part, and precedes parts that would block its tool.
 
-The order tried first satisfies all of these and is nearest to the order of the scenario. If no robot can do
-a step because of a placed part, that part is placed after the step; because of a part still at its start,
-that part is placed before it; then the next order is tried.
+The first order satisfies these rules and the precedences of the scenario, and is nearest to the order of the
+scenario. If a placed part makes a step infeasible for every robot, that part is placed after the step. If a
+part at its start pose makes it infeasible, that part is placed before the step. Then the next order is tried.
 
 A part that would fall (``balance``) is placed after parts that support it. If there are none and a later
 step joins it to other parts, its robot holds it until then, and that step comes as soon as possible.

@@ -1,4 +1,4 @@
-"""Skills of one robot on parts, as subgoals and as collision-free paths."""
+"""Skills that one robot performs on parts: subgoals and collision-free paths."""
 
 from __future__ import annotations
 

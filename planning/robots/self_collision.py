@@ -18,10 +18,10 @@ from planning.kinematics.chain import chain_table
 from planning.transforms import Array
 
 _SAMPLES = 60
-"""Random configurations that are looked at before anything is proved."""
+"""Number of random configurations that are tested before a proof is tried."""
 
 _BUDGET = 500
-"""Boxes of joint values that the proof of one pair may take."""
+"""Largest number of boxes of joint values in the proof for one pair of links."""
 
 _SOURCES = (__file__, exact.__file__, kinematic_chain.__file__)
 

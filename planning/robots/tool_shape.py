@@ -1,4 +1,4 @@
-"""Shape of a tool that no robot holds, for its place in a tool rack."""
+"""Shape of a tool in its rack, where no robot holds it."""
 
 from __future__ import annotations
 

@@ -1,11 +1,10 @@
-"""Contact patch of two convex solids: the points at which they push on each other, and the direction.
+"""Contact patch of two convex solids: the contact points and the contact normal.
 
-Solids that touch in reality may be a little apart, or overlap a little, in files. The direction
-is the one along which they are farthest apart (or overlap least), found among the normals of
-their faces and the common normals of their edges (separating axis theorem). The vertices of each
-solid within ``SLACK`` of its outermost point along that direction are projected onto a plane. The
-corners of the area that both projections cover are the contact points: contact forces anywhere in
-this area have an equivalent at its corners.
+In files, solids in contact may have a small gap or a small overlap. The contact normal is the direction of the
+largest gap, or of the smallest overlap, among the normals of faces and the common normals of edges (separating
+axis theorem). The vertices of each solid within ``SLACK`` of its outermost point along the normal are projected
+onto a plane. The contact points are the corners of the intersection of both projections: contact forces
+anywhere in this area have an equivalent at its corners.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Fastest motion from rest to rest along a stretch within limits, and from speed to speed in its parts.
+"""Fastest motion along a stretch within limits, for the whole stretch and for pieces of it.
 
-A stretch is a straight line in joint space, or a polyline with rounded corners.
+A stretch is a straight line in joint space, or a polyline with rounded corners. The robot is at rest at both ends
+of a stretch; it may enter and leave a piece of it at any speed within the limits.
 """
 
 from __future__ import annotations
