@@ -1,4 +1,4 @@
-"""Audit of processes: place, robot, and held parts as the scenario requires."""
+"""Audit of processes such as screwing: each is done at the required place, by an allowed robot, with parts held."""
 
 from __future__ import annotations
 

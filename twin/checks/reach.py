@@ -1,4 +1,4 @@
-"""Checks of reach, by the planner's inverse kinematics."""
+"""Checks that robots can reach all required poses, by the planner's inverse kinematics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orthographic views of bodies in matplotlib, and close-ups of small things."""
+"""Orthographic views of convex bodies in matplotlib, with close-ups of small ones."""
 
 from __future__ import annotations
 
