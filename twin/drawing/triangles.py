@@ -1,4 +1,4 @@
-"""Triangles of shapes for drawing: round forms smooth, meshes as they are."""
+"""Triangle meshes of shapes for drawing: finely divided round shapes, and meshes unchanged."""
 
 from __future__ import annotations
 

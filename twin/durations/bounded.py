@@ -1,4 +1,4 @@
-"""Fixed, uniform, triangular and PERT durations, between given bounds, and their fits."""
+"""Fixed, uniform, triangular and PERT distributions of durations between bounds, and their fits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Truncated normal and lognormal durations, and their fits."""
+"""Truncated normal and lognormal distributions of durations, and their fits."""
 
 from __future__ import annotations
 
