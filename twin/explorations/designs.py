@@ -1,4 +1,4 @@
-"""Designs that an exploration has found, as starting points of scenarios."""
+"""Designs of an exploration as sources of new scenarios for ``twin init``."""
 
 from __future__ import annotations
 

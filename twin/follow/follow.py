@@ -1,4 +1,4 @@
-"""Following a running cell: reads its log, flags forbidden events, forecasts the end."""
+"""Monitoring of a running cell: reads its event log, reports violations of the plan, and forecasts the end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of constructions: infeasibility by lower bounds."""
+"""Checks of constructions: infeasible goals, found by lower bounds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Expectations of a construction: goals of its parts, and how they stand."""
+"""Expected results of a construction for the audit: goal poses of parts, and how parts are held there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Expectations of an assembly of bricks: goals, supported steps, and helpers."""
+"""Expected results of a LEGO assembly for the audit: goals, supported steps, and temporary bricks."""
 
 from __future__ import annotations
 
