@@ -1,4 +1,4 @@
-"""Audit of processes such as screwing: each is done at the required place, by an allowed robot, with parts held."""
+"""Audit of processes such as screwing: each has the required place, robot and held parts."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Bulk engine: simulation of many replications of a plan at the same time, without events.
 
 Completion times are longest paths in the graph of the policy (see ``policy_graph``). If robots have acceleration
-limits and messages take no time, ``driven_times`` computes them node by node. Where no event has a fixed
-clock time, the results equal those of the event engine to the nanosecond.
+limits and messages take no time, ``driven_times`` computes them node by node. Where no event is
+scheduled at a fixed time, the results equal those of the event engine to the nanosecond.
 """
 
 from __future__ import annotations

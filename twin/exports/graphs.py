@@ -1,4 +1,4 @@
-"""Export of the temporal plan graph and the task graph (APEX-MR, Section IV-A) as GraphML.
+"""Export of the temporal plan graph (APEX-MR, Section IV-C) and the task graph (Section IV-A) as GraphML.
 
 By default, each node of the exported plan graph is a task, with an edge between two tasks if there is an edge between
 any of their nodes. This graph can have cycles, because a robot may wait in the middle of a task. With ``--nodes``,

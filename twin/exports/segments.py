@@ -1,10 +1,10 @@
 """Division of a run into motion segments of single robots, for export to robot controllers.
 
-A segment is a sequence of nodes of one robot that waits for others only before its first node, and others wait only for
-its last node. If each segment starts after all its predecessors, the temporal plan graph is satisfied for any delays.
+Within a segment, a robot waits for others only before the first node, and others wait only for its last node. If each
+segment starts after all its predecessors, the temporal plan graph is satisfied for any delays.
 
 For robots with acceleration limits, points of the executed motion are sampled at a given rate, with speeds and
-accelerations; only the ends of a standstill are included. For other robots, points have nominal times, and the
+accelerations. A standstill has only a first and a last point. For other robots, points have nominal times, and the
 controller chooses the velocities. If such points are closer in time than one period of the rate, the following points
 are delayed. Thus all points are at least one period apart, unless the whole segment is shorter.
 """

@@ -1,6 +1,6 @@
 """Division of a run into intervals between object transfers, with samples of all robot motions.
 
-Samples are so dense that no point of a robot or its load moves farther than a bound between two of them.
+No point of a robot or its load moves farther than ``STEP`` between two samples.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Recovery of constructions after a lost part: replanning of the remaining parts from the current state.
+"""Recovery of constructions after failures: replanning of the remaining parts from the current state.
 
 A part that fell or broke is lost. An unplaced part of the same type is used in its place, and the goal with the
 fewest dependent goals is abandoned.
