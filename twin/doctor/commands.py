@@ -1,4 +1,4 @@
-"""``twin doctor``: report on the installation with versions, missing packages and engine of the audit."""
+"""``twin doctor``: report on the installation: versions, missing packages, collision engine of the audit."""
 
 from __future__ import annotations
 
