@@ -1,9 +1,9 @@
 """Polylines with rounded corners: curves of continuous curvature, close to them.
 
-Skills follow a *rounded path*. Around each corner the direction changes over a length of its own, to both
-sides, at a rate that rises linearly to the corner and falls linearly behind it. With x the way from the
-corner, h that length and d the change of direction, that adds d (h - abs(x))^3 / (6 h^2) to the polyline.
-Such terms of neighbouring corners add up: along many short lines that bend evenly, the curvature is even.
+A skill follows a *rounded path*. Within a length h before and after each corner, the curvature rises linearly up
+to the corner and falls linearly after it. With x the arc length from the corner and d the change of direction,
+this adds d (h - abs(x))^3 / (6 h^2) to the polyline. Terms of neighbouring corners add up: many short lines that
+bend evenly have an even curvature.
 """
 
 from __future__ import annotations

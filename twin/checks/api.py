@@ -1,4 +1,4 @@
-"""``twin.check``: problems of a scenario that make every plan impossible or doubtful."""
+"""``twin.check``: errors and warnings about a scenario, found before planning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run all checks of a scenario; findings are in the order of the file."""
+"""All checks of a scenario, with findings in the order of the scenario file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of tools: finger openings, tool frames, flanges, descriptions."""
+"""Checks of tools and descriptions: finger openings, tool frames, flange axes, suction tools, collision shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of units: lengths a thousand times too large, as millimetres where metres are asked for."""
+"""Checks of units: lengths a thousand times too large, probably millimetres instead of metres."""
 
 from __future__ import annotations
 

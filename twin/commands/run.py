@@ -1,7 +1,6 @@
-"""``twin run``: execute in the twin; ``twin resume``: complete a run whose process was killed.
+"""``twin run`` (plan and execute a scenario in simulation) and ``twin resume`` (complete an interrupted run).
 
-A plan is made by ``twin/trial/planning.py`` and executed by ``twin/engine/execution.py``, whose dispatcher
-clears nodes for robots.
+``twin/trial/planning.py`` makes the plan. ``twin/engine/execution.py`` executes it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The drivers file: which driver moves each robot, and at which address drivers connect."""
+"""The drivers file, which names the driver of each robot and the network address at which drivers connect."""
 
 from __future__ import annotations
 

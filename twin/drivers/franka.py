@@ -1,11 +1,10 @@
-"""Driver of robots of Franka Robotics (FR3, Panda), by libfranka: package ``franky-control``, extra ``franka``.
+"""Driver of Franka Robotics arms (FR3, Panda), by libfranka: package ``franky-control``, extra ``franka``.
 
-A straight segment in joint space is one Ruckig motion from rest to rest, with joint limits in proportion to
-joint displacements, so that it stays on the straight line. If nodes on the same line are released meanwhile,
-the motion is extended before it begins to brake. At a corner the robot comes to rest, and continues once it is
-measured so near the corner that it cuts it by less than a tolerance. Motions are executed by libfranka's own
-thread, at most to the end of the last released node, even if the dispatcher fails; when this process dies, the
-robot's controller stops it.
+A straight segment in joint space is one Ruckig motion that starts and ends at rest. Its joint limits are in proportion
+to the joint displacements, so the path stays straight. If nodes on the same line are released meanwhile, the motion
+is extended before it begins to brake. At a corner the robot stops, and continues when the measured distance to
+the corner is small enough for a given path tolerance. The thread of libfranka executes the motions, at most to the end
+of the last released node, even if the dispatcher fails. If this process ends, the robot controller stops the robot.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The path for which a robot is cleared, divided into straight legs, and the position of the robot on it.
+"""The released path of a robot, divided into straight segments in joint space, and the position of the robot on it.
 
-A leg is a straight piece of the path in joint space, along which the robot moves from rest to rest.
+Each segment is called a leg. The robot is at rest at both ends of a leg.
 """
 
 from __future__ import annotations

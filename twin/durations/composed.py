@@ -1,4 +1,4 @@
-"""Durations composed of other durations, and a key that any distribution of durations fits."""
+"""Shifted durations, durations with retries, and the types of scenario keys that accept any distribution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base class of distributions of durations: scenario section, quantiles, mean."""
+"""Base class of duration distributions: scenario section, quantiles and mean."""
 
 from __future__ import annotations
 

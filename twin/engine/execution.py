@@ -1,7 +1,7 @@
-"""Execution of a temporal plan graph: the state of one run, and the dispatcher (APEX-MR IV-D).
+"""Execution of a temporal plan graph: the state of one run, and the dispatcher (APEX-MR, Section IV-D).
 
-``Dispatcher`` of scheduling/graph/dispatcher.py says which nodes are safe; ``Execution`` releases them to robots.
-Robots, late objects, replanning and people are interfaces, see ``ports``.
+``Dispatcher`` in scheduling/graph/dispatcher.py finds the nodes that may start; ``Execution`` releases them to robots.
+The module ``ports`` defines interfaces to robots, late objects, replanning and people.
 """
 
 from __future__ import annotations

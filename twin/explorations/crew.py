@@ -1,6 +1,6 @@
-"""Worker processes that evaluate designs; a crash or timeout loses only its design.
+"""Worker processes that evaluate cell designs. If one crashes or times out, only its own design is lost.
 
-On a cluster each runs next to a worker, so that a design cannot crash the worker.
+On a cluster, each evaluation runs in a separate process beside the Dask worker, so a crash does not stop the worker.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The search among designs: choose, evaluate, log, learn, until the budget is spent."""
+"""The search for the best cell design: choose designs, evaluate them, log results, and update the sampler.
+
+The search ends when its budget is used up.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Comparison of the best designs, and the gain of each change, with common new draws.
+"""Comparison of the best designs, and the gain of each change, by new replications with common random numbers.
 
-A design that was chosen because of some draws looks better with them than it is (selection bias). Therefore the
-comparison uses the replications after those of the search, and pairs the designs replication by replication.
+A design that was selected for its results in the search looks better in these replications than it is (selection
+bias). Therefore the comparison uses later replications, which the search did not use. Designs are compared replication
+by replication.
 """
 
 from __future__ import annotations

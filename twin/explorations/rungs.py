@@ -1,4 +1,7 @@
-"""Rungs of an evaluation: check, reach, plan, full plan, replications, of increasing cost."""
+"""Evaluation of a design in steps of increasing cost: checks, reach, plan, full plan and replications.
+
+Each step is called a rung. A design that fails a rung is not evaluated further.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samplers of designs (optuna, ask and tell), reproducible after a resume."""
+"""Samplers that choose the designs to evaluate (optuna), with the same choices after a resume."""
 
 from __future__ import annotations
 

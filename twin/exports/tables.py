@@ -1,4 +1,4 @@
-"""The tables of a run as CSV and Parquet: events, trajectories, object placements.
+"""Export of the tables of a run as CSV and Parquet: events, trajectories, object placements.
 
 CSV follows RFC 4180: a header line, SI units, empty fields for missing values.
 """

@@ -1,4 +1,4 @@
-"""Measured durations from tables or event logs, grouped by skill, robot or type of object: one sample per group."""
+"""Samples of measured durations from tables or event logs, grouped by skill, robot or type of object."""
 
 from __future__ import annotations
 

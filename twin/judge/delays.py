@@ -1,7 +1,7 @@
-"""Delays of plans: random durations of motions, and the resulting times.
+"""Random delays of the motions of a plan, and the resulting motion times.
 
-No code is shared with the engines of the twin. Draws are keyed by the names of tasks, so that two planners
-get the same delays for the same tasks.
+No code is shared with the simulation engines of the twin. Random numbers depend on the names of tasks, so two plans
+have the same delays in the same tasks.
 """
 
 from __future__ import annotations

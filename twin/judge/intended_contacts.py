@@ -1,8 +1,8 @@
-"""Intended contacts of an open plan, from its transfers and declared contacts.
+"""Intended contacts of an open plan (the JSON plan format of ``twin judge``).
 
-- A tool touches the object that it holds, from the task that takes it to the task that gives it away.
+- A tool touches the object that it holds, from the task that takes the object to the task that gives it away.
 - A picked or placed object touches its neighbours during that task.
-- A tool touches what the ``touches`` of a motion name; it may graze bricks at rest during its tasks.
+- A tool touches the things that the key ``touches`` of a motion lists; it may graze bricks at rest during its tasks.
 
 The allowed depths of contacts are in ``twin.audits.contacts``.
 """

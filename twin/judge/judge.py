@@ -1,4 +1,4 @@
-"""Judgement of an external plan: audits at its planned times and under delays."""
+"""Judgement of a plan from another planner: audits at its planned times and under delays."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Open plans: the file format for robot team plans of any planner.
+"""Open plans: a JSON file format for plans of robot teams, independent of the planner.
 
-Trajectories of all robots, what each takes and gives when, and what waits for what; see "Open plan"
-of docs/reference/formats.md. Nothing in it depends on a planner.
+A plan contains trajectories of all robots, the transfers of objects, and the order between motions. See "Open plan" in
+docs/reference/formats.md.
 """
 
 from __future__ import annotations

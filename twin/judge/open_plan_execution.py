@@ -1,4 +1,4 @@
-"""Execution of an open plan, the file format of ``twin judge``, at given motion times.
+"""Execution of an open plan (the JSON plan format of ``twin judge``) at given motion times.
 
 The result is a recording like that of a simulated run, so that the audit can check it.
 """

@@ -1,7 +1,7 @@
-"""Conversion of an open plan to a graph for the audit: one node per motion.
+"""Conversion of an open plan (the JSON plan format of ``twin judge``) to a graph for the audit, one node per motion.
 
-Nodes have a robot and a task, but no edges: waits are checked by ``twin.judge.judge``, whose messages name
-motions by their ids in the file.
+Nodes have a robot and a task, but there are no edges. ``twin.judge.judge`` checks waits separately, so that its
+messages contain the ids of motions in the file.
 """
 
 from __future__ import annotations

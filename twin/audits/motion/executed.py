@@ -1,6 +1,6 @@
-"""The execution, read from ``trajectory.parquet`` and ``objects.parquet`` alone.
+"""Executed motions and object poses of a run, read from ``trajectory.parquet`` and ``objects.parquet`` only.
 
-Object poses at any time, by the state machine that all rules share.
+``ReplayedRun`` gives the place of each object at any time. All rules of the audit use it.
 """
 
 from __future__ import annotations

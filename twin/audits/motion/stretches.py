@@ -1,4 +1,7 @@
-"""Stretches of a run between object transfers, sampled finely enough."""
+"""Division of a run into intervals between object transfers, with samples of all robot motions.
+
+No point of a robot or its load moves farther than ``STEP`` between two samples.
+"""
 
 from __future__ import annotations
 

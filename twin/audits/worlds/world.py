@@ -1,4 +1,4 @@
-"""The audit's own copy of a cell, in which shapes are posed and measured."""
+"""A copy of the cell in which the audit poses collision shapes and measures their distances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of brick tools: contact with held and supported bricks, by the audit's tolerances."""
+"""Checks of LEGO tools: contact with held and supported bricks, with the tolerances of the audit."""
 
 from __future__ import annotations
 

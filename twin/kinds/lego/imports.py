@@ -1,4 +1,4 @@
-"""``twin import``: scenarios from published task files, brick lists and models of LDraw."""
+"""``twin import``: create scenarios from published task files, brick lists and LDraw models."""
 
 from __future__ import annotations
 

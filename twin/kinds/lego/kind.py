@@ -1,4 +1,4 @@
-"""The kind of assembly ``lego``: converts its scenario section to planning data, and adds colours to motions."""
+"""Kind ``lego``: converts its scenario section to planning data, and adds brick colours to motions."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Checks of LEGO sections: known bricks, without overlaps, supported, and enough of them.
+"""Consistency checks of LEGO sections: known bricks, no overlaps, supported bricks, and enough stock.
 
-Steps are checked one after another, a drawn structure as a whole.
+Given steps are checked one after another; a given structure is checked as a whole.
 """
 
 from __future__ import annotations
