@@ -80,7 +80,9 @@ def test_timings_are_read_from_the_column_asked_for(tmp_path: Path) -> None:
     path = tmp_path / "pick.csv"
     path.write_text("trial,seconds\n1,2.5\n2,1.5\n")
     model = Empirical(csv="pick.csv", column="seconds")
-    assert model.located(tmp_path).values_s.tolist() == [1.5, 2.5]
+    located = model.located(tmp_path)
+    assert isinstance(located, MeasuredTimes)
+    assert located.values_s.tolist() == [1.5, 2.5]
 
 
 def test_packaged_timings_keep_the_two_facts_of_the_paper() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from planning.errors import ScenarioError
 from tests.twin import program
-from twin.durations.measured import Empirical
+from twin.durations.measured import Empirical, MeasuredTimes
 from twin.durations.timing_files import read_durations, split_unit
 from twin.fit.samples import read_samples
 
@@ -58,7 +58,9 @@ def test_all_units_give_the_same_seconds(tmp_path: Path, unit: str, form: str) -
         path, column, unit=given
     )
     model = Empirical.model_validate({"csv": "t.csv", "column": column, "unit": given})
-    assert model.located(tmp_path).values_s == pytest.approx(np.sort(TIMES))
+    located = model.located(tmp_path)
+    assert isinstance(located, MeasuredTimes)
+    assert located.values_s == pytest.approx(np.sort(TIMES))
     if given is None:
         other = "min" if unit == "ms" else "ms"
         with pytest.raises(ScenarioError, match=f"'{other}'.*'{unit}'"):
