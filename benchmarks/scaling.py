@@ -31,8 +31,8 @@ import numpy as np
 import yaml
 
 from benchmarks.machine import date_line, forget_answers, load_line, machine_line
-from planning.lego.sequencing.blocking import check_reach
 from planning.lego.sequencing.stable_steps import stable_steps
+from planning.lego.sequencing.step_reach import check_reach
 from planning.lego.skills.candidates import find_candidates
 from planning.lego.skills.expansion import lego_work
 from planning.motion.sequential import plan_motions_sequentially

@@ -1,4 +1,4 @@
-"""Bounded reading of Parquet result files."""
+"""Reading of Parquet result files, with limits on their size."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _MOST_CELLS = 50_000_000
-"""Most values of a table, and one eighth of the bytes that its columns take."""
+"""Largest number of values in a table; the columns may take eight times as many bytes."""
 
 
 _NAMES = ("string", "dictionary<values=string, indices=int32, ordered=0>")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 Progress = Callable[[float, float], None]
-"""Called with how much is done, and how much there is in all."""
+"""Callback with the amount of completed work and the total amount."""
 
 
 def no_progress(done: float, total: float) -> None:

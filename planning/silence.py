@@ -1,4 +1,4 @@
-"""Silencing of compiled libraries on the terminal, and HiGHS without its banner."""
+"""Suppression of the terminal output of compiled libraries, and a silent HiGHS solver."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import pulp
 
 @contextmanager
 def silence_output() -> Iterator[None]:
-    """Discard what compiled code prints: PyBullet prints a banner when it is imported.
+    """Discard the terminal output of compiled code, such as the import banner of PyBullet.
 
-    Python's own output goes through the same two files; nothing else should happen inside.
+    Python's own output uses the same two file descriptors, so no other code should run meanwhile.
     """
     with ExitStack() as stack:
         nowhere = os.open(os.devnull, os.O_WRONLY)

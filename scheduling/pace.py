@@ -14,8 +14,8 @@ import numpy as np
 from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.chain import joint_table
+from planning.timing.blended_path import BlendedPath
 from planning.timing.path_bounds import PathBounds
-from planning.timing.rounded_path import BlendedPath
 from planning.timing.smooth_path import SmoothPath
 from planning.timing.stretch import (
     RoundedStretch,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.errors import PlanInvariantError
-from planning.timing.rounded_path import BlendedPath
+from planning.timing.blended_path import BlendedPath
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import Drive, NodeChain
 from scheduling.pace import Pace, Slowing

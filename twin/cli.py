@@ -1,4 +1,7 @@
-"""The ``twin`` program."""
+"""The ``twin`` command-line program.
+
+Basic commands such as ``twin run`` are in twin/commands/; twin/registry.py lists all commands.
+"""
 
 from __future__ import annotations
 

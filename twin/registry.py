@@ -1,9 +1,9 @@
 """Registry of the exchangeable parts of the program: kinds of assembly, commands, export formats and others.
 
-The core asks the registry and imports no extension. Each group lists the entries of this program by
-name, as ``module:attribute``, and is extended by installed packages through the entry points of the
-group ``assembly_twin.<group>``, or by a script through ``add``. An entry is imported when it is loaded;
-an entry of this program whose module is not installed is absent.
+The core loads these parts through the registry and does not import them directly. Each group lists the entries of
+this program by name, as ``module:attribute``. Installed packages add entries through entry points of the group
+``assembly_twin.<group>``; scripts add them with ``add``. An entry is imported when it is loaded. An entry of this
+program is left out if its module is not installed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class UnknownEntryError(RequestError):
 
 
 class Group:
-    """Named entries of one sort, such as the export formats.
+    """Named entries of one type, such as the export formats.
 
     Attributes:
         name: name of the group.
@@ -261,7 +261,7 @@ DURATIONS = Group(
         "triangular": "twin.durations.bounded:Triangular",
         "pert": "twin.durations.bounded:Pert",
         "normal": "twin.durations.normal:TruncatedNormal",
-        "lognormal": "twin.durations.normal:Lognormal",
+        "lognormal": "twin.durations.lognormal:Lognormal",
         "exponential": "twin.durations.lifetimes:Exponential",
         "gamma": "twin.durations.lifetimes:Gamma",
         "weibull": "twin.durations.lifetimes:Weibull",

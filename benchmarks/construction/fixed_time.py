@@ -35,7 +35,7 @@ from planning.construction.subproblem import (
     retreat_hints,
 )
 from planning.construction.world.fixed_world import BuildState
-from planning.construction.world.timeline import SkillMotion
+from planning.construction.world.skill_motion import SkillMotion
 from planning.handling.skill_contacts import grip_contact
 from planning.progress import Progress, no_progress
 from planning.transforms import Array

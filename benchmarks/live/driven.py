@@ -17,7 +17,7 @@ from twin.drivers.driver import ClearedNode, Driver, DriverState, ToolOrder
 from twin.drivers.drivers_file import AnyDriver, DriversSection, FrankaArm
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.live.executor import LiveExecutor
-from twin.live.measured import MEASURED, MeasuredLog
+from twin.live.measured_log import MEASURED, MeasuredLog
 from twin.live.session import Session
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.tracking import TrackingError, tracking_errors

@@ -18,7 +18,7 @@ from planning.construction.subproblem import (
     SubproblemSolver,
 )
 from planning.construction.world.fixed_world import BuildState, HeldPlacement
-from planning.construction.world.timeline import follow_straight_line
+from planning.construction.world.skill_motion import follow_straight_line
 from planning.handling.skill_contacts import grip_contact
 from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array

@@ -21,7 +21,7 @@ from planning.construction.problem.problem import Hold, Part
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.problem.settings import KeyframeSettings
 from planning.construction.step_scenes import StepScenes
-from planning.construction.world.timeline import SkillMotion, skill_motion
+from planning.construction.world.skill_motion import SkillMotion, skill_motion
 from planning.transforms import Array, Transform
 
 TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)

@@ -30,7 +30,8 @@ from planning.construction.world.fixed_world import (
     FixedWorld,
     HeldPlacement,
 )
-from planning.construction.world.timeline import RobotTimeline, SkillMotion
+from planning.construction.world.skill_motion import SkillMotion
+from planning.construction.world.timeline import RobotTimeline
 from planning.handling.skill_contacts import NOTHING, grip_contact
 from planning.steps.skill import Pairs
 from planning.transforms import Array

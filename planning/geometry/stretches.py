@@ -15,7 +15,7 @@ from planning.geometry.deviation_bounds import (
     deviation_bound,
     deviation_bound_with_base,
 )
-from planning.geometry.distance import BETWEEN, FAR, classify_gap
+from planning.geometry.gjk import BETWEEN, FAR, classify_gap
 from planning.geometry.hull_table import AT_REST, HullTable, place_corners
 from planning.kernels import ZERO, inner_kernel
 from planning.kinematics.chain import pose_joints

@@ -1,8 +1,8 @@
-"""Lower bound of the makespan by load: the least work of the busiest robot in any assignment.
+"""Lower bound of the makespan: the workload of the busiest robot, minimized over all assignments.
 
-For each alternative of a step it counts, for each robot, its skills and the straight joint distances
-between them within the step; not the motions to and from the step, waits, or detours. Whole turns of a
-joint are no distance: postures that far apart are the same.
+For each alternative of a step, the workload of a robot consists of its skills and of the straight joint-space
+distances between them within the step. Motions to and from the step, waits and detours are not counted. Joint
+values that differ by whole turns count as equal.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Cache of paths through static scenes, shared between plans.
+"""Cache of collision-free paths in static scenes, shared between plans.
 
-A path depends on the moving robot and its load, on its ends, and on the obstacles by shape and pose; the
-names of the objects, the step and the plan do not matter. A straight path, or a skill, is valid in every
-scene whose obstacles were found clear of it; the result of a search is valid in the identical scene only.
+The key of a path consists of the moving robot, its load, the endpoints, and the shapes and poses of the
+obstacles. It does not contain names of objects, steps or plans. A straight path or a skill path is reused in
+every scene whose obstacles have all been checked against it. The result of a path search is reused only in an
+identical scene.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ Pairs = frozenset[frozenset[str]]
 """Unordered pairs of entities that may touch."""
 
 _MOST_SCENES = 10_000
-"""Objects whose shapes are kept: of feeding stations there are others in every plan."""
+"""Capacity in objects; the names of objects from feeding stations differ from plan to plan."""
 
 Polyline = tuple[Array, Array]
 """Waypoints, and the times at which they are passed, from 0 [s]."""

@@ -1,4 +1,4 @@
-"""Motion plans as data: a timed path for every task, from either planner."""
+"""Motion plans as data: one timed path per task."""
 
 from __future__ import annotations
 

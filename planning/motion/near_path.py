@@ -1,4 +1,4 @@
-"""Nearest points of a polyline."""
+"""Nearest points on a polyline."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from planning.transforms import Array, Indices
 
 
 class NearPath(NamedTuple):
-    """Nearest points of a polyline, one for each query point.
+    """Nearest points on a polyline, one per query point.
 
     Attributes:
-        leg: the leg that each is on, from 0, shape (k,).
-        share: how far along that, from 0 to 1, shape (k,).
-        q: the points, shape (k, n).
-        off: greatest distance of a joint from them, shape (k,) [rad or m].
+        leg: index of the straight leg that contains each nearest point, from 0, shape (k,).
+        share: position on that leg as a fraction, from 0 to 1, shape (k,).
+        q: the nearest points, shape (k, n).
+        off: largest difference of a joint value from the query point, shape (k,) [rad or m].
     """
 
     leg: Indices
@@ -30,7 +30,7 @@ def nearest_points_on_path(points: Array, q: Array) -> NearPath:
 
     Args:
         points: ends and corners of the polyline, at least one, shape (w, n).
-        q: the others, shape (k, n).
+        q: the query points, shape (k, n).
     """
     begins = points[: max(len(points) - 1, 1)]
     displacements = points[1:] - begins if len(points) > 1 else np.zeros_like(begins)

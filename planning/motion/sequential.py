@@ -1,4 +1,4 @@
-"""Sequential motion planning: one task after another, everything else static (APEX-MR IV-B)."""
+"""Sequential motion planning: tasks are planned one after another, all else is static (APEX-MR IV-B)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Durations of straight joint-space motions, and the pose nodes along them."""
+"""Durations of straight joint-space motions, and their subdivision into pose nodes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from planning.transforms import Array
 
 
 class SpeedModel(Protocol):
-    """Turns joint-space motions into seconds."""
+    """Model of the durations of joint-space motions."""
 
     def durations(self, travel: Array) -> Array:
         """Return the times of straight motions.
 
         Args:
-            travel: how far each joint goes, of any sign, shape (..., n) [rad or m].
+            travel: signed displacement of each joint, shape (..., n) [rad or m].
 
         Returns:
             Shape (...) [s].
@@ -112,18 +112,18 @@ def cut_path(
 ) -> tuple[Array, Array] | None:
     """Cut a polyline into parts of at most ``step`` seconds, keeping its corners.
 
-    Keeping the corners keeps the motion that was checked: a grid laid over them would cut them.
+    Parts end at every corner, so the motion stays the one that was checked; a uniform grid would cut corners.
 
     Args:
         path: polyline, shape (w, n), w >= 1.
         speed: the speed model.
         step: longest part [s].
-        count: how many parts there are to be; as few as there can be by default. What is cut least
-            finely gets what is left over.
+        count: number of parts, by default the smallest possible. Additional parts go to the segments
+            with the longest parts.
 
     Returns:
-        The end of each part, shape (k, n), and how long it takes, shape (k,) [s]; None where there
-        would have to be more parts.
+        The end of each part, shape (k, n), and its duration, shape (k,) [s]; None if ``count`` parts
+        are too few.
     """
     legs = [
         (a, b, seconds)

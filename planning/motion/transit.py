@@ -16,10 +16,10 @@ from planning.motion.speed import SpeedModel, path_duration, path_times
 from planning.transforms import Array
 
 _GAIN = 1e-6
-"""Least gain of a shortcut that adds a corner [s]."""
+"""Least saved time for which a shortcut may add a corner [s]."""
 
 _Check = Callable[[Array, Array], bool]
-"""Tells whether the straight line to a second configuration passes, that one included."""
+"""Tells whether the straight motion to a second configuration is collision-free, including its end."""
 
 
 class MotionChecker(Protocol):

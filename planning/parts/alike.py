@@ -1,11 +1,11 @@
-"""Interchangeable parts: the integer program assigns each to a goal (APEX-MR App. B).
+"""Assignment of interchangeable parts to goals by the integer program (APEX-MR App. B).
 
-A goal is a step of the program, and its objects are the parts of the group. The cost of a pair is the path
-of the arm from HOME to the part, on to the goal, and back; pairs also differ by the robots that reach them,
-and by the parts that must be gone before. Picks depend on the part and placements on the goal, so each is
-searched once, not for every pair. Goals of a group are ordered only by contacts and blocked paths: robots
-take turns, each at the goals that are best left to it. The result is an assembly in which each part has its
-goal, planned as any other.
+The program has one step per goal, and the parts of the group are the objects of that step. The cost of a pair
+is the length of the arm's path from HOME to the part, to the goal, and back to HOME. Pairs also differ in the
+robots that can reach them, and in the parts that must be removed first. A pick depends on the part only, and a
+placement on the goal only, so each is searched once per part or goal instead of once per pair. Only contacts
+and blocked paths restrict the order of the goals; robots take turns at them, to divide the work with the least
+sum of path lengths and loads. In the resulting assembly each part has one goal, and planning continues as usual.
 """
 
 from __future__ import annotations

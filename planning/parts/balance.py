@@ -1,7 +1,7 @@
 """Stability of an assembly after every step and in every reachable state.
 
-Parts stand in their places by contact and friction, or because they are joined to what they touch
-(``planning.statics``). What is fixed, and parts that no step moves, are the ground.
+Parts rest in place by contact and friction, or because they are joined to the parts that they touch
+(``planning.statics``). Fixed bodies, and parts that no step moves, count as ground.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from planning.statics.standing import StabilityChecker, body_at, ground_bodies
 from planning.statics.standing_rules import Joint, StandingRules
 
 _MOST_NAMED = 4
-"""How many parts that would be held are named."""
+"""Largest number of supporting parts that a message names."""
 
 
 def make_stability_check(

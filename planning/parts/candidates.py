@@ -1,4 +1,4 @@
-"""Candidates for the assignment of parts: each step with its robots and grips (APEX-MR App. B)."""
+"""Candidates for the assignment of parts: robots and grips for each step (APEX-MR App. B)."""
 
 from __future__ import annotations
 

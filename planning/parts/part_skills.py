@@ -1,4 +1,4 @@
-"""Skills of one robot on parts, as subgoals and as collision-free paths."""
+"""Skills that one robot performs on parts: subgoals and collision-free paths."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from planning.cell.workcell import (
 from planning.geometry.exact import resting_solid
 from planning.geometry.robot_bodies import entity_name, robot_bodies
 from planning.geometry.scene_checker import BodyPair, SceneChecker
-from planning.grips.fingers import finger_obstacles
+from planning.grips.closing_fingers import finger_obstacles
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import describe_missed_contact, explain_tool_misfit
 from planning.handling.skill_contacts import (

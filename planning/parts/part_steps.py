@@ -1,4 +1,4 @@
-"""Steps of an assembly in their context: present parts, contacts, fits."""
+"""Steps of an assembly of parts, with the parts present, their contacts, and their fits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from planning.statics.standing_rules import Joint
 from planning.transforms import Transform, read_only_copy
 
 TIP = 0.005
-"""What is nearer than this to where a process is done may be touched by its tool [m]."""
+"""The tool of a process may touch bodies within this distance of the process point [m]."""
 
 _IN = "into its place: lead it in from another side (insert), or over a shorter way (approach_m)"
 _OUT = (

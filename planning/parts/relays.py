@@ -1,9 +1,8 @@
-"""Relays: parts that change hands where no robot can do a step alone, laid down or in the air.
+"""Relays: transfers of a part between robots, or between grips, where no robot can do a step directly.
 
-A part is laid on any of its sides on the upper face of a fixture, where nothing else is and its own
-place is not. The robot that takes it up from there may be the one that laid it down, with another
-grip: regrasping. Places near to both robots are tried first. In the air a part changes hands only
-where there is no place to lay it down.
+A part is laid on the upper face of a fixture, on any of its sides, at a free spot outside its goal place.
+Another robot picks it up from there, or the same robot picks it up with another grip (regrasping). Spots near
+both robots are tried first. A handover in the air is planned only if there is no spot to lay the part down.
 """
 
 from __future__ import annotations
@@ -22,7 +21,8 @@ from planning.cell.workcell import (
     WorldState,
 )
 from planning.contacts.touching import nearby_entities, standing_fixtures
-from planning.grips.fingers import finger_obstacles, firm_grips
+from planning.grips.closing_fingers import finger_obstacles
+from planning.grips.fingers import firm_grips
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import explain_overload, robot_grips
 from planning.handling.handovers import Handover, MeetingPlace, find_handover

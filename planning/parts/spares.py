@@ -22,7 +22,7 @@ _MOST = 6
 def with_spares(
     candidates: PartCandidates, number: int, present: Collection[str]
 ) -> PartCandidates | None:
-    """Return candidates with spare parts for a step, None where there are no others.
+    """Return candidates with spare parts for a step, or None if there is no spare part.
 
     The part of the step is lost. Steps with held parts, or with parts from a source, have no spares.
 

@@ -1,4 +1,4 @@
-"""Paths of assembly steps, alone and next to robots that hold something meanwhile."""
+"""Paths of assembly steps, alone and next to other robots that hold something."""
 
 from __future__ import annotations
 

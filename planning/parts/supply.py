@@ -14,8 +14,8 @@ class Leaving:
     """Parts of finished products that leave the cell together.
 
     Attributes:
-        machine: the chain whose task is over when they are gone.
-        parts: what leaves, from where.
+        machine: name of the chain; its task ends when the parts have left.
+        parts: names and poses of the parts that leave.
     """
 
     machine: str

@@ -9,8 +9,9 @@ from itertools import pairwise
 from planning.cell.workcell import Workcell
 from planning.parts.assembly import PartAssembly, Work
 from planning.parts.candidates import LazyCandidates, PartCandidates
-from planning.parts.expansion import step_tasks, time_windows, waiting_tasks
+from planning.parts.expansion import step_tasks
 from planning.parts.spares import with_spares
+from planning.parts.task_precedence import time_windows, waiting_tasks
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task, TimeWindow

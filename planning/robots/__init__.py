@@ -1,4 +1,4 @@
-"""Robot models: the registry of names, URDF reading, self-collision pairs, tool shapes.
+"""Robot models: registry of robot types, URDF import, self-collision pairs and tool shapes.
 
 Imports cell, kinematics and geometry.
 """

@@ -1,4 +1,4 @@
-"""Builds a RobotModel from a URDF file with pinocchio; its collision shapes become convex hulls."""
+"""Conversion of a URDF file to a RobotModel with pinocchio; collision shapes become convex hulls."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from planning.robots.self_collision import never_colliding_pairs
 from planning.transforms import Array, inverse, read_only_copy
 
 _SIDES = 24
-"""Side faces of what approximates something round: cylinders stand out by 0.9 % of the radius."""
+"""Number of side faces of a prism around a cylinder: its corners exceed the radius by 0.9 %."""
 
 
 def load_urdf(

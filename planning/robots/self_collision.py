@@ -21,10 +21,10 @@ from planning.kinematics.chain import JointTable, chain_table, pose_joints
 from planning.transforms import Array, Indices
 
 _SAMPLES = 60
-"""Random configurations that are looked at before anything is proved."""
+"""Number of random configurations that are tested before a proof is tried."""
 
 _BUDGET = 500
-"""Boxes of joint values that the proof of one pair may take."""
+"""Largest number of boxes of joint values in the proof for one pair of links."""
 
 _ROUNDING = 1e-5
 """What balls say about hulls holds by no less: more than the tolerance of measured distances [m]."""

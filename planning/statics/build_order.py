@@ -1,21 +1,19 @@
-"""Stability of a structure in every state that a build can reach, and the precedence that ensures it.
+"""Stability of a structure in every state that a build can reach, and the precedences that ensure it.
 
-Robots that wait only where they must place parts in many orders: every set of steps that is closed under
-predecessors can be present at some time. There may be exponentially many such sets, but forces can be added
-up. If the weight of a part can be carried to the ground by the bodies present *whenever* the part is
-(itself and its predecessors), for every part, then the sum of these forces balances any such set: pushes
-and forces within friction cones stay so when they are added. A part for which that fails needs the weight,
-or the support, of others. It is made to wait for all earlier steps, and is checked together with them; any
-set that contains it then contains all of these, and later parts are carried independently as before. So one
-or two linear programs a step (for each tilt of gravity) decide about all states.
+Every set of steps that is closed under predecessors is a reachable state. There may be exponentially many such
+sets, but one check per part is sufficient, because contact forces add up. If, for every part, the bodies that are
+always present together with it (itself and its predecessors) can carry its weight to the ground, then the sum of
+these forces balances every such set. Pushes and forces within friction cones remain admissible when added.
+A part that fails the check needs the weight, or the support, of other parts. It waits for all earlier steps, and
+is checked together with them. Any set that contains it then contains all of these, and later parts are checked
+separately as before. One or two linear programs per step and tilt direction therefore cover all states.
 
-Joints with limited strength spoil the sum: their forces may add up to more than they bear. Where there are
-any, steps of connected parts wait for each other in their order.
+Joints of limited strength break this argument, because the summed forces may exceed the strength. If there are
+such joints, the steps of connected parts wait for each other in their order.
 
-The robot that places a part may hold it until a later step is done: until then the hand carries it, and
-what rests on it; from that step on its weight is carried by the predecessors of that step. A part that may
-rest on a held one is checked with that one held and released. Where a part would fall and a later step
-joins it, it is held until that step.
+The robot that places a part may hold it until a later step is complete. Until then the hand carries the part and
+what rests on it; afterwards, predecessors of that step carry its weight. A part that may rest on a held part is
+checked with that part held and released. A part that would fall is held until a later step joins it, if any does.
 """
 
 from __future__ import annotations

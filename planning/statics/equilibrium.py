@@ -1,10 +1,9 @@
-"""The linear program of static equilibrium: rigid bodies and contact forces between them.
+"""Linear program of static equilibrium: rigid bodies and the contact forces between them.
 
-One program per structure: six rows a body, a column for every force that a contact can exert. The present
-bodies and their loads (a ``LoadCase``) enable columns and set bounds, so that the solver is warm-started
-from its last solution. There are two queries: how much of a load the bodies bear, with contacts pulling up
-to their capacity (``bears``); and, from scratch, the least pull for equilibrium, and where the bodies fail
-first (``least_pull``).
+There is one program per structure, with six rows per body and one column per contact force. A ``LoadCase``
+(the bodies present, and the loads on them) enables columns and sets bounds, so the solver is warm-started from
+its last solution. ``bears`` returns how much of a load the bodies bear if contacts pull up to their capacity.
+``least_pull`` solves from scratch; it returns the least pull for equilibrium, and where the bodies fail first.
 """
 
 from __future__ import annotations

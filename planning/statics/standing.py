@@ -1,11 +1,10 @@
-"""Stability of parts in their places: by contact and friction, by joints, or because they are held.
+"""Stability of parts at rest: by contact and friction, by joints, or because a robot holds them.
 
-A part at rest on others pushes on them where it touches them (``contact_patch``); friction keeps
-the force within a cone about the direction of the push. Joints, such as welds and screws, bear
-forces and torques as well. A set of parts stands if forces exist that balance every weight: the
-linear program of ``equilibrium``. It has to stand when gravity is tilted a little in any of four
-directions too, so what is balanced on an edge does not count as standing; upright lies between
-these, and forces may be mixed as gravity is, so they decide for upright as well.
+A part pushes on the parts that it touches (``contact_patch``). Friction keeps the force within a cone around the
+contact normal. Joints, such as welds and screws, also bear other forces, and torques. A set of parts is stable if
+forces exist that balance every weight; ``equilibrium`` is the linear program. The set must also be stable when
+gravity is tilted slightly in each of four directions, so a part balanced on an edge does not count as stable.
+Vertical gravity is a combination of the tilted ones, and the forces combine likewise; it needs no check of its own.
 """
 
 from __future__ import annotations

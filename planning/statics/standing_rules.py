@@ -11,9 +11,9 @@ class Joint:
     """Two bodies joined at their contact, such as by a weld or a screw, or across a gap.
 
     Attributes:
-        first, second: names of the bodies, either of which may be of the ground.
-        force: most that it bears along each axis [N].
-        torque: most that it bears about each axis [N m].
+        first, second: names of the bodies; either may belong to the ground.
+        force: largest force that the joint bears along each axis [N].
+        torque: largest torque that the joint bears about each axis [N m].
         gap: room between them, of a connector that is no part [m].
         by: name of the step that joins them; None for the one that places the later of them.
     """

@@ -1,7 +1,4 @@
-"""Collector of the candidates of the integer program, with reasons for those left out (APEX-MR App. B).
-
-B).
-"""
+"""Collector of the candidates of the integer program, with reasons for rejections (APEX-MR App. B)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Preparation of robot goals: motions without handling (APEX-MR, Appendix D, c)."""
+"""Robot goals as assembly steps: motions without handling of objects (APEX-MR App. D, c)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A skill of a robot as a path in joint space, its contacts, and what obstructs it."""
+"""Skill paths of one robot in joint space, their contacts, and the reasons why skills are impossible."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Assemblies as input of the planners: candidates of their steps, and the tasks that follow from choices."""
+"""Assemblies as input of the planners: candidates of each step, and the tasks of the chosen candidates."""
 
 from __future__ import annotations
 

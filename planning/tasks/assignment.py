@@ -1,7 +1,7 @@
-"""Assignment as data: candidates for every step, with costs, and their selection (APEX-MR IV-A).
+"""Assignment problems and task plans as data: candidates with costs, and the choices (APEX-MR IV-A).
 
-Free of any domain: robots, objects and tools are names, grasps and support poses are numbers whose
-meaning only the maker of the candidates knows.
+The data do not depend on the application. Robots, objects and tools are names. Grasps and support poses are
+numbers that only the code that creates the candidates interprets.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from functools import cached_property
 from itertools import product
 
 Tools = frozenset[tuple[str, str]]
-"""Robots that must have a certain one of their tools on them, each with the name of that tool."""
+"""Pairs of a robot and the name of the tool that it must have mounted."""
 
 NO_TOOLS: Tools = frozenset()
 

@@ -1,4 +1,4 @@
-"""Assignment of robots, objects, grasps and supports to steps with HiGHS: program (1)-(8) of APEX-MR."""
+"""Assignment of robots, objects, grasps and supports to steps with HiGHS: program (1)-(8) of APEX-MR, App. B."""
 
 from __future__ import annotations
 

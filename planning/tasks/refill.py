@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from planning.transforms import Transform
 
 PlacedPart = tuple[str, Transform]
-"""Name of a part and where its centre lies in the world."""
+"""Name of a part, and the pose of its centre in the world."""
 
 
 @dataclass(frozen=True)
@@ -15,8 +15,8 @@ class Refill:
     """Parts that arrive at a source once it is empty.
 
     Attributes:
-        machine: its chain, whose task is over when they are there.
-        parts: what comes up, where.
+        machine: name of the chain; its task ends when the parts have arrived.
+        parts: names and poses of the parts that arrive.
         arrivals: chain of the conveyor along which they come, None for other sources.
         buffer: parts that may wait on the conveyor, None for any number.
     """

@@ -1,4 +1,4 @@
-"""Reasons why a step has no candidate, and its obstacles."""
+"""Messages with the reasons why a step has no candidate, and the names of its obstacles."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import Counter, defaultdict
 from planning.tasks.assignment import AssignmentProblem, Rejection
 
 _MOST_REASONS = 12
-"""Largest number of reasons that are named."""
+"""Largest number of reasons in a message."""
 
 
 def explain_rejections(problem: AssignmentProblem, step: int) -> str:

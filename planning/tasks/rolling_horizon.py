@@ -1,9 +1,9 @@
-"""Assignment of many steps by a rolling horizon: past windows are fixed, later steps wait.
+"""Assignment of many steps by a rolling horizon.
 
-The whole program grows with steps times objects, and branch and bound grows faster. A window is the same
-program over a few steps, after the fixed ones: used objects are gone, objects stacked on others may be gone,
-and the balance of robots continues from the last steps. Of each window's choices the first are fixed; the
-others only look ahead.
+The size of the complete integer program grows with steps times objects, and the time of branch and bound grows
+faster. A window is the same program for a few steps. Choices of earlier windows are fixed: used objects are
+absent, objects stacked on others may be absent, and the workload balance continues from the last steps. Only the
+first choices of each window are kept; its other steps serve as look-ahead.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from planning.cell.workcell import Attachment, CellObject, Workcell, WorldState
 from planning.transforms import Array, Transform, read_only_copy
 
 ActuationKey = tuple[str, str, str | None]
-"""What is done, by whose tool, and the name of that."""
+"""Kind of actuation, robot, and name of its tool."""
 
 STILL = read_only_copy(np.zeros((1, 1)))
 """Path of a machine, which does not move."""

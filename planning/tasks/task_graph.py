@@ -1,6 +1,6 @@
 """Task graph (APEX-MR IV-A): tasks of robots, their final configurations, and their dependencies.
 
-It precedes the planning of simultaneous motion: it knows no conflicts of motions.
+The graph precedes the planning of simultaneous motion, so it contains no conflicts of motions.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from planning.tasks.task import Task
 from planning.transforms import Indices
 
 ORDER, DEPENDENCY = "order", "dependency"
-"""Kinds of edges: a robot does one task after another; a task waits for one of any robot."""
+"""Kinds of edges: order of the tasks of one robot, and dependency on a task of any robot."""
 
 if TYPE_CHECKING:
     TaskGraph = nx.DiGraph[int]

@@ -1,4 +1,4 @@
-"""Time parametrisation of paths within limits of speed, acceleration and jerk.
+"""Time parameterization of paths within limits of speed, acceleration, jerk and effort.
 
-Imports planning.cell, planning.kinematics and what every room may import; motion, scheduling and twin import it.
+Imports planning.cell, planning.kinematics and general modules; motion, scheduling and twin import it.
 """

@@ -1,9 +1,9 @@
-"""Stops in the middle of a skill: braking along its path within limits, and resuming from there.
+"""Stops during a skill: braking along the path within limits, and resumption of the motion.
 
-A motion is a spline whose control points are points of the path. It is unchanged up to a stop; after that,
-further control points are chosen such that the speed falls to 0 smoothly, over the fewest time steps within
-limits. Where no number of steps suffices, as at the end of a skill, the motion continues until one does, or
-to its end. From the stop it resumes along the same path from rest.
+A motion is a spline whose control points lie on the path. Up to a stop it is unchanged. Then new control points
+reduce the speed smoothly to 0, in the fewest time steps within limits. If no number of steps is sufficient, as
+near the end of a skill, the motion continues until one is, or to its end. After the stop the motion resumes along
+the same path from rest.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Bounds of a path besides joint limits: tool speed, and joint efforts.
+"""Bounds of the motion along a path besides joint limits: tool speed and joint effort.
 
-The quickest motion along a curve is searched piece by piece of it. What joints exert is gravity, a
-share that rises with the rate of the speed along the path and one that rises with its square; so it
-bounds both as limits of acceleration do, sample by sample.
+The fastest motion along a curve is searched piece by piece. Joint effort is the sum of gravity, a term
+proportional to the acceleration along the path, and a term proportional to the squared speed along the path. At
+each sample it therefore bounds speed and acceleration in the same way as acceleration limits do.
 """
 
 from __future__ import annotations

@@ -1,16 +1,15 @@
-"""Time-optimised motion of a skill along its reference path within the limits of a robot.
+"""Time-optimized motion of a skill along its reference path within the limits of a robot.
 
-A polyline cannot be followed at speed around its corners. At sharp ones, and wherever something changes
-hands, the robot is at rest. In between, gentle corners are rounded, within ``STRAY`` of the polyline, which
-is far within the margins of the collision checks, and the curve is passed in an S-curve over time: its
-speed rises, stays and falls with bounded jerk. Where a stop at a corner is quicker, it stops.
+The robot stops at sharp corners, and wherever an object changes hands. In between, gentle corners are rounded
+within ``STRAY`` of the polyline, far within the margins of the collision checks. The rounded path is passed in an
+S-curve over time: speed rises, stays constant and falls with bounded jerk. Where a stop at a corner is faster,
+the robot stops there.
 
-The motion is a uniform cubic spline over time. The arc length along the path is an S-curve: pieces of
-constant jerk whose durations are whole numbers of time steps. Its control points are arc lengths; the
-points of the curve there are control points of the motion. A spline is in the hull of its control points,
-so it stays near the curve; and its speeds, accelerations and jerks are differences of control points over
-powers of the time step. Hence the least step that keeps all limits is found directly, and the best
-durations of the pieces by trial.
+The motion is a uniform cubic spline over time. The arc length along the path is an S-curve: pieces of constant
+jerk whose durations are whole numbers of time steps. The curve points at its control values are the control
+points of the motion. The spline lies in the convex hull of its control points, so it stays near the curve. Its
+speeds, accelerations and jerks are differences of control points divided by powers of the time step. The least
+time step within all limits therefore follows directly; the durations of the pieces are found by a search.
 """
 
 from __future__ import annotations
@@ -24,7 +23,8 @@ import numpy as np
 
 from planning.cell.motion_limits import MotionLimits
 from planning.kernels import inner_kernel, kernel
-from planning.timing.rounded_path import STRAY, RoundedPath, curve_points, rounded_path
+from planning.timing.blended_path import STRAY
+from planning.timing.rounded_path import RoundedPath, curve_points, rounded_path
 from planning.timing.stretch import LEAST_BUILD_UP
 from planning.transforms import Array
 

@@ -1,6 +1,7 @@
-"""Fastest motion from rest to rest along a stretch within limits, and from speed to speed in its parts.
+"""Fastest motion along a stretch within limits, for the whole stretch and for pieces of it.
 
-A stretch is a straight line in joint space, or a polyline with rounded corners.
+A stretch is a straight line in joint space, or a polyline with rounded corners. The robot is at rest at both ends
+of a stretch; it may enter and leave a piece of it at any speed within the limits.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 
 from planning.cell.motion_limits import MotionLimits
 from planning.kernels import inner_kernel, kernel
+from planning.timing.blended_path import BentPieces, BlendedPath
 from planning.timing.path_bounds import (
     HEAD_ROOM,
     PathBounds,
@@ -20,7 +22,6 @@ from planning.timing.path_bounds import (
     torque_limited_speed,
     unlimited_efforts,
 )
-from planning.timing.rounded_path import BentPieces, BlendedPath
 from planning.transforms import Array
 
 LEAST_BUILD_UP = 1e-6

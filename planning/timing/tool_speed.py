@@ -1,9 +1,8 @@
-"""Greatest speed of a tool point along a motion, with a bound between samples.
+"""Upper bound of the speed of a tool point along a motion.
 
-Where the point is follows from turns and slides of the joints, so its first three derivatives by time
-are bounded by how fast these go and how long the links are. The square of its speed, sampled every
-``h`` seconds, is between two samples above the greater of them by no more than its second derivative
-times ``h * h / 8``; there are so many samples that this adds little.
+The squared speed is sampled every ``h`` seconds. Between two samples it exceeds the larger one by at most the
+bound of its second derivative times ``h * h / 8``. This bound follows from the first three time derivatives of the
+position, which are bounded by the joint motions and the link lengths. Enough samples are taken to make it small.
 """
 
 from __future__ import annotations

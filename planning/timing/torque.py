@@ -1,11 +1,11 @@
 """Slowdown of motions for joint effort limits, by inverse dynamics.
 
-If a motion takes k times as long, speeds are 1 / k and accelerations 1 / k^2 of their values, and so are
-the joint efforts beyond gravity: gravity + share * rest, share = 1 / k^2. The greatest share within the
-effort limits follows joint by joint, sample by sample. The excess between samples is bounded by twice their
-second differences.
+If a motion takes k times as long, its speeds are divided by k and its accelerations by k^2. The joint efforts are
+then gravity + share * rest, where share = 1 / k^2 and rest is the effort beyond gravity at the original speed. The
+largest share within the effort limits follows for each joint and sample. The excess between samples is bounded by
+twice their second differences.
 
-Friction and rotor inertia are not in descriptions, and ignored; so are process forces.
+Robot descriptions have no friction and rotor inertia, so both are ignored; so are process forces.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from scipy import constants
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
+from planning.timing.blended_path import BentPieces, BlendedPath
 from planning.timing.path_bounds import EffortRows, PathEfforts
-from planning.timing.rounded_path import BentPieces, BlendedPath
 from planning.timing.smooth_path import SmoothPath
 from planning.timing.stretch import Stretch
 from planning.transforms import Array, Indices, Transform

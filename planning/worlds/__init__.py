@@ -1,1 +1,1 @@
-"""Replanning from the middle of an assembly: the current world, and the remaining work."""
+"""Replanning during an assembly: the current state of the cell, and plans of the remaining steps."""

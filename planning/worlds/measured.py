@@ -1,4 +1,4 @@
-"""Parts measured off their nominal poses: which candidates remain feasible there."""
+"""Feasibility of candidates for parts whose measured poses differ from their nominal poses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from planning.tasks.assignment import AssignmentProblem, PrimaryCandidate, TaskP
 from planning.transforms import Array, Transform, read_only_copy
 
 Poses = Mapping[str, Transform]
-"""Where parts lie that were found elsewhere than at their start, by name."""
+"""Measured poses of parts that are not at their start poses, by name."""
 
 
 def offset_on_surface(pose: Transform, displacement: Array, turn: float) -> Transform:

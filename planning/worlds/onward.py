@@ -1,8 +1,8 @@
-"""Replanning of the rest of an assembly: begun steps continue, the others are reassigned.
+"""Replanning of the remaining steps of an assembly: begun steps continue, the others are reassigned.
 
-The integer program is that of the whole assembly, in which every begun step keeps its choice, and
-unavailable robots and objects are excluded. So costs, balance and dependencies between choices are those of
-a plan made in one piece.
+The integer program is that of the whole assembly. Every begun step keeps its choice, and unavailable robots and
+objects are excluded. Costs, workload balance and dependencies between choices are therefore those of one plan
+for the whole assembly.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from planning.worlds.world import UnfinishedStep, World, picked_steps, unfinishe
 
 @dataclass(frozen=True)
 class OnwardPlan:
-    """A plan of the remaining work from a world on.
+    """A plan of the remaining work from a given world.
 
     Attributes:
         motions: of the new tasks, whose indices continue those of the world.

@@ -1,8 +1,8 @@
-"""Supply and removal by machines while an assembly continues from a world.
+"""Deliveries and removals of parts by machines when the rest of an assembly is replanned.
 
-A source is refilled and a tray exchanged once each: deliveries are not repeated when a step is restarted,
-and those after a step also happen where the step is given up. A person removes objects without further use
-where they block others, or from the hand of a robot.
+Each source is refilled once and each tray is exchanged once: deliveries are not repeated when a step restarts, and
+deliveries after a step also take place if the step is abandoned. A person removes objects that are no longer
+needed if they block others or are in the hand of a robot.
 """
 
 from __future__ import annotations

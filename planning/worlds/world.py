@@ -1,7 +1,7 @@
-"""The world in which a plan begins: poses at a standstill, and completed tasks.
+"""State of a cell from which a plan begins (``World``): poses at rest, and completed tasks.
 
-The initial state, with all robots at HOME and nothing done, is one of them. A world is derived from
-executed tasks, never from planned ones; robots and objects that are no longer usable are listed as ``out``.
+In the initial world all robots are at HOME and no task is complete. A world is derived from executed tasks, never
+from planned ones. Robots and objects that are no longer usable are listed in ``out``.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.timing.rounded_path import BlendedPath, longest_window, ordered_windows
+from planning.timing.blended_path import BlendedPath, longest_window, ordered_windows
 from planning.timing.stretch import RoundedStretch
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, RoundedCorners

@@ -14,7 +14,7 @@ import numpy as np
 
 from planning.progress import Progress, no_progress
 from planning.transforms import Array
-from scheduling.conflicts.derived_tpg import DerivedTpg, nodes_stretch
+from scheduling.conflicts.derived_tpg import DerivedTpg, occupant_of_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.motion_times import (
@@ -26,8 +26,9 @@ from scheduling.pace import paces
 from scheduling.shortcuts.bends import BentNodes, NodesLeft, TransitRun, find_runs
 from scheduling.shortcuts.candidates import find_spans
 from scheduling.shortcuts.graph_pieces import GraphPieces
-from scheduling.shortcuts.replacement_check import Rivals, are_standing_robots_clear
+from scheduling.shortcuts.replacement_check import Rivals
 from scheduling.shortcuts.rewiring import Swap, rewire
+from scheduling.shortcuts.stand_check import are_standing_robots_clear
 from scheduling.shortcuts.static_scene import StaticSceneCache
 from scheduling.stretch_times import stretch_drive
 
@@ -161,10 +162,12 @@ class _Rounder:
             if not scene.checker.motion_free(a, b):
                 node = int(np.searchsorted(nodes.first, k, side="right")) - 1
                 return float(found.times[node]), float(found.times[node + 1])
-        stretch = nodes_stretch(graph, swap.chain, swap.first, swap.last + 1, nodes)
-        rivals = Rivals(graph, self._pieces, swap, stretch)
+        occupant = occupant_of_nodes(
+            graph, swap.chain, swap.first, swap.last + 1, nodes
+        )
+        rivals = Rivals(graph, self._pieces, swap, occupant)
         candidate = rewire(graph, swap, nodes, rivals.edges(graph))
-        if not are_standing_robots_clear(candidate, self._pieces, swap, stretch):
+        if not are_standing_robots_clear(candidate, self._pieces, swap, occupant):
             return float(found.times[0]), float(found.times[-1])
         self.graph = candidate
         self._pieces.replace_nodes(swap)

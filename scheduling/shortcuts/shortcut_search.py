@@ -8,7 +8,11 @@ import numpy as np
 
 from planning.motion.speed import SpeedModel, path_duration
 from planning.transforms import Array
-from scheduling.conflicts.derived_tpg import DerivedTpg, StretchConflicts, nodes_stretch
+from scheduling.conflicts.derived_tpg import (
+    DerivedTpg,
+    OccupantConflicts,
+    occupant_of_nodes,
+)
 from scheduling.graph.rollout import latest_ends
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.shortcuts.candidates import (
@@ -21,7 +25,7 @@ from scheduling.shortcuts.candidates import (
     remove_waypoints_on_lines,
 )
 from scheduling.shortcuts.graph_pieces import GraphPieces
-from scheduling.shortcuts.replacement_check import Rivals, are_standing_robots_clear
+from scheduling.shortcuts.replacement_check import Rivals
 from scheduling.shortcuts.rewiring import (
     EARLY,
     IN_PLACE,
@@ -30,6 +34,7 @@ from scheduling.shortcuts.rewiring import (
     reorder_nodes,
     rewire,
 )
+from scheduling.shortcuts.stand_check import are_standing_robots_clear
 from scheduling.shortcuts.static_scene import SmoothedPathCache, StaticSceneCache
 
 _LATER = 1e-9
@@ -82,7 +87,7 @@ class ShortcutSearch:
         *,
         passes: int = _PASSES,
         known: SmoothedPathCache | None = None,
-        conflicts: StretchConflicts | None = None,
+        conflicts: OccupantConflicts | None = None,
     ) -> None:
         self.graph = DerivedTpg(tpg)
         self.spans = find_spans(self.graph)
@@ -255,8 +260,8 @@ class ShortcutSearch:
         if new is None:
             return False
         swap = Swap(index, first, last)
-        stretch = nodes_stretch(graph, index, first, last + 1, new)
-        rivals = Rivals(graph, self._pieces, swap, stretch)
+        occupant = occupant_of_nodes(graph, index, first, last + 1, new)
+        rivals = Rivals(graph, self._pieces, swap, occupant)
         # Elsewhere in the order is worth a search for what may gain much.
         choice = rivals.choice and (self._smoothing or sooner is not None)
         latest = self.makespan + (_LATER if sooner is None else -sooner)
@@ -268,7 +273,7 @@ class ShortcutSearch:
             candidate = rewire(ordered, swap, new, rivals.edges(ordered))
             if self._late(candidate, latest):
                 continue
-            if are_standing_robots_clear(candidate, self._pieces, swap, stretch):
+            if are_standing_robots_clear(candidate, self._pieces, swap, occupant):
                 self._take(candidate, which, swap)
                 return True
         return False

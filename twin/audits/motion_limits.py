@@ -1,9 +1,8 @@
 """Audit of motion limits: speeds, accelerations, jerks and efforts of an execution.
 
-Limits of the tool's speed, and of the sum of joint speeds, are looked at where a robot is sampled.
-
-Between two rows a joint moves on a cubic in time: its speed is a parabola, its acceleration a straight
-line, its jerk constant. So rows settle all three, at every moment, and whether they fit each other.
+Between two rows of the trajectory table, a joint position is a cubic polynomial of time. Speed, acceleration
+and jerk are therefore known at every moment, and the audit checks that they are consistent with the positions.
+Limits of the tool speed and of the sum of all joint speeds are checked at samples.
 """
 
 from __future__ import annotations

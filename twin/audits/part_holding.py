@@ -16,7 +16,7 @@ from twin.audits.motion.executed import Stay
 def keeping_violations(
     case: AuditCase, ends: Mapping[str, float]
 ) -> Iterator[Violation]:
-    """Yield parts released before the task for which they are held was complete.
+    """Yield parts that were released before the end of the task for which they had to be held.
 
     A part must be held where the scenario gives an end of the hold, or where the plan has its
     robot let go of it after another task. While it was carried its robot's tool was at it, which

@@ -1,4 +1,7 @@
-"""Audit of object places: at the start, at each transfer, at the end; tools in racks or mounted."""
+"""Audit of object places at the start, at each transfer and at the end of a run.
+
+Tools must be in their rack or mounted on their robot.
+"""
 
 from __future__ import annotations
 

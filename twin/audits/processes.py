@@ -1,4 +1,4 @@
-"""Audit of processes: place, robot, and held parts as the scenario requires."""
+"""Audit of processes such as screwing: each has the required place, robot and held parts."""
 
 from __future__ import annotations
 

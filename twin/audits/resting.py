@@ -1,4 +1,4 @@
-"""Audit of supports: objects not held must rest on something stable."""
+"""Audit of objects at rest: each object that no robot holds must be supported."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from twin.scenario.sections.scenario import Scenario
 
 
 class RunAuditor:
-    """Audits runs with the code of this room; see ``twin.trial.auditor``."""
+    """Audit of runs with the code of this package; implements the interface in ``twin.trial.auditor``."""
 
     def __init__(self, engine: str | None = None) -> None:
         """Choose the collision engine.

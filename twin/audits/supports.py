@@ -1,4 +1,7 @@
-"""Audit of supports by robots: in place in time, and until the supported task ends."""
+"""Audit of supports, in which a second robot holds the structure while the first one places a part.
+
+A support must begin in time and last until the placement ends.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Audit of intermediate places of parts, and of parts at machines while these work.
-
-Placed parts must stand at all times: by friction, by joints, or held by a robot.
-"""
+"""Audit of intermediate places of parts, and of the places of parts while machines work on them."""
 
 from __future__ import annotations
 

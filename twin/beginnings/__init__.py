@@ -1,4 +1,4 @@
-"""Beginnings of new scenarios: ``twin init``.
+"""Creation of new scenarios from templates: ``twin init``.
 
 Imports scenario; explorations import it.
 """

@@ -1,4 +1,4 @@
-"""Beginnings of new scenarios: copies of others, with the files that these name."""
+"""Creation of new scenarios: copies of shipped scenarios and of the files that they reference."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from twin.scenario.schema import scenario_schema
 from twin.scenario.shipped import new_scenario_path, shipped_scenarios
 
 TEMPLATE = "tray"
-"""What a new scenario begins as."""
+"""Name of the shipped scenario that is copied by default."""
 
 SCHEMA = "scenario.schema.json"
 """File of a new folder: what editors know of a scenario's keys."""

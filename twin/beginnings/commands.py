@@ -1,4 +1,4 @@
-"""``twin init``: begin a scenario with one that works."""
+"""``twin init``: create a new scenario from a working template."""
 
 from __future__ import annotations
 

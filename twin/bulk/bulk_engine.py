@@ -1,8 +1,8 @@
-"""Bulk engine: many replications of a plan simultaneously, without events.
+"""Bulk engine: simulation of many replications of a plan at the same time, without events.
 
-It gives the same integer nanoseconds as the event engine wherever no event has a fixed clock time:
-completion times are longest paths then, or follow node by node from the clearances at the borders
-(``driven_times``), if messages take no time. The graph of each policy is in ``policy_graph``.
+Completion times are longest paths in the graph of the policy (see ``policy_graph``). If robots have acceleration
+limits and messages take no time, ``driven_times`` computes them node by node. Where no event is
+scheduled at a fixed time, the results equal those of the event engine to the nanosecond.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Node times of many replications, where robots have acceleration limits.
+"""Node times of many replications, for robots with acceleration limits.
 
-The speed at a border depends on the nodes cleared by then, so completion times are no longest paths.
-Replications are executed one after the other, each with a queue of the robots' next actions in time
-order; starts from rest come before decisions at borders, as in the event engine. A robot that is
-cleared to the end of its stretch has nothing to decide any more.
-Where it then begins at rest and nothing disturbs it, it passes its nodes as it did in the replication before.
+The speed at the end of a node depends on which later nodes are released by then, so completion times are not longest
+paths. Replications are simulated one after another, each with a time-ordered queue of the next actions of the robots.
+At equal times, robots at rest start before moving robots decide their speed, as in the event engine. A robot
+that is released up to its next stop has no more decisions. If it starts from rest without disturbances,
+its node times are the same in every replication and are reused.
 
-Inner functions receive arrays one by one and numbers by value: numba counts references to an array
-taken out of a tuple atomically, which took three quarters of the time.
+Compiled inner functions take single arrays and numbers instead of tuples: numba counts references to an array from
+a tuple atomically, which took three quarters of the time.
 """
 
 from __future__ import annotations

@@ -1,24 +1,17 @@
-"""Completion times and critical paths of many replications as max-plus longest paths.
+"""Completion times and critical paths of many replications, as longest paths (max-plus algebra).
 
-Where every node starts as soon as its predecessors are complete, its end is their greatest end plus its
-own time. That needs no events: one pass over the nodes in a total order, for all replications in
-parallel, in the same integer nanoseconds as the event engine.
-Causes of waits and critical paths are derived from node times of either engine.
+Each policy is a precedence graph, stored as flat arrays for compiled code. Where every node starts as soon as its
+predecessors are complete, it ends at the greatest of their ends plus its own duration. One pass over the nodes in
+a total order computes this for all replications in parallel, with the same integer nanoseconds as the event engine.
 
-Completion times with latencies and short queues, as longest paths.
-
-A dispatcher that lets a robot have d nodes ahead releases node n once node n - d and all predecessors
-of n are reported complete, in order. Releases and reports take time. All of that is a maximum of sums,
-so it needs no events::
+Message latencies and limited queues are also maxima of sums. If a robot may have d nodes in its queue,
+the dispatcher releases node n after node n - d and all predecessors of n are reported complete, in order::
 
     released(n) = max(released(n - 1), end(n - d) + report, end(source) + report, ...)
     start(n)    = max(end(n - 1), released(n) + release)
 
-The past of a run may be given; the rest is computed from it.
-
-Precedence graph of a plan under an execution policy, as flat arrays for compiled passes.
-
-Every policy releases nodes by completions, never by durations, so each is a graph.
+Known times of a run in progress can be given; the rest is computed from them. Causes of waits and critical
+paths are derived from the node times of either engine.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""``twin check``: check a cell before planning; ``twin robots``: data sheets of robots and tools."""
+"""Commands ``twin check`` (checks of a cell before planning) and ``twin robots`` (data sheets of robots and tools)."""
 
 from __future__ import annotations
 

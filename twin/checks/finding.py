@@ -1,4 +1,4 @@
-"""Findings of checks, their context, and the interface of kind-specific checks."""
+"""Findings of checks, the data that checks receive, and the interface of checks for one kind of assembly."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A picture of the cell before the first motion, from above and from the side.
+"""Picture of a cell before the first motion, from above and from the side.
 
-Robots are drawn by their collision hulls at HOME, with the reach of their tool frames; fixtures and
-objects at their start poses, goals of objects as outlines.
+Robots are drawn as their collision hulls at HOME, with the reach of their tool frames. Fixtures and objects are drawn
+at their start poses, and goal poses of objects as outlines.
 """
 
 from __future__ import annotations
@@ -23,17 +23,14 @@ from planning.errors import OutputError
 from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.tasks.task import DOOR
 from planning.transforms import Array, Transform
+from twin.checks.close_ups import CloseUp, find_close_ups, panel_width
 from twin.checks.finding import CheckContext
+from twin.checks.labels import NAME_SIZE, Names
 from twin.checks.views import (
-    NAME_SIZE,
-    CloseUp,
     DrawnShape,
-    Names,
     Viewpoint,
     draw_axes,
     draw_shapes,
-    find_close_ups,
-    panel_width,
     placed_points,
     style_view,
     widen_rectangle,

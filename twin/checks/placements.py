@@ -1,4 +1,4 @@
-"""Checks of placements: overlaps, unsupported objects, meshes."""
+"""Checks of start poses and shapes: overlaps, unsupported objects, centres of mass, and meshes with holes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of reach, by the planner's inverse kinematics."""
+"""Checks that robots can reach all required poses, by the planner's inverse kinematics."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twin.checks.finding import CheckContext, Finding, Findings
 
 
 def check_reach(subject: CheckContext) -> Findings:
-    """Return unreachable poses: an error where planning would fail, too."""
+    """Return findings on unreachable poses, as errors where planning would fail."""
     return subject.checks.reach()
 
 

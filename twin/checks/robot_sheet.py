@@ -1,4 +1,4 @@
-"""Data sheets of robots and tools: text, tables and a picture of their descriptions."""
+"""Data sheets of robot and tool descriptions, as text, tables and a picture."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Checks of numbers against usual ranges: orders of magnitude outside, a number is likely a mistake.
+"""Checks of numbers against usual ranges: a number orders of magnitude outside of its range is likely a mistake.
 
-A table gives the usual values of keys, with unit and reason. Only values in the file are compared.
+A table gives the usual values of scenario keys, with unit and reason. Only values in the file are compared.
 """
 
 from __future__ import annotations

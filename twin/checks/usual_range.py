@@ -1,4 +1,4 @@
-"""Usual ranges of quantities: a number orders of magnitude outside is likely a mistake."""
+"""Usual ranges of quantities. A number orders of magnitude outside of its range is likely a mistake."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clusters: certificates, a scheduler and workers that only their holders reach, and their use.
+"""Clusters for parallel computation: certificates, a Dask scheduler, and workers that require a certificate.
 
-Addresses and certificates are plain data; who serves and who asks import ``distributed`` late.
+Addresses and certificates are plain data; modules of servers and clients import ``distributed`` only when needed.
 """

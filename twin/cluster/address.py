@@ -1,4 +1,4 @@
-"""Address of a cluster, and whether connections to it are private."""
+"""Address of a cluster, with a check that connections to it are encrypted or stay on this machine."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from planning.errors import RequestError
 from twin.cluster.certificates import Certificates
 
 DEFAULT_PORT = 8786
-"""Port of a scheduler where none is given: that of Dask."""
+"""Default port of a scheduler, the same as that of Dask."""
 
 _NO_NETWORK = ("inproc",)
 

@@ -1,7 +1,7 @@
-"""Certificates of a cluster: made once, copied to its machines, required at every connection.
+"""TLS certificates of a cluster, created once, copied to its machines and required for every connection.
 
-A folder holds an authority, one certificate that it has signed and the key of that. The key of the
-authority is deleted, so no other certificate can be signed; every holder of the folder has access.
+A folder contains a certificate authority, one certificate signed by it, and the key of that certificate. The key of
+the authority is deleted, so no other certificate can be signed. Everyone with a copy of the folder has access.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Executors on a cluster; failures there become messages with a remedy."""
+"""Executors that run function calls on a cluster, and errors of the cluster as messages with a remedy."""
 
 from __future__ import annotations
 

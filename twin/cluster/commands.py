@@ -1,4 +1,4 @@
-"""``twin cluster``: certificates, and a scheduler and workers that only their holders reach, for studies."""
+"""``twin cluster``: create certificates, and run a scheduler and workers that require them."""
 
 from __future__ import annotations
 

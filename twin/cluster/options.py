@@ -1,4 +1,4 @@
-"""Options of commands that compute on a cluster."""
+"""Command-line options of commands that can compute on a cluster."""
 
 from __future__ import annotations
 

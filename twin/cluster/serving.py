@@ -1,7 +1,7 @@
-"""A scheduler and workers of a cluster that listen on one address, with TLS only.
+"""Scheduler and workers of a cluster, which listen on one address and accept TLS connections only.
 
-Dask's own programs also serve dashboards, without certificates and by default on all addresses of a
-machine; here these servers are never started.
+The programs of Dask also serve dashboards, without certificates and by default on all addresses of a machine. This
+module does not start dashboards.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Commands of the core, one file per subject, and shared options and views.
+"""Basic commands of the ``twin`` program, one file per subject, with shared options and output.
 
-Everything heavy is imported inside the functions. twin/cli.py finds commands in the registry.
+Large packages are imported inside the functions. twin/cli.py finds commands in the registry.
 """

@@ -1,4 +1,4 @@
-"""``twin plan``: make a plan and write it, from the start or from the middle of a run."""
+"""``twin plan``: make a plan from a scenario or from an intermediate state of a run, and save it."""
 
 from __future__ import annotations
 

@@ -1,11 +1,14 @@
-"""``twin run``: execute in the twin; ``twin resume``: complete a run whose process was killed."""
+"""``twin run`` (plan and execute a scenario in simulation) and ``twin resume`` (complete an interrupted run).
+
+``twin/trial/planning.py`` makes the plan. ``twin/engine/execution.py`` executes it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -24,12 +27,7 @@ from twin.commands.options import (
     TeamSize,
 )
 from twin.commands.view import View
-from twin.host.guard import (
-    guarded,
-)
-
-if TYPE_CHECKING:
-    pass
+from twin.host.guard import guarded
 
 
 @guarded

@@ -1,4 +1,4 @@
-"""Files of scenarios: ``twin scenarios``, ``validate`` and ``schema``."""
+"""Commands about scenario files: ``twin scenarios``, ``twin validate`` and ``twin schema``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Output of a command: progress, then JSON or tables."""
+"""Output of a command: progress while it works, then its result as JSON or tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check of the installation: ``twin doctor``.
+"""Check of the installation by ``twin doctor``.
 
 Imports host and the registry; nothing imports it.
 """

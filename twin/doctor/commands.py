@@ -1,4 +1,4 @@
-"""``twin doctor``: versions, for bug reports, what is missing, and what the audit uses."""
+"""``twin doctor``: report on the installation: versions, missing packages, collision engine of the audit."""
 
 from __future__ import annotations
 

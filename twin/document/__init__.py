@@ -1,4 +1,4 @@
-"""YAML documents with positions of values, readable problems, and the base class of sections.
+"""YAML documents with the position of each value, clear error messages, and the base class of scenario sections.
 
 Imports planning.errors only.
 """

@@ -1,4 +1,4 @@
-"""Validation of documents, with pydantic's errors translated for authors of files."""
+"""Validation of documents by pydantic, with its errors translated for authors of files."""
 
 from __future__ import annotations
 

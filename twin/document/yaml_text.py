@@ -1,8 +1,8 @@
-"""Strict YAML: one document, no key twice, YAML 1.2 numbers, and a position of every value.
+"""Strict YAML reader: one document, no repeated keys, numbers of YAML 1.2, and the position of every value.
 
-PyYAML follows YAML 1.1, where ``on`` is true, ``1e3`` is text and ``1:30`` is ninety, and it lets
-the last of two equal keys win. A scenario must not change its meaning by such traps, so the
-document is composed to nodes (which know their line and column) and built from those here.
+PyYAML follows YAML 1.1, where ``on`` is true, ``1e3`` is text and ``1:30`` is ninety. It also accepts repeated keys and
+keeps the last value. To avoid such mistakes in scenarios, this module reads the document as nodes, which have a line
+and column, and constructs the values itself.
 """
 
 from __future__ import annotations

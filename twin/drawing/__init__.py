@@ -1,4 +1,4 @@
-"""Drawing: Gantt charts, the style of pictures, colours of lanes and robots, triangles of shapes.
+"""Drawing: Gantt charts, picture style, colours of activities and robots, and triangles of shapes.
 
 Imports planning, runs and activities; exports, recordings, studies and checks import it.
 """

@@ -1,4 +1,4 @@
-"""The Gantt chart of a run: one lane a robot, wrapped into rows like lines of text."""
+"""Gantt chart of a run, with one lane per robot, wrapped into several rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Colours of the states of lanes: kinds of tasks, and what robots do while they stand."""
+"""Colours of Gantt lanes, by kind of task or by state of a robot at rest."""
 
 from __future__ import annotations
 

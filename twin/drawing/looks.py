@@ -1,4 +1,4 @@
-"""Colours of drawn things: robots painted one colour each, fixtures in their own or in greys."""
+"""Colours of drawn robots and fixtures: one colour per robot, and for fixtures their own colour or grey."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.robots.descriptions.xml_files import find_mesh
 
 _PAINTED = 0.6
-"""Parts of a robot as saturated as this are painted in the team's colour."""
+"""Least colour saturation of the robot parts that are repainted in the robot's colour."""
 
 _LIGHT = 0.75
 """Meshes with all channels as light as this are tinted by it."""

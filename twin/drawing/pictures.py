@@ -1,7 +1,4 @@
-"""Style of all pictures.
-
-Charts of a page: legends and names that fit, whatever their length.
-"""
+"""Common style of all pictures and charts, with legends and names that are wrapped to fit."""
 
 from __future__ import annotations
 

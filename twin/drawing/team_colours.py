@@ -1,7 +1,7 @@
 """Colours of the robots of a team, the same in recordings and Gantt charts.
 
-They are those of Okabe and Ito, which stay apart for colour-blind eyes; a ninth robot has the
-first colour again, darker.
+Seven of the eight colours are from the palette of Okabe and Ito, which colour-blind people can distinguish. From the
+ninth robot on, the colours repeat in a darker shade.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Triangles of shapes for drawing: round forms smooth, meshes as they are."""
+"""Triangle meshes of shapes for drawing: finely divided round shapes, and meshes unchanged."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from planning.cell.shape import Box, Capsule, Cylinder, Form, Mesh, Shape
 from planning.transforms import Array, Indices
 
 _SIDES = 48
-"""Sides of what is round."""
+"""Number of sides of the polygons that approximate circles."""
 
 _BENDS = 12
 """Rings of a half-sphere."""

@@ -1,1 +1,1 @@
-"""Interface of a driver, the built-in drivers, and the drivers file."""
+"""Robot drivers: their interface, the built-in drivers, and the drivers file."""

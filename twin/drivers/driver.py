@@ -1,7 +1,7 @@
-"""Interface of a robot to the dispatcher: it accepts cleared nodes and reports its progress.
+"""Interface between the dispatcher and the driver of a robot, which executes released nodes and reports its progress.
 
-A driver passes the nodes of its robot in order and comes to rest at the end of the last cleared one,
-even if the dispatcher fails. Clearances are never withdrawn.
+A driver executes the nodes of its robot in order and stops at the end of the last released one, even if the dispatcher
+fails. A released node is never withdrawn.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The hand of a Franka robot: grasps, opens, and reports success."""
+"""Control of the hand of a Franka robot: grasping and opening, with reports of success."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from planning.errors import TwinError
 
 
 class FrankaError(TwinError):
-    """A Franka robot cannot be driven."""
+    """Error: a Franka robot cannot be controlled."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A simulated arm that follows its nodes by the clock: a driver without a robot."""
+"""Driver of a simulated arm, which follows its nodes in real time without hardware."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fixed, uniform, triangular and PERT durations, between given bounds, and their fits."""
+"""Fixed, uniform, triangular and PERT distributions of durations between bounds, and their fits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.durations.fittable import FittableModel, golden_section
 from twin.durations.model import DurationModel, Seconds
 
 _PERT_WEIGHT = 4.0
-"""Weight of the mode against one of either bound, as PERT has it."""
+"""Weight of the mode in the PERT mean, where each bound has weight 1."""
 
 _ROUNDS = 10
 """Rounds in which bounds and mode are fitted in turn."""

@@ -1,4 +1,4 @@
-"""Distributions that can be fitted to measured durations, many samples at a time."""
+"""Base class of distributions that can be fitted to measured durations, for many samples at a time."""
 
 from __future__ import annotations
 

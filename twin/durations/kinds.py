@@ -1,4 +1,4 @@
-"""Kinds of duration models in a scenario file: those of this program and registered ones, by ``kind``."""
+"""Duration models in a scenario file, selected by the key ``kind``: built-in models and registered ones."""
 
 from __future__ import annotations
 

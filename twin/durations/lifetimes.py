@@ -1,4 +1,4 @@
-"""Exponential, gamma and Weibull durations, as of lifetimes, and their fits."""
+"""Exponential, gamma and Weibull distributions of durations, and their fits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base class of distributions of durations: scenario section, quantiles, mean."""
+"""Base class of duration distributions: scenario section, quantiles and mean."""
 
 from __future__ import annotations
 
@@ -102,7 +102,12 @@ class DurationModel(Section, ABC):
             ScenarioError: a file cannot be read, there is no such distribution, or its mean is longer
                 than any plan may last.
         """
-        _ = self.mean
+        found = self._located(folder)
+        _ = found.mean
+        return found
+
+    def _located(self, folder: Path) -> DurationModel:
+        """Return the model with its files read; ScenarioError where there is no such distribution."""
         return self
 
     @abstractmethod

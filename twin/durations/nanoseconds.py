@@ -1,4 +1,7 @@
-"""Integer nanoseconds, the unit of time of the twin: sums do not depend on their order."""
+"""Integer nanoseconds, the unit of time in simulations.
+
+Sums of integers do not depend on the order of addition.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CSV files of measured durations: in the unit of their column, or between two time stamps."""
+"""Reading of CSV files of measured durations, from a column of durations or from two columns of time stamps."""
 
 from __future__ import annotations
 

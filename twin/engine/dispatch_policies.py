@@ -1,9 +1,9 @@
-"""Dispatch policies: the nodes that a node waits for beyond those of the plan.
+"""Dispatch policies: rules for when the dispatcher releases a node.
 
-The engines release a node once all that it waits for is complete. So a policy is a set of further edges,
-which every engine, forecast and export handles like those of the plan. Two policies of this program are
-more than that, and known to the engines: open loop, robots follow the planned clock; sequentially,
-machines work while robots take turns.
+The engines release a node when all its predecessors in the graph are complete. A policy adds edges to the graph of the
+plan, and engines, forecasts and exports treat these like other edges. The engines implement two built-in policies
+separately: in open loop robots follow the planned times, and in sequential execution machines work while robots
+take turns.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Simulated robots that speed up and slow down within their limits."""
+"""Simulated robots with acceleration limits, which pass from one node to the next without stopping."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Why an execution ends before its plan is complete, as data."""
+"""Causes of the end of an execution before its plan is complete."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 EndingCode = Literal["driver-lost", "off-path", "nothing-to-come", "no-progress"]
-"""Lost driver within a node; robot off its path; no further event possible; no progress for long."""
+"""Causes: driver lost within a node; robot off its path; no further event possible; no progress for a long time."""
 
 
 @dataclass(frozen=True)

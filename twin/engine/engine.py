@@ -1,8 +1,8 @@
-"""Event engine: a discrete-event simulation of robots that execute a TPG (APEX-MR IV-D, Fig. 4).
+"""Event engine: discrete-event simulation of robots that execute a temporal plan graph (APEX-MR, Section IV-D, Fig. 4).
 
-Every robot is a SimPy process that takes nodes from its action queue, executes them and reports
-completion. One dispatcher process owns the state of the TPG and releases what has become safe.
-Time is in integer nanoseconds. Events happen in the total order (time, priority, counter).
+Every robot is a SimPy process that takes nodes from its action queue, executes them and reports their completion. One
+dispatcher process owns the state of the graph and releases nodes whose predecessors are complete. Time is in integer
+nanoseconds. Events are processed in the order of time, priority and counter.
 """
 
 from __future__ import annotations

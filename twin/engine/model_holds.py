@@ -1,6 +1,7 @@
-"""Waits that an execution model adds to a plan: those of a registered policy, and before time windows open.
+"""Additional waits in a plan, from a registered policy and from maximum times between steps.
 
-Tasks that open a time window are held back until the later step is likely to be in time.
+If a later step must begin within a time after an earlier task, the earlier task is delayed until the later step is
+likely to be in time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Passage of one robot through its nodes within limits, with the clearance known at each border."""
+"""Motion of one robot through its nodes within acceleration limits.
+
+At the end of each node, the speed depends on how far the robot is released by then.
+"""
 
 from __future__ import annotations
 

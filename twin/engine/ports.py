@@ -1,7 +1,7 @@
-"""Ports of an execution: robots, late objects, replanning, and people next to the cell.
+"""Interfaces of an execution to robots, late objects, replanning, and people next to the cell.
 
-``Execution`` owns the graph, the clock and the dispatcher. The differences between simulation,
-operation and runs with drivers are behind these interfaces.
+``Execution`` owns the graph, the clock and the dispatcher. Simulation, operation with people, and runs with robot
+drivers implement these interfaces differently.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class SupplyPort(Protocol):
 
 
 class Replanner(Protocol):
-    """Extension of the graph while it is executed."""
+    """Extension of the graph while it is executed; ``twin.operations.replanner`` implements it."""
 
     @property
     def planning(self) -> bool:

@@ -1,4 +1,4 @@
-"""Simulated robots that execute each node from rest to rest."""
+"""Simulated robots that start and end every node at rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exploration of cell designs: dimensions, evaluation in rungs, the best designs and their gains.
+"""Search for better cell designs: design variables, evaluation in steps of increasing cost, and comparison.
 
-Imports studies for plans and replications, and is imported by no other room.
+Imports studies for plans and replications, and is imported by no other package.
 """

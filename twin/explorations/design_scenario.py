@@ -1,4 +1,4 @@
-"""Scenario file of a design that an exploration has found."""
+"""Creation of a scenario file from a design found by an exploration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dimensions of an exploration, and the changes of a design to the scenario."""
+"""Design variables ("dimensions") of an exploration, and the changes that a design makes to the scenario."""
 
 from __future__ import annotations
 

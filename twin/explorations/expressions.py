@@ -1,7 +1,7 @@
-"""Arithmetic that people write in files: ``12000 * robots + 300 * floor_area_m2``, ``late <= 0.05``.
+"""Arithmetic expressions in scenario files, such as ``12000 * robots + 300 * floor_area_m2`` or ``late <= 0.05``.
 
-Text is parsed into a Python syntax tree and evaluated node by node; anything but arithmetic is refused,
-so that a file cannot execute code.
+The text is parsed into a Python syntax tree and evaluated node by node. Everything except arithmetic is rejected, so
+a file cannot execute code.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Folder of an exploration: names of its files, and its request as a manifest."""
+"""Folder of an exploration: its file names, and the request, stored as a manifest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Importance of the dimensions, and the Pareto front of designs."""
+"""Importance of each design variable, and the Pareto front of designs."""
 
 from __future__ import annotations
 

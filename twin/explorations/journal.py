@@ -1,4 +1,7 @@
-"""``journal.jsonl``: evaluation of each design, one line each, written before the sampler learns from it."""
+"""``journal.jsonl``: the evaluations of designs, one per line.
+
+Each line is written before the sampler receives the result.
+"""
 
 from __future__ import annotations
 

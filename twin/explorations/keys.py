@@ -10,7 +10,7 @@ from twin.scenario.variations import ROBOTS, find_entry, is_of_execution
 
 
 def resolved_value(content: Mapping[str, Any], key: str) -> Any:
-    """Return the value of a key in a resolved scenario; None where the scenario leaves it out.
+    """Return the value of a key in a resolved scenario; None if the scenario omits it.
 
     Raises:
         ScenarioError: there is no such key; the message names those there are.

@@ -1,4 +1,4 @@
-"""Findings of an exploration as text and table rows, for the terminal and the page."""
+"""Results of an exploration as text and table rows, for the terminal and the HTML report."""
 
 from __future__ import annotations
 

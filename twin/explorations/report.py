@@ -1,4 +1,4 @@
-"""``report.html`` of an exploration: tables, pictures and the best cells in one file that needs no network."""
+"""``report.html`` of an exploration: one file with tables and pictures that works without a network connection."""
 
 from __future__ import annotations
 

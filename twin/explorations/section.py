@@ -1,4 +1,4 @@
-"""Scenario section: what may be different about a cell, and what it is to be good at."""
+"""Scenario section of explorations: the design variables, the goals and the constraints of a cell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Single changes of a cell: each planned and replicated, ranked by gain per effort."""
+"""Effects of single changes of a cell, each planned, replicated and ranked by gain per effort."""
 
 from __future__ import annotations
 

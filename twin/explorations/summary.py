@@ -1,4 +1,4 @@
-"""Findings of an exploration: the best designs, their gains, importances, refusals."""
+"""Results of an exploration: best designs, their gains, importances of keys, and reasons for rejected designs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exports of runs to the formats of other programs.
+"""Export of runs to the file formats of other programs.
 
 Imports runs, host and, of scenario, the manifest; commands import it.
 """

@@ -1,4 +1,4 @@
-"""``twin export``: write a run in the formats of other programs."""
+"""``twin export``: export a run to the file formats of other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The formats that a run can be written in; each is an entry of the registry."""
+"""The available export formats of runs, each an entry of the registry."""
 
 from __future__ import annotations
 

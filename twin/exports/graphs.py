@@ -1,9 +1,9 @@
-"""The temporal plan graph and the task graph of APEX-MR IV-A as GraphML.
+"""Export of the temporal plan graph (APEX-MR, Section IV-C) and the task graph (Section IV-A) as GraphML.
 
-By default nodes are tasks, and two tasks are joined when any of their nodes are; as a robot may wait in
-the middle of a task, two tasks may then wait for
-each other. With ``--nodes`` every node is there, and the graph has no cycles. The task graph is the
-input of scheduling: without motion conflicts, with object places.
+By default, each node of the exported plan graph is a task, with an edge between two tasks if there is an edge between
+any of their nodes. This graph can have cycles, because a robot may wait in the middle of a task. With ``--nodes``,
+every node is exported, and there are no cycles. The task graph is the input of scheduling. It has no
+edges for motion conflicts, and it contains the places of objects.
 """
 
 from __future__ import annotations

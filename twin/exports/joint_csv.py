@@ -1,4 +1,4 @@
-"""Joint motions for controllers as CSV: one file per robot, one row per waypoint of a segment."""
+"""Joint motions for robot controllers as CSV, with one file per robot and one row per point of the motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint motions for controllers as JSON in the form of trajectory_msgs/JointTrajectory, one per segment."""
+"""Joint motions for robot controllers as JSON, in the format of the ROS message trajectory_msgs/JointTrajectory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs as open plans: the neutral file format of ``twin judge``."""
+"""Export of runs as open plans, the JSON format of robot plans that ``twin judge`` reads."""
 
 from __future__ import annotations
 

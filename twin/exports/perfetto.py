@@ -1,12 +1,6 @@
-"""The timeline of a run as trace-event JSON, which ui.perfetto.dev and chrome://tracing show.
+"""Timeline of a run in the trace-event JSON format, which ui.perfetto.dev and chrome://tracing display.
 
-Times are microseconds with three decimals, so exact.
-
-Motions for controllers: JSON in the shape of trajectory_msgs/JointTrajectory, a segment each.
-
-Motions for controllers as tables: CSV, a file a robot, a row a point of a segment.
-
-Columns say their units. The first row of a segment has its predecessors and transfers.
+Times are microseconds with three decimals, which is exact to the nanosecond.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Segments of a run: stretches of one robot's nodes without synchronization inside.
+"""Division of a run into motion segments of single robots, for export to robot controllers.
 
-A segment waits for others only before its first node, and others wait only for its last. Executing each
-segment after all its predecessors satisfies the temporal plan graph, whatever the delays. Robots that
-keep to limits of acceleration have points of what was
-executed, at a rate, with speeds and accelerations, and while they stand none but the first and the last
-of it. Other points are timed by the nominal durations, and velocities are left to the controller; where
-they would be closer than the rate allows, what follows is later, which is safe whatever the plan. So no
-two points of a segment are closer than a period of the controller, but where all of it is shorter.
+Within a segment, a robot waits for others only before the first node, and others wait only for its last node. If each
+segment starts after all its predecessors, the temporal plan graph is satisfied for any delays.
+
+For robots with acceleration limits, points of the executed motion are sampled at a given rate, with speeds and
+accelerations. A standstill has only a first and a last point. For other robots, points have nominal times, and the
+controller chooses the velocities. If such points are closer in time than one period of the rate, the following points
+are delayed. Thus all points are at least one period apart, unless the whole segment is shorter.
 """
 
 from __future__ import annotations

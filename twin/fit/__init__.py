@@ -1,4 +1,4 @@
-"""Fits of distributions to measured durations, ranked and tested.
+"""Fits of distributions to measured durations, with goodness-of-fit tests and ranking.
 
 Imports durations, host and runs.folder; commands import it.
 """

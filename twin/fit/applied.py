@@ -1,4 +1,4 @@
-"""Scenario files with fitted durations in place of the old ones."""
+"""Scenario files in which fitted durations replace the previous ones."""
 
 from __future__ import annotations
 

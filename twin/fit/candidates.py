@@ -1,4 +1,4 @@
-"""Candidate distributions of one sample: fitted, tested and ranked."""
+"""Candidate distributions for one sample of durations: fitting, goodness-of-fit test and ranking."""
 
 from __future__ import annotations
 

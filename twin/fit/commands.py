@@ -1,4 +1,4 @@
-"""``twin fit``: distributions for measured durations."""
+"""``twin fit``: fit distributions to measured durations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fits of several samples, and the scenario lines with their durations."""
+"""Fits of several samples of durations, and the scenario text with the fitted distributions."""
 
 from __future__ import annotations
 

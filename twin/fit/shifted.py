@@ -1,4 +1,4 @@
-"""Families of distributions that are fitted, with an offset or without."""
+"""Families of distributions for fits, with or without a constant offset."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from planning.transforms import Array
 from twin.durations.fittable import FittableModel, golden_section, round_parameter
 
 _GRID = 9
-"""Offsets between which the best one is searched."""
+"""Number of grid points in the search for the best offset."""
 
 _STEPS = 14
 """Steps of that search."""

@@ -1,4 +1,4 @@
-"""Following a running cell: its state from its events, and a forecast of the end.
+"""Monitoring of a running cell: its state from logged events, and a forecast of the end of the run.
 
 Imports engine, recorders, runs, scenario and trial; commands import it.
 """

@@ -80,9 +80,13 @@ def follow(
     many times. Exits with code 1 if a forbidden event occurred or the run failed.
     """
     from twin.follow.follow import follow as follow_run
-    from twin.follow.follow import lines_of_growing_file, lines_of_pipe, lines_of_server
     from twin.follow.followed_folder import followed_execution, plan_history
     from twin.follow.forecast import Forecaster
+    from twin.follow.log_lines import (
+        lines_of_growing_file,
+        lines_of_pipe,
+        lines_of_server,
+    )
     from twin.follow.state import FollowedRun
 
     plans = plan_history(plan)

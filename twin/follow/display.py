@@ -1,4 +1,4 @@
-"""Output of a followed run: JSON for programs, sentences, or a picture on a terminal."""
+"""Output about a run in progress, as JSON, as sentences, or as a live terminal display."""
 
 from __future__ import annotations
 

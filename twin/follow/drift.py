@@ -1,10 +1,9 @@
 """Drift: detection of systematic changes in the durations of a robot's skills and motions.
 
-Durations of every skill of every robot, and of its motions, are compared with simulated futures of the
-same plan: each gets the normal score of its rank among them, so that heavy tails do not look like a
-change. The sum of the last scores is compared with its spread among the futures; a large deviation is
-significant. The number of last scores is chosen by the largest deviation, so that a change in the
-middle of a run is found, and dated.
+Measured durations are compared with simulated durations of the same plan. Each measured duration is replaced by the
+normal score of its rank among the simulated ones, so that outliers do not look like a change. The sum of the last
+scores is compared with its spread in the simulations; a large deviation is significant. The number of scores in
+the sum is the one with the largest deviation, which shows when the change began.
 """
 
 from __future__ import annotations

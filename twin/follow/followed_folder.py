@@ -1,4 +1,4 @@
-"""The folder of a followed run: its plans, one after another, and the execution model."""
+"""The folder of a run in progress: its sequence of plans, and its execution model."""
 
 from __future__ import annotations
 

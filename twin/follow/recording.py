@@ -1,4 +1,4 @@
-"""A followed run as a Rerun recording, written during the run."""
+"""Live recording of a run in progress for the Rerun viewer."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
-"""State of a run in progress from its events; violations of the TPG are flagged.
+"""State of a run in progress, computed from its events, with violations of the temporal plan graph.
 
-A replanned run is followed revision by revision: each event is checked against the plan executed at
-that time.
+If a run is replanned, each event is checked against the plan that was executed at that time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Interface to the machine: atomic files, cards, progress, exit codes, kernels.
+"""Interface to the computer: atomic files, notebook cards, progress displays, exit codes, package versions.
 
-Imports planning.errors and planning.kernels only; every room of twin may import it.
+Imports planning.errors and planning.kernels only; every package of twin may import it.
 """

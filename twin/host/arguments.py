@@ -1,4 +1,4 @@
-"""Check of the arguments of public functions against their type hints."""
+"""Validation of the arguments of public functions against their type hints."""
 
 from __future__ import annotations
 

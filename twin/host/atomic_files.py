@@ -1,4 +1,4 @@
-"""Atomic writing of text, JSON files and pictures: whole or not at all."""
+"""Atomic writing of text files, JSON files and pictures: a file is replaced completely or not at all."""
 
 from __future__ import annotations
 

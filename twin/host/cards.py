@@ -1,4 +1,4 @@
-"""Cards for notebooks, in HTML: titled tables of names and values, with pictures."""
+"""HTML cards for notebooks, with titled tables of names and values, and pictures."""
 
 from __future__ import annotations
 

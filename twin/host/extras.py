@@ -1,4 +1,4 @@
-"""Optional packages, installed as extras."""
+"""Import of optional packages, which are installed as extras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exit codes and error output of commands: messages, never tracebacks."""
+"""Exit codes and error messages of commands, without tracebacks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Progress of long-running work: reports, seconds a stage, and a display on a terminal."""
+"""Progress of long computations: callbacks, seconds per stage, and a terminal display."""
 
 from __future__ import annotations
 

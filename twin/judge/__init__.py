@@ -1,1 +1,1 @@
-"""External plans: read from a neutral file, replayed under delays, and audited."""
+"""Audit of plans from other planners, at planned times and under random delays."""

@@ -1,4 +1,4 @@
-"""``twin judge``: violations of an external plan, and its performance under delays."""
+"""``twin judge``: report violations of a plan from another planner, and its performance under delays."""
 
 from __future__ import annotations
 

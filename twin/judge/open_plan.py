@@ -1,7 +1,7 @@
-"""Open plans: the file format for robot team plans of any planner.
+"""Open plans: a JSON file format for plans of robot teams, independent of the planner.
 
-Trajectories of all robots, what each takes and gives when, and what waits for what; see "Open plan"
-of docs/reference/formats.md. Nothing in it depends on a planner.
+A plan contains trajectories of all robots, the transfers of objects, and the order between motions. See "Open plan" in
+docs/reference/formats.md.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class OpenMotion(Section):
 
     Attributes:
         id: unique in the file; others name it in ``after``.
-        t_s: times of the rows, never falling; a machine has two, when its work begins and ends [s].
+        t_s: times of the rows, non-decreasing; a machine has two, when its work begins and ends [s].
         q: joint values of each row, in the order of ``joints``; robots only [rad or m].
         v: joint speeds of each row: the motion between two rows is then the cubic in time that has q and v of
             both; without it a straight line.

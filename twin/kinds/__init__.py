@@ -1,4 +1,4 @@
-"""Kinds of assembly: scenario section, planning, checks and pictures of each.
+"""Kinds of assembly, each with a scenario section, planning, checks and pictures.
 
-Data and methods of a kind, which know no scenarios, are in the folder of the same name in ``planning``.
+Data and methods that do not depend on scenarios are in the folder of the same name in ``planning``.
 """

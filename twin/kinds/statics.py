@@ -1,4 +1,4 @@
-"""Statics in a scenario file: joined bodies, and balance after every step."""
+"""Scenario sections for static equilibrium: joined parts, and the check of balance after every step."""
 
 from __future__ import annotations
 

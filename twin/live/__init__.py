@@ -1,1 +1,1 @@
-"""Robots moved by drivers, which execute the nodes that the dispatcher clears."""
+"""Execution of a plan by drivers: each driver moves a robot through the nodes that the dispatcher permits."""

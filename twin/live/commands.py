@@ -1,4 +1,4 @@
-"""``twin drive``: a simulated arm in a process of its own."""
+"""Command ``twin drive``: a driver of a simulated arm, in a separate process."""
 
 from __future__ import annotations
 

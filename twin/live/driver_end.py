@@ -1,4 +1,4 @@
-"""Driver's end of a session: receives commands that may be late, duplicated or lost, and sends reports."""
+"""Driver's end of a session: receives commands, which may be late, duplicated or lost, and sends reports."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class UnacknowledgedSamples:
 
 
 class DriverEnd:
-    """State of a session at the driver.
+    """State of a session on the side of the driver.
 
     Args:
         driver: the robot.

@@ -10,7 +10,8 @@ from typing import Any
 
 from planning.errors import TwinError
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.live.measured import MEASURED, History, history_of
+from twin.live.measured_log import MEASURED
+from twin.live.run_history import History, history_of
 from twin.live.session import Session
 from twin.operations.executor import operate_plan, plan_again, require_unanswered
 from twin.operations.person import AnswerCallback

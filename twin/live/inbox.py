@@ -1,4 +1,4 @@
-"""Queue of reports for the dispatcher, bounded per robot."""
+"""Queue of driver reports for the dispatcher, with a memory bound per robot."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from collections import Counter
 from twin.live.messages import Report
 
 _REPORT_WEIGHT = 50
-"""Memory of a report without samples, in samples."""
+"""Memory of a report without samples, in units of the memory of one sample."""
 
 _MOST_WEIGHT = 50_000
-"""Most memory of the reports of one robot that wait, in samples."""
+"""Largest memory of the queued reports of one robot, in the same unit."""
 
 
 class Inbox:
-    """A queue of reports that drops a robot's reports beyond a bound.
+    """Queue of reports; reports of a robot beyond its bound are dropped.
 
     A report has the whole state of a robot, and samples are sent until acknowledged: so a dropped
         report loses nothing.

@@ -1,4 +1,4 @@
-"""Dispatcher's end of a session, one per robot: commands to its driver, and validated reports of it."""
+"""Dispatcher's end of the connection to one driver: sends commands, and validates reports."""
 
 from __future__ import annotations
 

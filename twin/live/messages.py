@@ -1,8 +1,8 @@
 """Messages between dispatcher and driver, independent of transport.
 
-Both carry the whole target or actual state: duplicates change nothing, lost content comes again with
-the next message, and outdated messages are dropped by number. Only nodes are not repeated after
-acknowledgement.
+Each message contains the complete target or actual state. Duplicates therefore have no effect, and the content of a
+lost message is repeated by the next one. Outdated messages are recognised by their number and dropped. Only nodes
+that have been acknowledged are not sent again.
 """
 
 from __future__ import annotations

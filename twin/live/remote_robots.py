@@ -1,7 +1,7 @@
-"""Robots moved by drivers: the dispatcher clears nodes, and drivers report events.
+"""Robots moved by drivers: the dispatcher permits (clears) nodes, and drivers report which nodes they execute.
 
-The simulation's clock follows real time. Anything without a driver, such as a person who brings a part,
-is simulated.
+The clock of the simulation follows real time. Everything without a driver is simulated, such as a person who
+brings a part.
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ from twin.engine.ports import Replanner, RobotPort
 from twin.live.driver_end import Wire
 from twin.live.inbox import Inbox
 from twin.live.link import Link
-from twin.live.measured import History, MeasuredLog
+from twin.live.measured_log import MeasuredLog
 from twin.live.messages import Report
 from twin.live.reported_nodes import ReportedNodes
+from twin.live.run_history import History
 from twin.runs.events import EventCode, EventKind
 from twin.runs.execution_record import Measured
 from twin.uncertainty.node_times import NodeTimes

@@ -1,7 +1,8 @@
-"""Validation of a driver's reports against its clearances, before they have any effect.
+"""Validation of driver reports before they are used.
 
-Drivers are external programs: every field of a report is untrusted input. A report that breaks a rule
-is rejected as a whole, and its robot is distrusted from then on.
+Drivers are external programs, so every field of a report is untrusted input. It is compared with the nodes that the
+dispatcher has cleared for the robot. A report that breaks a rule is rejected as a whole, and its robot is no longer
+trusted.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""gRPC service for drivers in other processes, in any language; and its client."""
+"""gRPC service and client for drivers in other processes; a driver may be written in any language."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of a session as bytes, by ``cell.proto``."""
+"""Serialization of messages between dispatcher and driver as protocol buffers, defined in ``cell.proto``."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The closed loop of dispatcher, planner and cell: plans are cut and extended while robots work (`twin operate`)."""
+"""Operation of a cell (``twin operate``): plans are executed, and revised after failures while robots work."""

@@ -1,4 +1,4 @@
-"""``twin operate``: execute in the twin, with replanning after failures."""
+"""Command ``twin operate``: execution of a plan in the simulation, with replanning after failures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Replan triggers, cuts of a plan, and the prefix that is committed at a cut."""
+"""Replan triggers, cuts of a plan, and committed prefixes.
+
+A cut divides the nodes of a plan. The committed prefix before the cut is executed as planned; the rest is replanned.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Ledger of steps and objects of an operation, and a person who answers questions before a step is abandoned.
+"""A person who answers questions before a step is abandoned, and the tasks in which the person helps.
 
-The answer is drawn when a plan is made: how long the person takes, and whether that helps. Help is a
-task of the graph, in which the person brings an object of the lost kind, or fixes the failure.
+The answer is drawn when a plan is made: how long the person takes, and whether the person can help. Help is a task
+of the graph, in which the person brings an object of the same kind as the lost one, or fixes the failure.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from twin.scenario.sections.execution import AskSection
 from twin.uncertainty.draws import uniforms
 
 PERSON = "person"
-"""Name of the machine of a graph whose tasks a person does."""
+"""Name of the machine that represents the person in a graph."""
 
 AGAIN = 2**32
 """Offset added to the step or task number in draw keys for each retry or further question."""

@@ -1,4 +1,7 @@
-"""Recovery of a plan as a function of its state, and appending an extension to the committed prefix."""
+"""Interface of recovery planners, which turn a plan state and a replan trigger into a new state and a plan revision.
+
+A revision appends an extension to the committed prefix, the nodes that are executed as planned in any case.
+"""
 
 from __future__ import annotations
 
@@ -103,6 +106,8 @@ class RecoveryState:
 
 class Planner(ABC, Generic[State]):
     """Recovery of one kind of assembly: maps a state and a replan trigger to a new state and a plan revision.
+
+    Implemented by ``twin.operations.recovery`` for steps, and by ``twin.kinds.construction.recovery``.
 
     Attributes:
         scenario: its recovery section sets limits and times.

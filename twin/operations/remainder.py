@@ -1,7 +1,7 @@
-"""Remainder of a run from a time on, planned from the world at that time.
+"""Remaining work of a run at a given time, planned from the world state at that time.
 
-No unexecuted part of the old plan is used: steps that have begun keep the robots, objects, grips
-and supports of their tasks, and all others are chosen again.
+Parts of the old plan that were not executed are discarded. Steps that have begun keep the robots, objects, grips and
+supports of their tasks; the choices of all other steps are made again.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Planning of the rest of an assembly from a world on, as a separate graph."""
+"""Planning of the rest of an assembly from a given world state, as a separate graph."""
 
 from __future__ import annotations
 

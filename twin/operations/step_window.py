@@ -1,7 +1,7 @@
 """Rolling planning window of steps: its size, when it advances, and the ordered products.
 
-The order of steps is fixed and the structure known to be stable; robots, objects and motions of a step
-are chosen when it enters the window, or its product is ordered.
+The order of steps is fixed, and the structure is known to be stable after every step. Robots, objects and motions of
+a step are chosen when the step enters the window, or when its product is ordered.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Objects delivered by machines at times unknown in advance."""
+"""Late objects, delivered by machines at times that are not known in advance."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from twin.engine.ports import Steps, SupplyPort
 
 
 class LateSupply(SupplyPort):
-    """Objects that arrive late, each brought in the one node of a machine, see ``scheduling.rolling.supply``.
+    """Late objects; each is delivered by a machine with a single node, see ``scheduling.rolling.supply``.
 
-    Robots wait for that node only after one has missed the object.
+    Robots wait for this node only after one of them has found the object missing.
 
     Args:
         execution: the run.

@@ -1,31 +1,33 @@
-"""Termination of an operation: a measure that every plan revision reduces.
+"""Termination of an operation: every plan revision reduces a measure that cannot decrease without end.
 
-Each revision of the plan has a cause that cannot occur without end:
+Each revision of the plan has one of four causes:
 
-1. an external event: a robot or machine goes out of service, an order changes, a late part is missed;
-2. steps come into the planning window;
+1. an external event: a robot or machine goes out of service, an order changes, or a late part is found missing;
+2. steps enter the planning window;
 3. a person is asked;
 4. all attempts at a skill have failed.
 
-The measure bounds how often each of them can still occur:
+The measure bounds how often each cause can still occur:
 
     mu = (E, N, Q, A),    compared lexicographically
-    E  robots and machines in service + announced changes of the order to come + late parts not missed yet
-    N  steps not planned yet; 0 once the planner has abandoned every further step
+    E  robots and machines in service + announced order changes still to come + late parts not found missing yet
+    N  steps not planned yet; 0 once the planner has abandoned all further steps
     Q  times * steps - questions asked                                   (0 without a person)
-    A  steps * kinds * (again + 1 + robots) - failures since a person last saw to the skill
+    A  steps * kinds * (again + 1 + robots) - failures since a person last fixed the skill
 
-An outage, a change and a missed part reduce E. A longer plan reduces N and leaves E. A question reduces Q; it may
-reset the failures of one skill and so raise A, which comes later in the order. A failure reduces A: a skill of a
-step fails at most ``again + 1`` times before its step is abandoned, and then each robot that is still
-at work at
-that step fails at most once more. E, N, Q and A are natural numbers, so each chain mu(1) > mu(2) > ... is finite.
+Here ``times`` is the largest number of questions per step, ``kinds`` the number of kinds of skills, and ``again`` the
+largest number of times that a skill is planned again.
 
-The planner compares the measure of each revision with that of the plan that is executed. A revision that does
-not reduce it is replaced by the end of the operation: nothing is appended, every remaining step is
-abandoned, and the outcome is ``failed``. Such an end adds no node to the graph, so only finitely many
-nodes, and
-failures of them, can follow. Orders of people on the page of a run take robots out of service, which E counts.
+An outage, an order change and a missing part reduce E. A longer plan reduces N and leaves E unchanged. A question
+reduces Q. It may reset the failures of one skill and so increase A, but A comes after Q in the order. A failure
+reduces A: a skill of a step fails at most ``again + 1`` times before its step is abandoned, and after that each robot
+still working at the step fails at most once more. E, N, Q and A are natural numbers, so every sequence
+mu(1) > mu(2) > ... is finite.
+
+The planner compares the measure of each revision with the measure of the executed plan. If a revision does not reduce
+it, the operation ends instead: nothing is appended, all remaining steps are abandoned, and the outcome is ``failed``.
+This end adds no node to the graph, so the number of nodes and of their failures is finite. If people take robots out
+of service on the page of a run, E counts these events.
 """
 
 from __future__ import annotations

@@ -1,4 +1,1 @@
-"""A web page for people next to a cell with drivers: progress of the run, and buttons.
-
-Imports live, follow, operations, engine, recorders and runs; api imports it.
-"""
+"""Web page for people next to a cell with drivers: it shows the progress of the run, and has buttons for orders."""

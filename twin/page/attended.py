@@ -1,4 +1,4 @@
-"""Execution by drivers with people next to the cell, who see the progress, give orders and answer questions."""
+"""Execution by drivers while people next to the cell see the progress, give orders and answer questions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cells whose robots are moved by drivers: their executor, with an optional page."""
+"""Executor of a cell whose robots are moved by drivers, with an optional web page."""
 
 from __future__ import annotations
 

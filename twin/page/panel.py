@@ -1,6 +1,6 @@
-"""State shared by a page and the run: orders in one direction, display in the other.
+"""State shared by the web page and the run: orders from people to the run, and progress of the run for display.
 
-People next to a cell see the progress of the run, give orders and answer questions.
+People next to a cell watch the progress of the run, give orders to robots and answer questions.
 """
 
 from __future__ import annotations

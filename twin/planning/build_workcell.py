@@ -1,4 +1,4 @@
-"""Construction of a cell from a scenario."""
+"""Construction of the workcell of a scenario."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Idle robots of a plan: the steps they could do, and why they have no task."""
+"""Idle robots of a plan: which steps they could do, and why they have no task."""
 
 from __future__ import annotations
 

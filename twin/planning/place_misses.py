@@ -1,4 +1,4 @@
-"""Probability that robots miss the places of objects, from their repeatability."""
+"""Probability that a robot misses the place of an object, computed from its repeatability."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans for all products of a line, repeated from those of the first products."""
+"""Plans for all products of a production line, made by repeating the plans of the first products."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shapes of the cell, built from the sections of a scenario."""
+"""Construction of collision shapes from the sections of a scenario."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Time parameterization of a plan: node times within the limits of its robots, with corners rounded where wanted."""
+"""Time parameterization of a plan: node times within the limits of its robots.
+
+Corners of paths are rounded before, if the scenario requests it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,1 @@
-"""Reading and checking scenario files.
-
-Imports document, scenario and planning; trial imports it.
-"""
+"""Reading and checking of scenario files."""

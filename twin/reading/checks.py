@@ -1,4 +1,4 @@
-"""Consistency checks across the parts of a scenario."""
+"""Checks that the sections of a scenario are consistent with each other."""
 
 from __future__ import annotations
 

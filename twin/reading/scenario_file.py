@@ -1,4 +1,7 @@
-"""Reading a scenario file: text -> YAML -> sections -> checked scenario, or a list of all problems."""
+"""Reading of a scenario file.
+
+The text is parsed as YAML, converted to sections, and checked. The result is a scenario, or a list of all problems.
+"""
 
 from __future__ import annotations
 

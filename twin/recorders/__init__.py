@@ -1,4 +1,1 @@
-"""Recorders of a run: events and tables.
-
-Imports runs; engine and trial import it.
-"""
+"""Recorders of a run: they write its events and tables."""

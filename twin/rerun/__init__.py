@@ -1,4 +1,1 @@
-"""The 3-D recording for the Rerun viewer.
-
-Imports runs, drawing and planning's robot files; trial and follow import it.
-"""
+"""3-D recordings of runs for the Rerun viewer."""

@@ -1,4 +1,4 @@
-"""``twin.replay``: show a run in the Rerun viewer, or render stills."""
+"""Function ``twin.replay``: shows a run in the Rerun viewer, or renders still pictures."""
 
 from __future__ import annotations
 

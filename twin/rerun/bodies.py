@@ -1,7 +1,7 @@
-"""Robots, fixtures and objects in the Rerun recording: shapes, poses and names.
+"""Robots, fixtures and objects in a Rerun recording: shapes, poses and name labels.
 
-Robot names, with those of held objects, are at the robots' bases: next to a part a name would hide it.
-Objects at rest are named on hovering.
+The label of a robot, with the name of the object that it holds, is shown at the base of the robot, since it would
+hide a part next to it. The name of an object at rest is shown when the pointer is over the object.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Camera of a recording that shows the whole site."""
+"""Camera of a Rerun recording, placed so that the whole site is in view."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
-_TAN_UP = 0.5206  # of half the viewer's vertical angle of view, 55 degrees
-_ASPECT = 1.75  # of the 3-D view in a window of common shape
+_TAN_HALF_VIEW = 0.5206  # tangent of half the vertical angle of view, 55 degrees
+_ASPECT = 1.75  # aspect ratio of the 3-D view in a typical window
 _MARGIN = 1.04
 """Width of the view over that of the scene."""
 
@@ -92,7 +92,7 @@ def camera_looking_at(points: Array, towards: Array) -> tuple[Array, Array]:
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
     across = np.stack([right, np.cross(towards, right)])
-    tangents = np.array([_TAN_UP * _ASPECT, _TAN_UP]) / _MARGIN
+    tangents = np.array([_TAN_HALF_VIEW * _ASPECT, _TAN_HALF_VIEW]) / _MARGIN
     target: Array = 0.5 * (points.min(axis=0) + points.max(axis=0))
     away = _LEAST_M
     for _ in range(8):  # settles to less than a pixel

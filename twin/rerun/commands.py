@@ -1,4 +1,4 @@
-"""``twin replay``: look at the recording of a run."""
+"""Command ``twin replay``: opens the recording of a run, or renders pictures of it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Fingers in the Rerun recording: they close on grasped objects and open to release them.
+"""Motion of fingers in a Rerun recording: they close on grasped objects, and open to release them.
 
-Fingers of robots are joints of their description; those of a mounted tool are turned into joints where
-its shapes identify them. They close until they touch the part, see ``planning.grips.pads``. A tool from
+Fingers of a robot are joints of its description. Fingers of a mounted tool are identified among the shapes of the
+tool and turned into prismatic joints. They close until they touch the part, see ``planning.grips.pads``. A tool in
 a rack is drawn as an object with open fingers.
 """
 

@@ -1,4 +1,4 @@
-"""Names of tasks and waits for people: each task with its part and step, each wait with its robots."""
+"""Descriptions of tasks and waits in words: a task with its part and step, a wait with the robots involved."""
 
 from __future__ import annotations
 

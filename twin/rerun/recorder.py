@@ -1,6 +1,6 @@
-"""The 3-D recording ``run.rrd``: the cell in motion, lanes, plots and the event rows.
+"""Writer of the 3-D recording ``run.rrd``: moving bodies, robot lanes, plots and event rows.
 
-It is written in columns after the run, about a hundred times faster than row by row.
+The recording is written in columns after the run, which is about a hundred times faster than row by row.
 """
 
 from __future__ import annotations

@@ -1,4 +1,1 @@
-"""Records of a run: events, trajectories, summary, folder.
-
-Imports uncertainty; recorders, engine, exports and trial import it.
-"""
+"""Records of a run: events, trajectories, summary and run folder."""

@@ -1,4 +1,4 @@
-"""Motions that are cubic in time between rows of positions and speeds (Hermite interpolation)."""
+"""Cubic Hermite interpolation of motions between rows of joint positions and speeds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from planning.transforms import Array
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 
 _SHORTEST_NS = 30_000
-"""Between times that are no further apart, accelerations are linear but for rounding."""
+"""Longest interval that is not subdivided: accelerations within it are linear up to rounding [ns]."""
 
 
 def cubic_at(t: Array, q: Array, v: Array, times: Array) -> tuple[Array, Array, Array]:

@@ -1,8 +1,9 @@
-"""Motion of a robot within acceleration limits, from its commands.
+"""Motion of a robot within acceleration limits, computed from its commanded positions.
 
-On a stretch, the executed position is the mean of the commanded ones during the ``lag`` before.
-Commanded positions are quadratic between their rows, so executed ones are cubic between those
-rows and the same rows a lag later: such a motion is given by positions and speeds at these times.
+A stretch is a straight segment of a joint-space path that begins and ends at rest. On it, the executed position is the
+moving average of the commanded positions over the preceding time ``lag``. Commanded positions are quadratic in time
+between their rows, so executed positions are cubic between those rows and copies of them shifted by ``lag``. The
+motion is therefore given by positions and speeds at these times.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from planning.timing.blended_path import BlendedPath
 from planning.timing.braking import StoppedPath
-from planning.timing.rounded_path import BlendedPath
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import node_path, skill_motion

@@ -1,4 +1,4 @@
-"""Events of a run, and the log ``events.jsonl``: its lines, written and read."""
+"""Events of a run, and reading and writing of the event log ``events.jsonl``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Record of one execution: outcome, node times, waits."""
+"""Execution record of a run: outcome, node times and waits."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Policy = str
 
 
 class RobotWait(NamedTuple):
-    """A robot stands still because its next node may not start yet, from when to when [ns]."""
+    """Wait of a robot whose next node may not start yet, from its begin to its end [ns]."""
 
     chain: int
     node: int
@@ -33,7 +33,7 @@ class Measured(NamedTuple):
     """Measured configurations of a robot.
 
     Attributes:
-        t_ns: shape (rows,), never falling [ns].
+        t_ns: shape (rows,), non-decreasing [ns].
         q: joint positions, shape (rows, n) [rad or m].
         node: node that each row belongs to, shape (rows,); -1 before the first.
     """

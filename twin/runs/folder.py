@@ -1,4 +1,4 @@
-"""The folder of a run: files, hashes, lock of one writer, and replacement of old results."""
+"""Run folder: file names, hashes, a lock for the process that writes, and replacement of old results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Entry of the manifest about a run."""
+"""Entry ``run`` of a manifest: data needed to conclude or resume a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figures of a run: ``summary.json``, and their table on a terminal."""
+"""Figures of a run: the content of ``summary.json``, and the table printed in the terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Types of the figures in ``summary.json``, as far as they are printed; see docs/reference/formats.md."""
+"""Types of the entries of ``summary.json`` that are printed; see docs/reference/formats.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tracking errors of robots moved by drivers: distance to their paths, and the nearest path points."""
+"""Tracking errors of robots moved by drivers: their distance to planned paths, and the nearest path points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Time windows between steps, in a plan and in a run."""
+"""Time windows between steps, as planned and as executed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from twin.runs.execution_record import ExecutionRecord
 def window_summary(
     tpg: TemporalPlanGraph, run: ExecutionRecord
 ) -> list[dict[str, Any]]:
-    """Return the time windows of a run for ``summary.json``; None where they did not happen."""
+    """Return the time windows of a run for ``summary.json``; times of windows that were not reached are None."""
     if not tpg.windows:
         return []
     start, end = np.concatenate(run.start_ns), np.concatenate(run.end_ns)

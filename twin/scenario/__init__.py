@@ -1,4 +1,1 @@
-"""Scenario files: from YAML to checked sections, and from those to manifests and variations.
-
-Imports document, its room sections, planning, durations and uncertainty.
-"""
+"""Scenario files: sections, schema, manifests, variations of keys, and scenarios shipped with the program."""

@@ -1,4 +1,4 @@
-"""The JSON schema of scenario files."""
+"""JSON schema of scenario files."""
 
 from __future__ import annotations
 

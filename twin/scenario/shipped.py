@@ -1,4 +1,4 @@
-"""Scenarios that come with the program, by name."""
+"""Scenarios shipped with the program, by name."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pathlib import Path
 from planning.errors import ScenarioError
 
 _SCENARIO = "scenario.yaml"
-"""File of a scenario's folder."""
+"""Name of the scenario file in a folder."""
 
 _YAML = (".yaml", ".yml")
 _HERE = Path(__file__)
 
 _PLACES = (_HERE.parents[1] / "shipped", _HERE.parents[2] / "scenarios")
-"""Where they are in an installed package, and in a working copy."""
+"""Folders of the scenarios, in an installed package and in a working copy."""
 
 
 @cache

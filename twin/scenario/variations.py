@@ -1,8 +1,8 @@
 """Variations of scenario keys: ``skills.pick.scale=1,1.5,2``, applied to a scenario.
 
-A key is a dotted path from the top of the scenario, or from its execution section. Entries of
-lists have their position or their name: ``cell.robots.left.base.xyz_m.0``. A distribution is given
-as a whole, ``jitter={kind: uniform, low_s: 0, high_s: 1}``, or key by key, ``jitter.kind=uniform``.
+A key is a dotted path from the top of the scenario, or from its execution section. Entries of lists are addressed by
+position or by name: ``cell.robots.left.base.xyz_m.0``. A distribution is given as a whole,
+``jitter={kind: uniform, low_s: 0, high_s: 1}``, or key by key, ``jitter.kind=uniform``.
 """
 
 from __future__ import annotations

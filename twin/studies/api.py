@@ -1,6 +1,6 @@
-"""``twin.study``: many replications of a plan under uncertainty, with statistics.
+"""Function ``twin.study``: many replications of a plan under uncertainty, with statistics.
 
-``twin.compare``: its preset with one plan and one replication a seed, under every policy.
+Function ``twin.compare`` is a study with one plan and one replication per seed, under every policy.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""``twin.compare``: one scenario under every policy, with the same paths and the same draws."""
+"""Function ``twin.compare``: executes a scenario under every policy, with the same paths and random draws."""
 
 from __future__ import annotations
 

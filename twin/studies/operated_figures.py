@@ -1,4 +1,4 @@
-"""Cost of failures with replanning, and gains of preventing them."""
+"""Cost of failures in replications with replanning, and time saved if a kind of failure never occurred."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from twin.studies.sensitivity import scenarios_without_failures
 
 
 class PreventedFailure(Figures):
-    """Gain if a skill never failed, with the same draws.
+    """Estimated gain if a skill never failed, with the same random draws.
 
     Attributes:
         skill: which.

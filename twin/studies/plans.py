@@ -1,4 +1,4 @@
-"""Plans that a study executes, of one layout or of several, and the workloads made of them."""
+"""Plans of a study, for one or several layouts of the cell, and the workloads made from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of robot bases (calibration) and paths (force control), drawn for a replication."""
+"""Random pose errors in a replication: of robot bases (calibration), and of paths (force control)."""
 
 from __future__ import annotations
 

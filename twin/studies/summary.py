@@ -1,4 +1,7 @@
-"""Figures of a study for ``summary.json``: makespans of cells, and differences."""
+"""Figures of a study for ``summary.json``: makespans under each policy and variant of the inputs, and differences.
+
+Their confidence intervals are computed in ``twin.studies.replications.statistics``.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +27,7 @@ from twin.scenario.variations import (
 )
 from twin.studies.folder import RefusedLayout, StudyRequest
 from twin.studies.operated_figures import OperatedSummary
-from twin.studies.products import (
-    LineSummary,
-    WindowsSummary,
-    line_summary,
-    product_times,
-    windows_summary,
-)
+from twin.studies.products import LineSummary, line_summary, product_times
 from twin.studies.replications.block_results import (
     COMPLETED,
     ERROR,
@@ -51,6 +48,7 @@ from twin.studies.replications.statistics import (
 )
 from twin.studies.replications.workload import Workload
 from twin.studies.sensitivity import Influence, SobolIndex
+from twin.studies.window_figures import WindowsSummary, windows_summary
 from twin.warnings.plan_warnings import stall_warnings
 from twin.warnings.unreached_speeds import unreached_speeds
 
@@ -131,7 +129,7 @@ class CellSummary(Figures):
 
 
 class Difference(Figures):
-    """A policy against another one, replication by replication, with the same variant.
+    """Paired difference of two policies, replication by replication, with the same variant.
 
     Attributes:
         policy, reference: which.

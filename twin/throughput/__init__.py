@@ -1,4 +1,1 @@
-"""Performance of lines: takt, throughput, lateness and work in progress of products.
-
-Imports runs; studies import it.
-"""
+"""Performance of production lines: takt, throughput, lateness and work in progress of products."""

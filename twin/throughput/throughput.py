@@ -1,4 +1,4 @@
-"""Performance of a line: start and completion of products, takt, throughput, work in progress."""
+"""Performance of a production line: start and completion of products, takt, throughput, work in progress."""
 
 from __future__ import annotations
 

@@ -1,4 +1,1 @@
-"""One trial of a plan: execute, record, audit, resume.
-
-Imports engine, recorders, runs, planning and scenario.
-"""
+"""Runs of a plan: planning, execution, recording, audit and resumption."""

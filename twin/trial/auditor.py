@@ -1,4 +1,4 @@
-"""Interface of the audit of a run: checks of the execution by code that planning does not use."""
+"""Interface for auditing a run; the audit uses no code of the planner."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.scenario.sections.scenario import Scenario
 
 
 class RunJudge(Protocol):
-    """Checks an executed plan against its scenario."""
+    """Auditor that checks an executed plan against its scenario."""
 
     def judge(
         self,

@@ -1,4 +1,4 @@
-"""Errors of runs that are written into folders."""
+"""Errors raised when files of a run cannot be written, or when a run cannot be resumed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Executors of the plan of a run: in the simulation, or one that a wing adds."""
+"""Interface of executors of a plan, and the executor in simulation; extensions register further ones."""
 
 from __future__ import annotations
 

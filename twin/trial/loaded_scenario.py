@@ -1,4 +1,4 @@
-"""``twin.load``: a validated scenario with its source file."""
+"""Function ``twin.load``, and the validated scenario with its source file that it returns."""
 
 from __future__ import annotations
 

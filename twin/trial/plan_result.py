@@ -1,4 +1,4 @@
-"""A plan of a scenario, new or read from a folder."""
+"""Plan of a scenario, newly made or read from a folder."""
 
 from __future__ import annotations
 

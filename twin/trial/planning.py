@@ -1,4 +1,4 @@
-"""Planning of a scenario: all stages in order, with optional improvements."""
+"""Planning of a scenario: all stages in order, with optional improvements of the plan."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Resuming a run that was killed.
+"""Resuming of a run that was killed.
 
-Runs are deterministic: the same scenario, plan and seed give the same events. So a run is resumed by
-executing it again from the start, comparing every event with the log, and writing the missing ones: the
-files equal those of an uninterrupted run. Runs with drivers are continued from the log.
+Runs are deterministic: the same scenario, plan and seed give the same events. A run is resumed by executing it again
+from the start. Every event is compared with the log, and missing events are appended, so the files equal those of an
+uninterrupted run. Runs with drivers are continued from the log instead.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A moment of a run: its folder and a time."""
+"""Moment of a run: its folder and a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Result of a run, just simulated or read from its folder."""
+"""Result of a run, newly simulated or read from its folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Execution of plans in the simulation: the execution model of a scenario, and one run with it."""
+"""Simulation of plans: the execution model of a scenario, and one run with it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,1 @@
-"""Disturbances, named random draws, and the node times they give in a replication.
-
-Imports durations and the base of scenario sections; engine, runs and scenario import it.
-"""
+"""Disturbances, reproducible random draws, and the node times of a replication that result from them."""

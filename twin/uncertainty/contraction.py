@@ -1,8 +1,7 @@
-"""Contraction of chains: nodes that can be executed as one without any effect on the others.
+"""Contraction of chains: consecutive nodes of a robot are joined if this changes no start or end time.
 
-A node without type-2 predecessors after a node without type-2 successors starts the instant
-its predecessor is complete, whatever the queue depth, as long as messages take no time. So it
-can be simulated together with its predecessor: all starts and ends stay the same.
+A node without type-2 predecessors after a node without type-2 successors starts as soon as its predecessor is
+complete, for any queue depth, if messages take no time. It can then be simulated together with its predecessor.
 """
 
 from __future__ import annotations

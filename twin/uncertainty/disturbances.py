@@ -13,12 +13,12 @@ from planning.cell.workcell import PlacedRobot, PoseError, Workcell
 from twin.document.section import Name, Section, Two
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.composed import AnyDuration
+from twin.durations.lognormal import Lognormal
 from twin.durations.model import DurationModel, Factor, Skill
-from twin.durations.normal import Lognormal
 from twin.uncertainty.base_errors import PoseErrorSection
 
 Probability = Annotated[float, Field(ge=0, le=1)]
-"""Of something that happens or not."""
+"""Probability of an event."""
 
 
 class _FactorSection(Section):

@@ -1,8 +1,8 @@
-"""Counter-based random draws: a uniform per (seed, replication, robot, task, kind, purpose, index).
+"""Counter-based random draws: one uniform number per (seed, replication, robot, task, kind, purpose, index).
 
-The generator is Philox 4x64-10 (Salmon et al., SC 2011), a keyed bijection of a counter. A draw
-depends on nothing but its name, so two policies with one seed see the same skill durations
-(common random numbers), the order of evaluation does not matter, and draws come in bulk.
+The generator is Philox 4x64-10 (Salmon et al., SC 2011), a keyed bijection of a counter. A draw depends only on its
+key and counter. Two policies with the same seed therefore get the same skill durations (common random numbers), the
+order of evaluation does not matter, and many draws can be computed at once.
 
     key     = (seed, replication)
     counter = (draw index, task, hash of robot, hash of kind and purpose)

@@ -10,7 +10,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 
 _ROUNDING = 1e-9
-"""Relative rounding error of a duration from its path."""
+"""Relative rounding error of a duration computed from a path."""
 
 
 def least_seconds(chain: NodeChain, model: RobotModel | None) -> Array:

@@ -1,8 +1,8 @@
-"""Durations and standstills of every node in a replication, drawn before the run begins.
+"""Durations and standstills of all nodes in a replication, drawn before the run begins.
 
-Speed of motions, jitter, stalls, breakdowns by busy time and failed attempts at skills depend on
-nothing that happens in the run, and stops by the run's clock are known as intervals. The event
-engine and the engine that computes many replications side by side take the same draws.
+Speeds of motions, jitter, stalls, breakdowns by busy time and failed attempts at skills do not depend on events of the
+run. Stops at clock times are given as intervals. The event engine and the bulk engine, which computes many
+replications at once, use the same draws.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Skill durations: the model of each skill task of a TPG, and draws of many replications."""
+"""Skill durations: the duration model of each skill of a plan, and draws for many replications."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ class SkillDraws:
 
     Attributes:
         nominal: planned duration of every node, per chain [ns].
-        tasks: indices of the tasks that vary, in which a skill or a tool does, never falling, shape (s,).
+        tasks: indices of the tasks that vary, in which a skill or a tool does, non-decreasing, shape (s,).
         names: keys of the draws of each of them.
         skills: skill or tool action of each of them.
         groups: each model, and the positions in ``tasks`` that draw from it.

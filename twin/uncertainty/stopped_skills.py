@@ -1,4 +1,4 @@
-"""Skills interrupted by stops: robots brake along their paths within limits."""
+"""Motion of skills that are interrupted by stops: robots brake along their paths within their limits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.durations.nanoseconds import NANOSECONDS
 from twin.uncertainty.stop_times import NEVER
 
 NextStop = Callable[[int], tuple[int, int]]
-"""Begin and end of the first stop of a robot that is not over at a time, all in nanoseconds."""
+"""Returns begin and end of the first stop that ends after a given time; all times in nanoseconds."""
 
 
 def stops_of(intervals: Sequence[tuple[int, int]]) -> NextStop:

@@ -1,4 +1,1 @@
-"""Verification of saved plans, for the program: ``twin verify``.
-
-Imports scheduling.verification; nothing imports it.
-"""
+"""Command ``twin verify``: verification of saved plans."""

@@ -1,4 +1,4 @@
-"""``twin verify``: prove that a saved plan is safe, whatever is late or slightly out of place."""
+"""Command ``twin verify``: proves that a saved plan is safe under any delays and bounded pose errors."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Worst-case delays: one robot never finishes a node while all others continue.
+"""Standstills after a worst-case delay: one robot never finishes a node, and all others continue as far as possible.
 
-Every type-2 edge makes a robot wait for a node of another one. If that node is never complete, the
-others run until nothing moves, and the cell rests in a state that no nominal run passes through. The
-audit checks each of these states.
+Every type-2 edge makes a robot wait for a node of another robot. If that node is never completed, the others continue
+until none of them can move. The cell then remains in a state that does not occur in a nominal run. The audit checks
+all such states.
 """
 
 from __future__ import annotations

@@ -1,4 +1,1 @@
-"""Warnings about what a plan cannot keep to when it is executed.
-
-Imports engine and uncertainty; studies import it.
-"""
+"""Warnings about a plan before its execution: stalls, time windows, overloaded joints and unreachable speeds."""

@@ -1,4 +1,4 @@
-"""Warnings about a plan before it is executed: stalls, time windows, overloaded joints, speeds."""
+"""Warnings about a plan before its execution: stalls, time windows, overloaded joints and speeds."""
 
 from __future__ import annotations
 

@@ -17,6 +17,12 @@ from planning.construction.checks.moving_checks import (
 )
 from planning.construction.checks.scene import MoverScene
 from planning.construction.checks.still_checks import is_clear_of_still_objects
+from planning.construction.paths.motion_queue import (
+    Motions,
+    empty_motions,
+    pop_motion,
+    push_motion,
+)
 from planning.construction.paths.query import (
     Query,
     arrival_time,
@@ -25,14 +31,10 @@ from planning.construction.paths.query import (
 )
 from planning.construction.paths.roadmap import (
     SPANS,
-    Motions,
     Roadmap,
     draw_vertices,
-    empty_motions,
     find_stands,
     new_roadmap,
-    pop_motion,
-    push_motion,
 )
 from planning.construction.problem.settings import RrtSettings
 from planning.kernels import ZERO, copy_row, inner_kernel, kernel

@@ -12,12 +12,9 @@ from planning.construction.paths.base_paths import base_path
 from planning.construction.paths.bidirectional_search import grow_forests
 from planning.construction.paths.direct_paths import direct_paths
 from planning.construction.paths.earliest_arrival import search_roadmap
-from planning.construction.paths.postprocess import (
-    retime_with_waits,
-    shortcut_path,
-    with_early_waits,
-)
+from planning.construction.paths.path_shortcuts import shortcut_path
 from planning.construction.paths.query import Query, SpaceTimePath, next_arrival
+from planning.construction.paths.retiming import retime_with_waits, with_early_waits
 from planning.construction.problem.settings import RrtSettings
 from planning.construction.stopwatch import Stopwatch
 from planning.packed import packed

@@ -15,12 +15,12 @@ import numpy as np
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.world.fleet import LoadedRobot
+from planning.construction.world.skill_motion import SkillMotion
 from planning.construction.world.timeline import (
     STEP,
     HandChange,
     ObjectTimeline,
     RobotTimeline,
-    SkillMotion,
     cut_timeline,
     held_objects_over_time,
 )

@@ -32,7 +32,8 @@ from planning.lego.insertion.tool_room import (
     brick_box,
     tool_room,
 )
-from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH, ORIENTATIONS
+from planning.lego.skills.support_targets import ORIENTATIONS
+from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH
 from planning.lego.stability.contacts import ToolHold
 from planning.lego.stability.partial_structures import Names
 from planning.transforms import Array

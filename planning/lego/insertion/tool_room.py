@@ -28,14 +28,9 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.brick_grips import grip_pose
 from planning.lego.bricks.grid import box_size, brick_height, top_pose
-from planning.lego.skills.targets import (
-    APPROACH_HEIGHT,
-    STUD_HEIGHT,
-    BrickGrip,
-    lever_reaches_below,
-    place_targets,
-    support_targets,
-)
+from planning.lego.skills.brick_contacts import lever_reaches_below
+from planning.lego.skills.support_targets import STUD_HEIGHT, support_targets
+from planning.lego.skills.targets import APPROACH_HEIGHT, BrickGrip, place_targets
 from planning.robots.registry import robot_model
 from planning.transforms import Array, Transform, inverse, read_only_copy, translation
 

@@ -24,8 +24,8 @@ from planning.lego.bricks.assembly import LegoAssembly, PlacedBrick, Plate, Pres
 from planning.lego.bricks.brick_world import goal_name, press_from_number
 from planning.lego.bricks.grid import top_pose
 from planning.lego.insertion.rules import ArmLimits, Grip, SequencingRules
-from planning.lego.sequencing.blocking import check_reach
 from planning.lego.sequencing.sequencing import SequencedStructure
+from planning.lego.sequencing.step_reach import check_reach
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.targets import (
     APPROACH_HEIGHT,

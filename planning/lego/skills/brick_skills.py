@@ -32,20 +32,21 @@ from planning.lego.bricks.brick_world import (
     goal_name,
     press_from_number,
 )
-from planning.lego.skills.handovers import brick_meetings, giver_rest_poses
-from planning.lego.skills.targets import (
-    APPROACH_HEIGHT,
-    HIGH_APPROACH,
+from planning.lego.skills.brick_contacts import (
     PRESSED,
-    BrickGrip,
     neighbours_leaned_on,
-    pick_targets,
-    place_targets,
     resting_contacts,
     resting_room,
     support_contacts,
-    support_targets,
-    supported_span,
+)
+from planning.lego.skills.handovers import brick_meetings, giver_rest_poses
+from planning.lego.skills.support_targets import support_targets, supported_span
+from planning.lego.skills.targets import (
+    APPROACH_HEIGHT,
+    HIGH_APPROACH,
+    BrickGrip,
+    pick_targets,
+    place_targets,
 )
 from planning.steps.skill import Obstruction, Pairs, SkillPath, joint_distance
 from planning.tasks.assignment import SupportCandidate

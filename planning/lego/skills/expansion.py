@@ -27,14 +27,14 @@ from planning.lego.bricks.brick_world import (
     press_from_number,
     station_of,
 )
-from planning.lego.skills.candidates import LazyBrickCandidates, LegoCandidates
-from planning.lego.skills.targets import (
+from planning.lego.skills.brick_contacts import (
     Bricks,
     resting_contacts,
     resting_room,
     support_contacts,
-    supported_span,
 )
+from planning.lego.skills.candidates import LazyBrickCandidates, LegoCandidates
+from planning.lego.skills.support_targets import supported_span
 from planning.steps.skill import Obstruction, Pairs, contacts_with
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assembly import Assembly

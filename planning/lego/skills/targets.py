@@ -1,41 +1,22 @@
-"""The six manipulation skills as sequences of subgoals (APEX-MR Sec. V, App. C).
+"""Picks, places and handovers of bricks as sequences of subgoals (APEX-MR Sec. V, App. C).
 
 Every learned skill is an approach, an attach and a twist. The first subgoal, ``approach``, is
 the goal of the transit before the skill; the skill's own reference path is the rest. Distances
 and angles are those of the published demonstrations, checked against its shipped joint paths.
-
-Allowed contacts are what touches by the nature of a skill: never arm and arm, never tool and tool. Everything is an
-unordered pair of names: the robot's tool, a brick, the plate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from itertools import product
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.workcell import Fixture
 from planning.errors import RobotModelError
-from planning.geometry.robot_bodies import entity_name
-from planning.handling.skill_contacts import grip_contact
 from planning.handling.skill_targets import SkillTargets, Subgoal
-from planning.lego.bricks.assembly import (
-    LAYER_HEIGHT,
-    STUD_PITCH,
-    BrickType,
-    GridSpan,
-    OnGrid,
-    PlacedBrick,
-    Plate,
-    Press,
-    Support,
-)
-from planning.lego.bricks.brick_grips import grip_pose, lever_cell, side_contact_pose
-from planning.lego.bricks.brick_types import BRICKS
-from planning.lego.bricks.grid import box_from_top, brick_height, plate_corner, top_pose
-from planning.steps.skill import Pairs, contacts_with
+from planning.lego.bricks.assembly import LAYER_HEIGHT, BrickType, Press
+from planning.lego.bricks.brick_grips import grip_pose, side_contact_pose
+from planning.lego.bricks.grid import box_from_top, brick_height
 from planning.transforms import Transform, inverse, rotation, translation
 
 DEFAULT_TWIST: Mapping[str, float] = {
@@ -54,45 +35,6 @@ HIGH_APPROACH = 0.012
 
 _LIFT = 0.015
 """Way straight up after a twist [m]."""
-
-LEVER_WALL = 0.0032
-"""The wall beside the tool's grip stands out this far along the tool [m]."""
-
-STUD_HEIGHT = 0.0017
-"""Height of a stud [m]."""
-
-_TOP_SHIFT = 0.002
-"""The tool of a support-top stands this far inside the edge, along its x [m]."""
-
-_BOTTOM_LEAD = 0.001
-"""A support-bottom is approached from this far below [m]."""
-
-_TOP_LEAD = 0.005
-"""A support-top is approached from this far above [m]."""
-
-ORIENTATIONS = (0, 1, 2, 3)
-
-_YAW = (0.0, -np.pi / 2, np.pi / 2, np.pi)
-"""Where the tool of each orientation points: towards +x, -y, +y and -x."""
-
-# The 1 x 2 cell behind the supported one, and the side of it that faces back.
-_BEHIND = ((1, 0), (0, -1), (0, 1), (-1, 0))
-_SIDE = (1, 4, 1, 4)
-
-# Level tool: z along the heading (x for orientation 0), x up.
-_LEVEL = np.array(
-    [[0.0, 0, 1, 0], [0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]], dtype=np.float64
-)
-# Tool that points down, x along the heading.
-_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
-
-_TOUCH = 0.001
-"""A fixture whose top is this near to a brick's bottom carries it [m]."""
-
-PRESSED = 0.003
-"""How deep a tool may go into bricks that it is allowed to touch: the audit lets pass as much [m]."""
-
-Bricks = Mapping[str, OnGrid]
 
 
 @dataclass(frozen=True)
@@ -271,162 +213,3 @@ def _lifted(pose: Transform) -> Transform:
     out = pose.copy()
     out[2, 3] += _LIFT
     return out
-
-
-def support_targets(plate: Plate, support: Support) -> tuple[SkillTargets, ...]:
-    """Return the poses of a support, along the plate's axes.
-
-    From below, the top of the tool's tip, 16 mm wide, touches the bottom of the bricks in layer
-    z + 1. From above, the tool stands on the studs of the bricks in layer z - 1, pointing down.
-    (The published code takes the axes of the first robot's base.)
-
-    Args:
-        plate: the plate whose grid the support is given in.
-        support: its cell and orientation.
-
-    Returns:
-        From above, the support from one pre-pose, 5 mm above it. From below, from each of nine
-        pre-poses 1 mm lower: straight below first, then shifted by 1 mm.
-    """
-    frame = plate_corner(plate).copy()
-    frame[:3, 3] = 0.0
-    heading, z = frame @ rotation("z", _YAW[support.orientation]), support.cell.z
-    if support.from_above:
-        shift = heading[:3, 0] * _TOP_SHIFT
-        lift = frame[:3, 2] * (LEVER_WALL + STUD_HEIGHT - LAYER_HEIGHT)
-        pose = heading @ _DOWN
-        pose[:3, 3] = _contact(plate, support, z)[:3, 3] + shift + lift
-        return (_support("support-top", pose, frame, (0.0, 0.0, _TOP_LEAD)),)
-    up = frame[:3, 2] * (LAYER_HEIGHT - STUD_PITCH)
-    pose = heading @ _LEVEL
-    pose[:3, 3] = _contact(plate, support, z - 1)[:3, 3] + up
-    pose = pose @ translation(0.0, 0.0, -LEVER_WALL)
-    return tuple(
-        _support(
-            "support-bottom",
-            pose,
-            frame,
-            (i * _BOTTOM_LEAD, j * _BOTTOM_LEAD, -_BOTTOM_LEAD),
-        )
-        for i, j in product((0, 1, -1), repeat=2)
-    )
-
-
-def lever_reaches_below(brick: BrickType) -> bool:
-    """Tell whether the wall next to the tool's grip reaches the knobs below the brick."""
-    return brick_height(brick) < LEVER_WALL + STUD_HEIGHT
-
-
-def supported_span(support: Support) -> GridSpan:
-    """Return the grid block of the supporting tip, two studs and a brick high."""
-    cell = replace(support.cell, turned=support.orientation in (1, 2))
-    return PlacedBrick("", BRICKS["1x2"], cell).span
-
-
-def _contact(plate: Plate, support: Support, layer: int) -> Transform:
-    k, at = support.orientation, support.cell
-    dx, dy = _BEHIND[k]
-    cell = replace(at, x=at.x + dx, y=at.y + dy, z=layer, turned=k in (1, 2))
-    pair = PlacedBrick("", BRICKS["1x2"], cell)
-    return grip_pose(top_pose(plate, pair), pair.brick, Press(_SIDE[k], 0))
-
-
-def _support(
-    skill: str, pose: Transform, frame: Transform, offset: tuple[float, float, float]
-) -> SkillTargets:
-    """Return a support that starts at an offset from its pose, given in a frame's axes."""
-    pre = pose.copy()
-    pre[:3, 3] += frame[:3, :3] @ np.asarray(offset)
-    subgoals = (Subgoal("pre", "tool", pre), Subgoal("support", "tool", pose))
-    return SkillTargets(skill, subgoals)
-
-
-def resting_contacts(
-    robot: str,
-    item: PlacedBrick,
-    pose: Transform,
-    press: Press,
-    others: Bricks,
-    fixtures: Iterable[Fixture],
-) -> Pairs:
-    """Return the allowed contacts of a brick, and of the tool on it, at its pick or place.
-
-    These are with each other; the bricks around; the fixtures that the brick stands on, plate, and
-    table if level; for the tool the adjacent bricks: its lever wall reaches down along the gripped
-    edge, and turns against what stands there. Along the edge of a plate it reaches to the bottom,
-    where it touches what ends beside it: what the plate stands on, if that ends at the edge.
-
-    Args:
-        robot: the robot that picks or places.
-        item: the brick where it is then.
-        pose: of the centre of its box in the world.
-        press: the grip.
-        others: all other bricks at rest near ``resting_room``, or more.
-        fixtures: of the cell.
-    """
-    name, span = item.name, item.span
-    around = [other for other in _bordering(span, others, levels=1) if other != name]
-    under = [one.name for one in fixtures if _carries(one, item.brick, pose)]
-    neighbours = _bordering(span, others, levels=0)
-    if lever_reaches_below(item.brick):
-        lever = PlacedBrick("", BRICKS["1x2"], lever_cell(item, press)).span
-        neighbours += [
-            other
-            for other in _bordering(lever, others, levels=1)
-            if not lever.shares_studs(others[other].span)
-        ]
-    return (
-        grip_contact(robot, name)
-        | contacts_with(name, [*around, *under])
-        | contacts_with(entity_name(robot, "tool"), neighbours)
-    )
-
-
-def neighbours_leaned_on(item: OnGrid, others: Bricks) -> frozenset[str]:
-    """Return the bricks next to a picked brick, one stud away from it.
-
-    The tool reaches one stud over the edge that it grips: it stands a tenth of a millimetre beside
-    them, and the twist that loosens the brick leans it onto their upper edge, by 2.1 mm for 16
-    degrees, and by some tenths more on the way where joints turn evenly. Published tasks pick bricks
-    that stand so.
-    """
-    near = _bordering(item.span, others, levels=0)
-    around = _bordering(item.span.widened(1), others, levels=0)
-    return frozenset(around) - frozenset(near)
-
-
-def resting_room(item: OnGrid) -> GridSpan:
-    """Return the block of a brick at its pick or place, the tool's wall next to a plate included.
-
-    Whatever resting_contacts names is near to it.
-    """
-    return item.span.widened(1) if lever_reaches_below(item.brick) else item.span
-
-
-def support_contacts(robot: str, support: Support, bricks: Bricks) -> Pairs:
-    """Return the contacts of a supporting tool with the supported bricks, and with their neighbours.
-
-    A support-top presses on layer z - 1, a support-bottom on z + 1.
-    """
-    tip = supported_span(support)
-    return contacts_with(entity_name(robot, "tool"), _bordering(tip, bricks, levels=1))
-
-
-def _bordering(span: GridSpan, bricks: Bricks, *, levels: int) -> list[str]:
-    """Return the bricks that share a face, an edge or a corner with a block of the grid.
-
-    Edges and corners count because bricks are a fifth of a millimetre apart, less than the
-    margin that planning keeps. Those above and below count where ``levels`` is 1.
-    """
-    return [
-        name for name, item in bricks.items() if span.near(item.span, levels=levels)
-    ]
-
-
-def _carries(fixture: Fixture, brick: BrickType, pose: Transform) -> bool:
-    bottom = pose[:3, 3] - pose[:3, 2] * brick_height(brick) / 2
-    away = inverse(fixture.pose)
-    local = away[:3, :3] @ bottom + away[:3, 3]
-    half = fixture.size / 2
-    inside = bool((abs(local[:2]) <= half[:2]).all())
-    return inside and bool(abs(local[2] - half[2]) <= _TOUCH)

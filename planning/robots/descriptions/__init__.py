@@ -1,4 +1,4 @@
-"""Descriptions of robots and tools: read, checked, and fitted to each other for a cell.
+"""Robot and tool descriptions (URDF and MJCF): reading, checks, and mounting of tools on arms.
 
 Imports cell and meshes.
 """

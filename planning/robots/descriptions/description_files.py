@@ -1,4 +1,4 @@
-"""Files of a robot's description: hashes, copies for plans, and generated files."""
+"""Files of a robot description: hashes, copies for saved plans, and generated files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from planning.files import is_file, read_file
 from planning.robots.descriptions.xml_files import find_mesh
 
 MESH_BYTES = 1 << 30
-"""Bytes of a mesh of a description."""
+"""Largest size of a mesh file [bytes]."""
 
 
 def description_sha256(model: RobotModel) -> str | None:

@@ -1,4 +1,7 @@
-"""Shapes of robot descriptions without volume: some vendors write size 0 for a link without a body."""
+"""Removal of collision shapes without volume from robot descriptions.
+
+Some vendors give a link without a body a shape of size 0.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ EMPTY = "empty"
 """Attribute of a link with the kinds of its collision shapes that have no volume and were left out."""
 
 _OBJ_LINE = re.compile(rb"(#.*|(v|vn|vt|vp|l|p|o|g|s|mtllib|usemtl)\b.*)?\s*")
-"""A line of an OBJ file that is no face."""
+"""A line of an OBJ file that defines no face."""
 
 
 def remove_empty_shapes(root: Element, dirs: Sequence[Path]) -> None:

@@ -1,7 +1,7 @@
-"""Changes that a cell makes to a description (tool, flange, limits, held joints), and their XML form.
+"""Changes of a robot description by a scenario (tool, flange, limits, fixed joints), and their XML form.
 
-A stated mass of a tool replaces the sum over its links. Joints that are held at values become fixed, with
-all joints that mimic them.
+A tool mass given in the scenario replaces the sum of the masses of the tool's links. A joint with a given
+constant value becomes a fixed joint, and so do all joints that mimic it.
 """
 
 from __future__ import annotations

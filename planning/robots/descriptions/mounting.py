@@ -1,7 +1,7 @@
-"""Mounting of a tool on an arm: one description in which only the arm moves.
+"""Mounting of a tool on an arm: one robot description in which only the arm joints move.
 
-Everything that reads descriptions, the audit's engines and the recorder among them, reads this
-one like that of a vendor.
+All readers of descriptions, such as the engines of the audit and the recorder, read the result like the
+description of a vendor.
 """
 
 from __future__ import annotations

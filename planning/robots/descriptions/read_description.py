@@ -1,8 +1,8 @@
-"""Reading of a robot or tool description, URDF or MJCF, as URDF.
+"""Reading of robot and tool descriptions in URDF or MJCF format; the result is URDF.
 
-MJCF is the format of MuJoCo: bodies become links, their joints joints. pinocchio reads MJCF too, but
-takes ranges of slides for angles, mixes classes, and knows neither ``limited: false`` nor the value that
-a joint has as it is drawn.
+MJCF is the format of MuJoCo. Its bodies become links, and its joints become URDF joints. pinocchio can read
+MJCF too, but it treats ranges of slide joints as angles, mixes default classes, and ignores both
+``limited: false`` and the joint value of the initial model configuration.
 """
 
 from __future__ import annotations

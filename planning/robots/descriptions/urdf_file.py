@@ -1,4 +1,4 @@
-"""The joints of a URDF file, checked before use, and its flange link."""
+"""Checks of the joints of a URDF file, and detection of its flange link."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CONTINUOUS_LIMIT = 2.0 * math.pi
 
 
 BY_JOINT = ("velocity", "acceleration", "jerk", "effort")
-"""Limits that are given of joints."""
+"""Limits with one value per joint."""
 
 _FLANGES = ("tool0", "flange")
 """Names of flanges, best first. On ROS-Industrial robots z points out of the flange in ``tool0``,

@@ -1,4 +1,4 @@
-"""Poses and joint motions of a URDF: origins, axes, and links in the frame of the root."""
+"""Poses and joint axes in a URDF: origins, axes, and poses of links in the frame of the root link."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from planning.robots.descriptions.xml_files import parse_vector
 from planning.transforms import Array, Transform, from_rpy
 
 TURNING = ("revolute", "continuous")
-"""Kinds of joints that turn; others that move slide."""
+"""Joint types that rotate; all other movable joints slide."""
 
 
 def format_numbers(values: Iterable[float]) -> str:

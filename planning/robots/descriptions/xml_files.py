@@ -12,11 +12,11 @@ from xml.parsers import expat
 from planning.errors import RobotModelError
 from planning.files import is_file, read_file, ros_folders
 
-# Some files begin with comments, and say only then that they are XML.
+# Some files have comments before their XML declaration.
 _DECLARATION = re.compile(rb"\A((?:\s+|<!--.*?-->)+)<\?xml[^>]*\?>", re.DOTALL)
 
 _ABOVE = 3
-"""Number of parent folders of a description that are searched."""
+"""Number of parent folders of a description in which meshes are searched."""
 
 # What a link may measure and how far from its joint it may be [m], [rad]: libraries crash,
 # or never end, on bodies of 1e300 m and of no size at all.

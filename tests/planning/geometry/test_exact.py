@@ -10,15 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.workcell import PlacedRobot
-from planning.geometry.distance import (
-    BETWEEN,
-    FAR,
-    TOO_CLOSE,
-    classify_gap,
-    is_segment_near_box,
-    segment_box,
-    segment_segment,
-)
+from planning.geometry.distance import is_segment_near_box, segment_box, segment_segment
 from planning.geometry.exact import (
     TOLERANCE,
     Solid,
@@ -26,6 +18,7 @@ from planning.geometry.exact import (
     may_come_close,
     place_at_middle,
 )
+from planning.geometry.gjk import BETWEEN, FAR, TOO_CLOSE, classify_gap
 from planning.geometry.robot_bodies import robot_bodies
 from planning.transforms import Array, from_rpy
 from tests.kernels import outer

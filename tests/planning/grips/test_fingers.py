@@ -17,13 +17,8 @@ from planning.cell.workcell import (
     Workcell,
     WorldState,
 )
-from planning.grips.fingers import (
-    _middle_and_radius,
-    finger_obstacles,
-    firm_grips,
-    load_on_pads,
-    swept_fingers,
-)
+from planning.grips.closing_fingers import finger_obstacles, swept_fingers
+from planning.grips.fingers import _middle_and_radius, firm_grips, load_on_pads
 from planning.grips.grip import Grip
 from planning.grips.pads import pads_at
 from planning.handling.skill_contacts import grip_contact

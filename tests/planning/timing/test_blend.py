@@ -8,14 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.motion_limits import MotionLimits
-from planning.timing.rounded_path import (
+from planning.timing.blended_path import (
     STRAY,
     BlendedPath,
-    RoundedPath,
     longest_window,
     ordered_windows,
-    rounded_path,
 )
+from planning.timing.rounded_path import RoundedPath, rounded_path
 from planning.timing.stretch import (
     greatest_speed,
     rounded_stretch,

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.motion_limits import MotionLimits
+from planning.timing.blended_path import STRAY
 from planning.timing.braking import StoppedPath, stop_along_path
-from planning.timing.rounded_path import STRAY
 from planning.timing.smooth_path import SmoothPath, smooth_path
 from planning.timing.stretch import (
     brake_within_piece,

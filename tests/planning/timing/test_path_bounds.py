@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from planning.kinematics.chain import joint_table
 from planning.robots.registry import robot_model
+from planning.timing.blended_path import BlendedPath, ordered_windows
 from planning.timing.path_bounds import PathBounds
-from planning.timing.rounded_path import BlendedPath, ordered_windows
 from planning.timing.stretch import RoundedStretch, rounded_stretch, straight_stretch
 from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along
 from tests.planning.timing.drawn_arm import MODELS, Drawn, PinocchioArm

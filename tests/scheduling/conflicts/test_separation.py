@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from planning.geometry.distance import BETWEEN, CLOSE, FAR, TOO_CLOSE, classify_gap
 from planning.geometry.exact import TOLERANCE, hull_distance_at, may_come_close
+from planning.geometry.gjk import BETWEEN, CLOSE, FAR, TOO_CLOSE, classify_gap
 from planning.geometry.separation import (
     APART,
     CONFLICT,

@@ -27,8 +27,7 @@ from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.rollout import earliest_times, latest_ends
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from scheduling.invariant import check_invariant
-from scheduling.shortcuts import replacement_check as shortcut_check
-from scheduling.shortcuts import static_scene
+from scheduling.shortcuts import stand_check, static_scene
 from scheduling.shortcuts.rewiring import Swap, splice_edges
 from scheduling.shortcuts.shortcut_search import ShortcutSearch
 from scheduling.shortcuts.shortcutting import (
@@ -339,7 +338,7 @@ def test_no_way_back_is_taken_through_what_was_given(
 ) -> None:
     assert take_detours(cliff) > 0
     # Who does not look at the brick takes one that is not safe.
-    monkeypatch.setattr(shortcut_check, "_are_received_objects_clear", lambda *_: True)
+    monkeypatch.setattr(stand_check, "_are_received_objects_clear", lambda *_: True)
     with pytest.raises(PlanInvariantError, match="in a standing robot's hand"):
         take_detours(cliff)
 

@@ -40,9 +40,9 @@ from twin.bulk.max_plus import (
 )
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.composed import SkillOverride
+from twin.durations.lognormal import Lognormal
 from twin.durations.measured import packaged_timings
 from twin.durations.nanoseconds import Nanoseconds
-from twin.durations.normal import Lognormal
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import OTHER, ExecutionModel, Messages
 from twin.engine.model_holds import with_model_holds

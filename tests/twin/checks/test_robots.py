@@ -30,11 +30,11 @@ from tests.twin.checks.test_check import CELL
 from tests.twin.checks.test_tools import HANDS, hand_cell
 from tests.twin.program import invoke
 from tests.twin.written import Change, checked, refusal, written
+from twin.checks.close_ups import MOST, find_close_ups
 from twin.checks.finding import CheckContext
 from twin.checks.overview import flange_warning, robot_overview
 from twin.checks.picture import cell_figure
 from twin.checks.tools import finger_gap
-from twin.checks.views import MOST, find_close_ups
 from twin.kinds.parts.checks.context import ordered_parts
 from twin.kinds.parts.checks.loads import check_payloads
 from twin.reading.scenario_file import load_scenario
@@ -321,7 +321,7 @@ def test_limits_are_told_with_where_they_come_from() -> None:
     assert panda["joints"][0]["jerk"] == "7500"
     (ur5e,) = json.loads(robots("ur5e", "--json"))
     assert {row["acceleration"] for row in ur5e["joints"]} == {"5 (usual)"}
-    assert any("nobody says it" in word for word in ur5e["notes"])
+    assert any("not specified" in word for word in ur5e["notes"])
 
 
 def test_a_maker_s_limits_stay_when_a_cell_adds_a_tool_or_a_limit() -> None:

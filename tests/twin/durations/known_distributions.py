@@ -7,7 +7,8 @@ from scipy import stats
 
 from twin.durations.bounded import Pert, Triangular, Uniform
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
-from twin.durations.normal import Lognormal, TruncatedNormal
+from twin.durations.lognormal import Lognormal
+from twin.durations.normal import TruncatedNormal
 from twin.fit.shifted import Family, ShiftedFamily
 
 Frozen = Any

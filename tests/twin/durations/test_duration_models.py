@@ -17,9 +17,10 @@ from tests.twin.durations.known_distributions import KNOWN, Frozen
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
 from twin.durations.composed import Retries, Shifted
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
+from twin.durations.lognormal import Lognormal
 from twin.durations.measured import Empirical, MeasuredTimes
 from twin.durations.model import DurationModel
-from twin.durations.normal import Lognormal, TruncatedNormal
+from twin.durations.normal import TruncatedNormal
 from twin.fit.candidates import section_model
 
 U = (np.arange(2000) + 0.5) / 2000

@@ -17,9 +17,9 @@ from tests.twin.program import invoke
 from tests.twin.twin_toys import random_tpg, with_cut_skill
 from tests.twin.written import loaded, written
 from twin.durations.composed import Retries
+from twin.durations.lognormal import Lognormal
 from twin.durations.measured import Empirical, MeasuredTimes, Packaged, packaged_timings
 from twin.durations.nanoseconds import to_nanoseconds
-from twin.durations.normal import Lognormal
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_motions
 from twin.reading.scenario_file import load_scenario

@@ -13,7 +13,8 @@ from tests.twin.durations.known_distributions import KNOWN, Frozen
 from twin.durations.bounded import Pert, Triangular, Uniform
 from twin.durations.fittable import golden_section
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
-from twin.durations.normal import Lognormal, TruncatedNormal
+from twin.durations.lognormal import Lognormal
+from twin.durations.normal import TruncatedNormal
 from twin.fit.candidates import (
     FAMILIES,
     LEVEL,

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import sample_node_times
 from tests.twin.twin_toys import random_tpg
+from twin.durations.lognormal import Lognormal
 from twin.durations.nanoseconds import Nanoseconds
-from twin.durations.normal import Lognormal
 from twin.engine.execution_model import ExecutionModel
 from twin.follow.display import news_to_json, news_to_sentence
 from twin.follow.drift import MOTIONS, DriftWatch

@@ -27,8 +27,9 @@ from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from tests.twin.written import written
 from twin.engine.execution_model import ExecutionModel
 from twin.follow.display import TerminalDisplay, news_to_json, news_to_sentence
-from twin.follow.follow import Silence, follow, lines_of_growing_file, lines_of_pipe
+from twin.follow.follow import Silence, follow
 from twin.follow.forecast import Forecaster
+from twin.follow.log_lines import lines_of_growing_file, lines_of_pipe
 from twin.follow.state import FollowedRun
 from twin.runs.events import EventLogError, event_line
 

@@ -11,8 +11,8 @@ from tests.twin.simulated import NOMINAL, watched
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.lifetimes import Exponential
+from twin.durations.lognormal import Lognormal
 from twin.durations.measured import MeasuredTimes
-from twin.durations.normal import Lognormal
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.follow.forecast import SEED, Forecaster, conditional_quantiles

@@ -32,9 +32,10 @@ from twin.engine.execution import Ports
 from twin.exports.ros.mcap_file import mcap_files
 from twin.live.driver_end import DriverEnd, LocalWire
 from twin.live.link import Link
-from twin.live.measured import MeasuredLog, history_of
+from twin.live.measured_log import MeasuredLog
 from twin.live.messages import Command, Report
 from twin.live.remote_robots import RemoteRobots
+from twin.live.run_history import history_of
 from twin.operations.operation import Operation, operate
 from twin.operations.recovery import Recovery
 from twin.recorders.observers import MemoryRecorder

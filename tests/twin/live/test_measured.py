@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from planning.motion.near_path import nearest_points_on_path
 from twin.drivers.driver import ClearedNode, Sample
 from twin.drivers.simulated_arm import SimulatedArm
-from twin.live.measured import MeasuredLog, MeasuredRows, samples_between
+from twin.live.lost_samples import samples_between
+from twin.live.measured_log import MeasuredLog
+from twin.live.measured_rows import MeasuredRows
 
 EVERY_S = 0.01
 

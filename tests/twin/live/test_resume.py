@@ -28,9 +28,9 @@ from twin.engine.execution_model import Messages
 from twin.live.driver_end import DriverEnd
 from twin.live.inbox import Inbox
 from twin.live.link import Link
-from twin.live.measured import history_of
 from twin.live.messages import Command, Report
 from twin.live.remote_robots import RemoteRobots
+from twin.live.run_history import history_of
 from twin.operations.replanner import RollingReplanner
 from twin.recorders.observers import MemoryRecorder, Observers
 from twin.runs.events import Event

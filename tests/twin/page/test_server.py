@@ -24,7 +24,7 @@ from scheduling.graph.plan_files import load_plan
 from scheduling.verification.verify import verify_plan
 from tests.twin.operations.operated import STACK
 from tests.twin.program import python
-from twin.follow.follow import lines_of_server
+from twin.follow.log_lines import lines_of_server
 from twin.page.panel import Order, Panel, Shown, ShownRobot
 from twin.page.server import PageServer
 

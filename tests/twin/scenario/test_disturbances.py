@@ -9,7 +9,7 @@ from tests.planted import rows
 from tests.twin.turning_arms import SCENARIO
 from tests.twin.written import loaded, refusal
 from twin.durations.bounded import Fixed, Uniform
-from twin.durations.normal import Lognormal
+from twin.durations.lognormal import Lognormal
 from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.disturbances import (
     Breakdowns,

@@ -20,9 +20,10 @@ from tests.twin.written import Change, loaded, refusal
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
 from twin.durations.composed import AnyDuration, Retries, Shifted, SkillOverride
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
+from twin.durations.lognormal import Lognormal
 from twin.durations.measured import Packaged, packaged_timings
 from twin.durations.model import DurationModel, PackagedSkill
-from twin.durations.normal import Lognormal, TruncatedNormal
+from twin.durations.normal import TruncatedNormal
 from twin.scenario.sections.scenario import Scenario, resolve_scenario
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations
@@ -246,6 +247,7 @@ def with_numbers(content: dict[str, object]) -> st.SearchStrategy[dict[str, obje
 @example({"kind": "normal", "mean_s": 1.0, "sd_s": 1e-190})
 @example({"kind": "lognormal", "median_s": 5e-324, "p95_s": 1.0})
 @example({"kind": "gamma", "mean_s": 1.0, "cv": 0.001})
+@example({"kind": "lognormal", "median_s": 1.0, "p95_s": 1e6})
 def test_a_section_is_refused_or_has_durations_from_0(
     content: dict[str, object],
 ) -> None:

@@ -24,11 +24,11 @@ from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.engine import Simulator
 from twin.engine.model_holds import with_model_holds
 from twin.scenario.sections.scenario import Scenario
-from twin.studies.products import windows_summary
 from twin.studies.replications.block_results import cell_part, write_block
 from twin.studies.replications.experiment import Block
 from twin.studies.replications.timing_graph import timing_graph
 from twin.studies.replications.workload import Engines, Workload
+from twin.studies.window_figures import windows_summary
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute, scenario_execution
 from twin.warnings.plan_warnings import nominal_window_warnings

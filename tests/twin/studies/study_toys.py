@@ -5,7 +5,7 @@ from typing import Any
 
 from tests.twin.twin_toys import random_tpg
 from twin.durations.bounded import Uniform
-from twin.durations.normal import Lognormal
+from twin.durations.lognormal import Lognormal
 from twin.engine.execution_model import ExecutionModel
 from twin.runs.execution_record import Policy
 from twin.studies.replications.statistics import Interval

@@ -13,10 +13,10 @@ from tests.twin.drawn_runs import sample, sample_node_times, uniform
 from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.bulk.bulk_engine import BulkEngine
 from twin.durations.bounded import Fixed, Uniform
+from twin.durations.lognormal import Lognormal
 from twin.durations.measured import MeasuredTimes
 from twin.durations.model import DurationModel
 from twin.durations.nanoseconds import to_nanoseconds
-from twin.durations.normal import Lognormal
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.runs.trajectory import robot_trajectories

@@ -1,4 +1,4 @@
-"""Executions with tool deviations from reference paths in skills, as by force control."""
+"""Execution records in which tools deviate from their reference paths during skills, as under force control."""
 
 from __future__ import annotations
 

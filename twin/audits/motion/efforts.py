@@ -1,6 +1,6 @@
-"""Joint efforts of an execution by inverse dynamics, with held objects.
+"""Joint efforts of an executed run, computed by inverse dynamics including held objects.
 
-Also speeds of tools with a speed limit.
+The module also computes the speeds of tools that have a speed limit.
 """
 
 from __future__ import annotations

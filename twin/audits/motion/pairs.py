@@ -1,4 +1,7 @@
-"""Pairs of shapes that come near each other in a stretch, and the pieces of motion in which they do."""
+"""Pairs of collision shapes that may come close to each other during an interval of a run.
+
+For each pair, the module lists the pieces of motion in which the two shapes may be close.
+"""
 
 from __future__ import annotations
 

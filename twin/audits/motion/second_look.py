@@ -1,4 +1,7 @@
-"""Cross-check by PyBullet at samples of a run: it must find no overlap that coal has not."""
+"""Cross-check of the collision audit: PyBullet must find no overlap that the library coal did not find.
+
+It is done at samples of the run only.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ if TYPE_CHECKING:  # never called without PyBullet
     from twin.audits.worlds.bullet_world import BulletWorld
 
 EVERY_M = 0.8
-"""Travel of some point of a robot or its load between two samples, about [m]."""
+"""Approximate distance that some point of a robot or its load moves between two samples [m]."""
 
 
 def sampled_overlaps(

@@ -1,4 +1,7 @@
-"""Stretches of a run between object transfers, sampled finely enough."""
+"""Division of a run into intervals between object transfers, with samples of all robot motions.
+
+No point of a robot or its load moves farther than ``STEP`` between two samples.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ _ROWS = 1500
 """Rows that are sampled at once: it bounds the memory."""
 
 _Resting = tuple[StillParts, list[tuple[WatchedShape, Transform]]]
-"""What rests, with its shapes in their places."""
+"""Objects and fixtures at rest, with the poses of their shapes."""
 
 _ROUNDING = 1.0 + 1e-9
 _ATTEMPTS = 6

@@ -1,4 +1,4 @@
-"""The audit's copy of the cell, with coal, and a second one in PyBullet for cross-checks.
+"""Collision worlds of the audit: a copy of the cell for the library coal, and one in PyBullet for cross-checks.
 
-Of twin it imports host only; audits imports it.
+Imports host, and no other package of twin; audits imports it.
 """

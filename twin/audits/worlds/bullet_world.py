@@ -1,9 +1,9 @@
-"""The audit's second engine, PyBullet, which shares no library with the planner.
+"""A copy of the cell in PyBullet, for cross-checks of the audit with a library that the planner does not use.
 
-Distances of Bullet and of coal on the same shapes differ by at most 0.04 mm (measured on boxes,
-cylinders, and hulls of meshes, up to 4 mm deep), once margins are made up for: that of single
-forms is set to zero, that of the shapes of robots is added to what Bullet reports. When hulls
-overlap, Bullet's penetration solver was wrong by more than that at 1 of 3000 random placements.
+Bullet adds a margin to every shape. It is set to zero for single shapes, and corrected in the distances of robot
+shapes. Then distances of Bullet and coal on the same shapes differ by at most 0.04 mm (measured on boxes, cylinders
+and hulls of meshes, with overlaps up to 4 mm). In 1 of 3000 random placements of overlapping hulls, the error of
+Bullet's penetration solver was larger.
 """
 
 from __future__ import annotations

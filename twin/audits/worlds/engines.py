@@ -1,4 +1,4 @@
-"""Collision engines of the audit: coal decides, PyBullet cross-checks where installed."""
+"""Collision engines of the audit: coal finds violations, and PyBullet cross-checks them if it is installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs as messages of ROS 2 in an MCAP file, for Foxglove and ``ros2 bag``.
+"""Export of runs as ROS 2 messages in an MCAP file, for Foxglove and ``ros2 bag``.
 
 Imports exports, drawing and runs.
 """

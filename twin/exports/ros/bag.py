@@ -1,4 +1,4 @@
-"""MCAP files with messages of ROS 2."""
+"""Writing of MCAP files with ROS 2 messages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.exports.ros.definitions import DEFINITIONS
 from twin.host.extras import extra_module
 
 _CHUNK = 4 << 20
-"""Bytes that are compressed together: frames repeat."""
+"""Number of bytes that are compressed together; larger chunks compress repeated frames better."""
 
 _FOREVER = "{sec: 9223372036, nsec: 854775807}"
 _TRANSIENT_LOCAL, _VOLATILE = 1, 2

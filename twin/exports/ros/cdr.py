@@ -1,6 +1,6 @@
-"""CDR, the encoding of ROS 2 messages in a file: little-endian, plain, aligned to own size.
+"""Encoder for CDR, the binary format of ROS 2 messages.
 
-Definitions of the messages that are written, as a file has to hold them: field by field.
+Numbers are little-endian, and each is aligned to its own size.
 """
 
 from __future__ import annotations

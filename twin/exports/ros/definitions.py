@@ -1,4 +1,4 @@
-"""Definitions of the written ROS 2 messages, field by field, as a file must hold them."""
+"""Definitions of the exported ROS 2 messages, as MCAP files must contain them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot for drawing: its kinematic chain of links and their triangles.
+"""Robots for drawing: kinematic chains of links with their triangle meshes.
 
 Each robot of a team has its own colour.
 """

@@ -1,4 +1,4 @@
-"""Frames of a run: those of links and objects, fixed and moving, as quaternions and translations."""
+"""Coordinate frames of robot links and objects in a run, as translations and quaternions."""
 
 from __future__ import annotations
 

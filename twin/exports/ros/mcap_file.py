@@ -1,7 +1,7 @@
-"""A run as an MCAP file: joint states, frames, trajectories and markers.
+"""Export of a run as an MCAP file with joint states, frames, trajectories and markers.
 
-Times are those of the run, from 0 on. Moving things have messages at a rate; once a second everything
-is repeated for late subscribers, until nothing has moved for a minute.
+Times start from 0 at the start of the run. Messages of moving robots and objects have a given rate. All messages are
+repeated once a second for late subscribers, until one minute after the last motion.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Messages of ROS 2, encoded."""
+"""Encoding of the exported ROS 2 messages."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Constructions: parts that mobile robots put in their places, planned in space and time."""
+"""Constructions of parts placed by mobile robots, with space-time planning."""

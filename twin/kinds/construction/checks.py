@@ -1,4 +1,4 @@
-"""Checks of constructions: infeasibility by lower bounds."""
+"""Checks of constructions: infeasibility, shown by lower bounds of the planner, and robots without work."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Expectations of a construction: goals of its parts, and how they stand."""
+"""Expected results of a construction for the audit: goal poses of parts, and how parts are held there."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from twin.scenario.sections.cell import CellSection
 
 
 def expectations_of(kind: ConstructionKind, _cell: CellSection) -> Expectations:
-    """Return the goals of the parts, held by their joints."""
+    """Return the goal poses of the parts, which are held there by joints."""
     kinds = {item.name: item.kind for item in kind.objects()}
     places = tuple(
         Place("its place in the structure", part.goal, kinds[part.name], part.name)

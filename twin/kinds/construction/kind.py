@@ -1,4 +1,4 @@
-"""Constructions of a scenario: from their section to data of planning, and to motions."""
+"""Kind ``construction``: converts its scenario section to planning data, and plans the motions."""
 
 from __future__ import annotations
 

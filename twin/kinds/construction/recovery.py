@@ -1,7 +1,7 @@
-"""Recovery of constructions: the remaining parts are planned from the current state.
+"""Recovery of constructions after failures: replanning of the remaining parts from the current state.
 
-A part that fell or broke is lost. An unplaced part of its kind takes its place, and the goal with the
-fewest dependents is abandoned.
+A part that fell or broke is lost. An unplaced part of the same type is used in its place, and the goal with the
+fewest dependent goals is abandoned.
 """
 
 from __future__ import annotations

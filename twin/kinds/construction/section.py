@@ -1,4 +1,4 @@
-"""Assemblies of kind ``construction``: a model, or parts of one's own, built by mobile robots."""
+"""Scenario section of kind ``construction``: a model or listed parts, built by mobile robots."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Goals: robots go to configurations and poses, and nothing is built."""
+"""Motions of robots to goal configurations and poses, without an assembly."""

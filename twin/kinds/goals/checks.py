@@ -1,4 +1,4 @@
-"""Checks of goals: unreachable poses."""
+"""Checks of kind ``goals``: unreachable goal poses."""
 
 from __future__ import annotations
 

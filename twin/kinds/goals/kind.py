@@ -1,4 +1,4 @@
-"""Kind ``goals``: from its section of a scenario to data of planning, and to motions."""
+"""Kind ``goals``: converts its scenario section to goal configurations and poses for planning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Assemblies of kind ``goals``: robots go to goals one by one."""
+"""Scenario section of kind ``goals``: a sequence of robot motions to goals."""
 
 from __future__ import annotations
 

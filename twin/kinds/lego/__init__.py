@@ -1,1 +1,1 @@
-"""LEGO assemblies: bricks of a stock that are put on a plate."""
+"""LEGO assemblies: bricks from a stock that robots place on a plate."""

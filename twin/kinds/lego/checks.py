@@ -1,4 +1,4 @@
-"""Checks of brick tools: contact with held and supported bricks, by the audit's tolerances."""
+"""Checks of LEGO tools: contact with held and supported bricks, with the tolerances of the audit."""
 
 from __future__ import annotations
 
@@ -11,17 +11,13 @@ from planning.cell.cover import box_body
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture, PlacedRobot
-from planning.contacts.touching import (
-    nearby_entities,
-)
+from planning.contacts.touching import nearby_entities
 from planning.errors import (
     RobotModelError,
 )
 from planning.geometry.exact import Solid, hull_distance_at
 from planning.grips.tool_grips import tool_bodies
-from planning.kinematics.kinematics import (
-    inverse_kinematics,
-)
+from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import (
     BrickType,
     Cell,
@@ -33,7 +29,8 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.brick_grips import grip_pose, legal_presses
 from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import box_pose, box_size, top_pose
-from planning.lego.skills.targets import BrickGrip, support_targets
+from planning.lego.skills.support_targets import support_targets
+from planning.lego.skills.targets import BrickGrip
 from planning.transforms import Array, Transform, inverse, read_only_copy
 from twin.audits.contacts import CONTACT_DEPTH
 from twin.audits.grips import GRIP
@@ -214,7 +211,7 @@ def check_helpers(subject: CheckContext) -> Findings:
 
 
 def _check_bricks(subject: CheckContext, section: LegoSection) -> Findings:
-    from planning.lego.sequencing.blocking import find_reach_faults
+    from planning.lego.sequencing.step_reach import find_reach_faults
 
     assembly, cell = build_lego(section), subject.cell
     structure = build_structure(section) or ()

@@ -1,4 +1,4 @@
-"""``twin import``: scenarios from published task files, brick lists and models of LDraw."""
+"""``twin import``: create scenarios from published task files, brick lists and LDraw models."""
 
 from __future__ import annotations
 
@@ -285,7 +285,7 @@ def _relocate_path(robot: dict[str, Any], old: Path, new: Path) -> None:
 def _check_reach(scenario: Scenario, folder: Path) -> None:
     """Raise an error where no robot reaches a brick's place, or any of its type in stock."""
     from planning.lego.bricks.assembly import LegoStep
-    from planning.lego.sequencing.blocking import check_reach
+    from planning.lego.sequencing.step_reach import check_reach
     from twin.kinds.lego.kind import build_lego, build_structure
     from twin.kinds.lego.section import LegoSection
     from twin.planning.build_workcell import build_workcell

@@ -1,7 +1,7 @@
-"""LEGO structures as models of LDraw, which LeoCAD, Studio and LDView show, a step an assembly step.
+"""Export of LEGO structures as LDraw models, with one model step per assembly step.
 
-Scaffolding is in a first step of its own. Colours are those of the replay. The origin is the middle
-of the base plate's surface.
+LeoCAD, Studio and LDView display these models. Temporary support bricks are in a separate first step. Colours are those
+of the recording of the run. The origin is the middle of the top surface of the base plate.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Checks of LEGO sections: known bricks, without overlaps, supported, and enough of them.
+"""Consistency checks of LEGO sections: known bricks, no overlaps, supported bricks, and enough stock.
 
-Steps are checked one after another, a drawn structure as a whole.
+Given steps are checked one after another; a given structure is checked as a whole.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, GridPlace
 from planning.lego.bricks.grid import bricks_joined_to_plate
-from planning.lego.skills.targets import supported_span
+from planning.lego.skills.support_targets import supported_span
 from twin.document.validation import Found, check_known_name, unknown_name
 from twin.document.yaml_text import KeyPath
 from twin.kinds.lego.section import (

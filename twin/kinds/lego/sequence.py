@@ -1,4 +1,4 @@
-"""``twin sequence``: assembly sequence of a structure, with the placement of each brick."""
+"""``twin sequence``: print the assembly sequence of a structure, with the placement of each brick."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Picture of a LEGO step's equilibrium: the structure from two sides, strained joints in red."""
+"""Picture of the static equilibrium in a LEGO step from two sides, bricks coloured by the load of their joints."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Structures in a scenario file: sections and their bricks.
+"""Scenario sections of finished LEGO structures, and their conversion to bricks.
 
-A structure takes the place of the steps; the planner then finds the steps itself. Drawings and
-lists may be mixed: all bricks together are the structure.
+A scenario gives a structure instead of steps, and the planner finds the steps. A structure may combine drawings and
+lists of bricks.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Choice of a tool with which a LEGO scenario is feasible, for robots with several."""
+"""Choice of a tool with which a LEGO scenario is feasible, for robots with several tools."""
 
 from __future__ import annotations
 

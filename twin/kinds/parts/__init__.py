@@ -1,1 +1,1 @@
-"""Assemblies of parts: parts that are put in their places, and processes, machines and lines."""
+"""Assemblies of parts, with processes, machines and production lines."""

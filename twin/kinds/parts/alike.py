@@ -1,7 +1,7 @@
-"""Expansion of interchangeable parts: each with its own name, start pose, and optional goal.
+"""Expansion of interchangeable parts to single parts, each with a name, a start pose and an optional goal.
 
-The first parts of a kind get its goals, and each goal a step. The planner may reassign them: any part
-of the kind can fill a goal.
+The first parts of a type get its goals, and each goal gets a step. The planner may assign the goals of a type to
+other parts of that type.
 """
 
 from __future__ import annotations

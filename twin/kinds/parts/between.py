@@ -1,4 +1,4 @@
-"""Sections about two parts or two steps: parts that are pressed into each other, and windows of time."""
+"""Scenario sections about relations: press fits of two parts, and time windows between two steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Assemblies of parts of a scenario: from their section to data of planning."""
+"""Conversion of the scenario section of an assembly of parts to planning data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Expectations of an assembly of parts: goals, processes, and intermediate places."""
+"""Expected result of an assembly of parts, for the audit: goals, intermediate places and processes."""
 
 from __future__ import annotations
 

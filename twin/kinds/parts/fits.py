@@ -1,4 +1,4 @@
-"""Fits of parts at their places, and success probability from robot repeatability."""
+"""Fits of parts at their places, and the probability that robots miss a place, from their repeatability."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.scenario.sections.cell import RobotSection
 
 _NEVER = 1e-9
-"""What is no likelier than this does not happen."""
+"""Probability up to which a miss is ignored."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Assemblies of parts of a scenario: from their section to data of planning, and to motions."""
+"""Scenario kind ``assembly`` (an assembly of parts): builds its planning data from its section."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Expansion of lines: parts, steps, machine jobs and supplies of the products of a pattern."""
+"""Expansion of a scenario with several products: the parts, steps, machine jobs and supplies of each product."""
 
 from __future__ import annotations
 

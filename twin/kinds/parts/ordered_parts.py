@@ -1,4 +1,4 @@
-"""An assembly of parts in its step order, listed or found."""
+"""Assembly of parts with its steps in order; the order is listed in the scenario file or found by search."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pattern by which the plan of a line repeats, from the tasks of the products that were planned."""
+"""Repetition pattern of the plan of a production line, derived from the tasks of its planned products."""
 
 from __future__ import annotations
 

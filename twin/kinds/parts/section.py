@@ -1,4 +1,4 @@
-"""Assemblies of kind ``assembly``: parts put in their places, and what is done to them there."""
+"""Scenario section of kind ``assembly``: parts, grips, machines, processes and steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the parts of an assembly come from, and how many products are made of them."""
+"""Scenario sections for sources of parts (places, feeders, trays, stacks, conveyors) and for products."""
 
 from __future__ import annotations
 

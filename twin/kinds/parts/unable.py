@@ -1,4 +1,4 @@
-"""Reasons why a robot can do no step of an assembly of parts."""
+"""Reasons why a robot cannot do any step of an assembly of parts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.scenario.sections.kind import IdleReason
 
 
 def why_unable(robot: PlacedRobot, motions: PlannedMotions) -> IdleReason:
-    """Return why a robot can do no step.
+    """Return the reason why a robot cannot do any step.
 
     Args:
         robot: of the cell.

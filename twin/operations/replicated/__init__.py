@@ -1,4 +1,1 @@
-"""Operated replications of a study, and the plans with hindsight that they are compared with.
-
-Imports operations, planning and engine; studies imports it.
-"""
+"""Replications of a study with replanning, and the plans with hindsight that they are compared with."""

@@ -1,4 +1,4 @@
-"""Plans with hindsight of losses, the reference for replanning."""
+"""Plans made with hindsight, that is with all lost objects known in advance, as a reference for replanning."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from twin.planning.pipeline import planned_shortcuts
 from twin.scenario.sections.scenario import Scenario
 
 _ALWAYS_AGAIN = 1000
-"""Retries of a skill that never fails for good; the most that a scenario may say."""
+"""Number of retries with which a skill never fails for good; the largest that a scenario may set."""
 
 
 @dataclass

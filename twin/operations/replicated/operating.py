@@ -1,4 +1,4 @@
-"""Operated replications: with replanning after failures, as in ``twin operate``."""
+"""Replications with replanning after failures, as in ``twin operate``."""
 
 from __future__ import annotations
 

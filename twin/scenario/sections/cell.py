@@ -1,4 +1,4 @@
-"""The cell of a scenario: robots, one by one or as a team, their tools, and what stands around them."""
+"""Scenario section of the cell: robots, listed singly or as a team, tools, fixtures and clearances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Execution section of a scenario file: policy, durations, messages, disturbances."""
+"""Execution section of a scenario file: policy, durations, messages and disturbances."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""Scenario section: one cell, one assembly, how to plan and how to execute it.
+"""Top section of a scenario file: one cell, one assembly, and settings of planning and execution.
 
-These are the sections and keys of the file, frozen and checked one by one. Reading a file and
-checking that the parts fit together is in ``twin.scenario.manifest``; every quantity carries its unit
-in its key.
+Sections are immutable, and each checks its own values. The package ``twin.reading`` reads a file and checks that its
+sections are consistent. The key of every quantity contains its unit.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Poses and shapes in a scenario file: box, cylinder, capsule, mesh, or a compound of those."""
+"""Scenario sections for poses and shapes: box, cylinder, capsule, mesh, or a compound of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,1 @@
-"""Gains: reduction of a study's makespans by interventions that shorten parts of a plan.
-
-Imports engine, recorders, runs, uncertainty and studies.replications; the rest of studies imports it.
-"""
+"""Gains: estimated reduction of makespans by interventions, each of which shortens a part of a plan."""

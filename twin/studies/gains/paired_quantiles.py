@@ -1,4 +1,4 @@
-"""Paired statistics: differences of a quantile between two samples of the same replications."""
+"""Differences of a quantile between two samples of the same replications, with confidence intervals."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Results of blocks of replications: rows, sums over tasks, and a file of each block.
+"""Results of blocks of replications: rows, sums over tasks, and one file per block.
 
-A file is complete or absent: a killed study resumes from them.
+Each file is written completely or not at all, so an interrupted study resumes from the files of its blocks.
 """
 
 from __future__ import annotations
@@ -51,9 +51,11 @@ KEPT = 500
 """Replications whose starts and ends of tasks are kept, for bands on a Gantt chart."""
 
 _FEWEST, _MOST_KEPT = 50, 4_000_000
-"""Fewest of these, and starts of tasks in all of them where a plan is so long that it would be more."""
+"""Least number of these for long plans, and the number of their task times that is otherwise not exceeded."""
 
-_LARGEST = 1 << 28  # bytes of a block: some hundred times the largest one
+_LARGEST = (
+    1 << 28
+)  # bytes; some hundred times the size of the largest block in practice
 
 _SEAL = "made_from_and_sha256"
 _NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.npz")

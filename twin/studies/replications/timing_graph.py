@@ -1,4 +1,7 @@
-"""Timing graph: a plan without models, shapes, poses and paths, which can be executed but not drawn."""
+"""Timing graph: a plan without robot models, shapes, poses and paths.
+
+It can be executed, but not drawn.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ _NO_SHAPE = Shape((), ())
 
 
 def timing_graph(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Return a plan without robots' models, shapes, poses and paths.
+    """Return a plan without robot models, shapes, poses and paths.
 
     Times from paths are kept: the least duration of each node, and its number of waypoints, which
         identifies nodes with tool actuation.

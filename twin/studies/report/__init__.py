@@ -1,4 +1,1 @@
-"""Report of a study: figures, tables and an HTML page.
-
-Imports studies; commands import it.
-"""
+"""Report of a study: figures, tables and an HTML page."""

@@ -1,4 +1,4 @@
-"""Assumptions of a study: times, speeds, disturbances, replications, versions."""
+"""Assumptions of a study for its report: times, speeds, disturbances, replications and versions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Charts of one cell of a study: its tasks, and the sensitivity of its makespan."""
+"""Charts for one cell of a study: task times, and the sensitivity of the makespan.
+
+A cell of a study is one policy with one variant of the inputs.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bar chart of a comparison of policies, in the manner of APEX-MR Figs. 7 and 8, and its tables for the terminal."""
+"""Bar chart and terminal tables of a comparison of policies, in the style of APEX-MR Figs. 7 and 8."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Charts of a whole study: makespans and waits of all its cells."""
+"""Charts of a whole study: makespans and waits under all policies and variants of the inputs."""
 
 from __future__ import annotations
 

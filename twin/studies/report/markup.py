@@ -1,4 +1,4 @@
-"""Pieces of pages in HTML: headings, lists, tables, pictures, whole pages."""
+"""HTML elements of pages: headings, lists, tables, pictures and whole pages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables and lists of the report: makespans, gains, lines, layouts; some are printed, too."""
+"""Tables and lists of the report: makespans, lines, failures, layouts; some are printed, too."""
 
 from __future__ import annotations
 
@@ -10,40 +10,19 @@ from twin.operations.replicated.operating import RUNGS
 from twin.runs.policies import OPEN_LOOP
 from twin.studies.folder import task_columns
 from twin.studies.gains.candidates import task_names
-from twin.studies.gains.gains import QUANTILE, SHORTER, CellGains, Gain
 from twin.studies.replications.block_results import TaskTally
 from twin.studies.replications.statistics import Interval
 from twin.studies.replications.workload import Workload
+from twin.studies.report.estimates import format_estimate, format_in_line
 from twin.studies.report.markup import (
     breakable,
     bullets,
     escape_text,
-    paragraph,
     table,
     text_table,
 )
-from twin.studies.sensitivity import SHARE
 from twin.studies.study import StudyResult
 from twin.studies.summary import CellSummary, StudySummary
-
-KINDS = {"stall": "standstill", "message": "messages"}
-"""What kinds of levers are called where that is not their name."""
-
-_LEAST_S = 0.005
-"""Gains that are worth a line [s]."""
-
-LESS = f"{100 * SHORTER:.0f} % shorter"
-P90 = f"P{100 * QUANTILE:.0f}"
-
-HONEST = (
-    "Seconds by which the work would be done sooner, the last part in its place, if one thing took a"
-    " fifth less time, or none, and all else stayed as it was drawn: the same replications were"
-    " executed again with that one thing changed. What robots do after their last work, such as"
-    " going HOME, is part of the makespan and of nothing here. These are gains of the model, as good as its times are. Whether something can be"
-    " made shorter, and what that costs, it does not know; gains of several do not add up, and"
-    " robots are never reassigned or replanned. A wait that is gone is a robot that does not"
-    " wait, whatever stands in its way: more than any better plan can do."
-)
 
 OPERATED = (
     "Where a skill failed for good, or a robot was out, the remaining work was replanned. Makespans are of"
@@ -58,44 +37,6 @@ HEAD = (
     *("cycle time P99 [s]", "work in progress"),
 )
 LATE = "late products"
-
-
-def gains_tables(cell: CellGains, label: str, *, confidence: float, most: int) -> str:
-    """Return the greatest gains of a cell: single interventions, then joint ones."""
-    if cell.replications == 0:
-        return paragraph(
-            f"{label}: nothing was tried. No replication was completed, or the event engine would"
-            " take longer for it than for the study; more replications give it more time."
-        )
-    share = f"{100 * confidence:g} %"
-    made = f"seconds gained with {share} intervals, {cell.replications} replications"
-    tables = []
-    for what, many in (("one thing", False), ("many at once", True)):
-        found = cell.best(most, many=many)
-        shown = [gain for gain in found if gain.gone.mean_s.estimate >= _LEAST_S]
-        tables.append(_table(f"{label}: {what}, {made}", shown))
-    if not any(tables):
-        return paragraph(f"{label}: nothing that was tried gains anything.")
-    rest = len(cell.gains) - sum(len(cell.best(most, many=m)) for m in (False, True))
-    return "".join(tables) + (
-        paragraph(f"{rest} more are in gains.csv.", "note") if rest else ""
-    )
-
-
-def _table(caption: str, gains: Sequence[Gain]) -> str:
-    """Return gains as a table, nothing where there are none."""
-    head = ["", "", "what", f"mean, {LESS}", f"{P90}, {LESS}", "mean, gone"]
-    longest = max([gain.shorter.mean_s.estimate for gain in gains], default=0.0)
-    rows = []
-    for rank, gain in enumerate(gains, start=1):
-        width = 100.0 * max(gain.shorter.mean_s.estimate, 0.0) / max(longest, 1e-12)
-        bar = f'<div class="bar" style="width:{width:.0f}%"></div>'
-        kind = f'<span class="kind">{KINDS.get(gain.intervention.kind, gain.intervention.kind)}</span>'
-        row = [str(rank), kind, escape_text(gain.intervention.name) + bar]
-        for saving in (gain.shorter, gain.gone):
-            row += [format_estimate(one) for one in (saving.mean_s, saving.p90_s)]
-        rows.append(row)
-    return table(caption, [*head, f"{P90}, gone"], rows, "gains")
 
 
 def critical_tasks_table(
@@ -184,9 +125,11 @@ def window_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
             within = "-" if own.within_s is None else f"{own.within_s:g}"
             row = [cell.label, own.window, within]
             row += [f"{own.passed_s.estimate:.2f}", f"{own.passed_p95_s:.2f}"]
-            row.append("-" if own.broken is None else _span(own.broken, _SHARE, 100.0))
+            row.append(
+                "-" if own.broken is None else format_in_line(own.broken, _SHARE, 100.0)
+            )
             free = own.broken_free
-            row.append("-" if free is None else _span(free, _SHARE, 100.0))
+            row.append("-" if free is None else format_in_line(free, _SHARE, 100.0))
             rows.append(row)
     return [*head, "not held back"], rows
 
@@ -195,7 +138,7 @@ def holding_texts(summary: StudySummary) -> list[str]:
     """Return sentences on the cost of holding back for time windows."""
     return [
         f"{cell.label}: holding back with {cell.windows.hold:g} makes the makespan longer by"
-        f" {_span(cell.windows.holding_s, '{:.2f} s')}, replication by replication"
+        f" {format_in_line(cell.windows.holding_s, '{:.2f} s')}, replication by replication"
         for cell in summary.cells
         if cell.windows and cell.windows.holding_s
     ]
@@ -205,8 +148,10 @@ def operated_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
     """Return head and rows of the table of failure costs, one column per cell."""
     cells = [(cell.label, cell.operated) for cell in summary.cells if cell.operated]
     shown = {
-        "completed": [_span(own.completed, _SHARE, 100.0) for _, own in cells],
-        "steps given up": [_span(own.gave_up, _SHARE, 100.0) for _, own in cells],
+        "completed": [format_in_line(own.completed, _SHARE, 100.0) for _, own in cells],
+        "steps given up": [
+            format_in_line(own.gave_up, _SHARE, 100.0) for _, own in cells
+        ],
         "new plans": [_mean(own.versions) for _, own in cells],
         **{
             rung.replace("_", " "): [_mean(own.recoveries[rung]) for _, own in cells]
@@ -228,7 +173,7 @@ def prevented_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
     for cell in summary.cells:
         for own in cell.operated.prevented if cell.operated else ():
             name = own.name if len(summary.cells) == 1 else f"{own.name}; {cell.label}"
-            share = _span(own.completed, _SHARE, 100.0)
+            share = format_in_line(own.completed, _SHARE, 100.0)
             more = f"{100 * own.completed_more:+.1f} %"
             rows.append([name, share, more, _seconds(own.sooner_s)])
     return head, rows
@@ -248,7 +193,7 @@ def operated_tables(summary: StudySummary) -> str:
 
 
 def _seconds(found: Interval | None) -> str:
-    return "-" if found is None else _span(found, "{:.2f}")
+    return "-" if found is None else format_in_line(found, "{:.2f}")
 
 
 def lateness_list(summary: StudySummary) -> str:
@@ -349,33 +294,6 @@ def makespans_table(
     return table(f"Makespan in seconds, with {share} intervals", head, rows)
 
 
-def tornado_table(cell: CellSummary) -> str:
-    """Return the effect of each input on the mean makespan, with intervals."""
-    share = f"{100 * SHARE:.0f} %"
-    return table(
-        f"{cell.label}: change of the mean makespan [s], the same draws",
-        ["input", f"{share} less", f"{share} more"],
-        [
-            [escape_text(o.name), format_estimate(o.less_s), format_estimate(o.more_s)]
-            for o in cell.tornado
-        ],
-        "named",
-    )
-
-
-def sobol_table(cell: CellSummary) -> str:
-    """Return the Sobol indices of the inputs, with intervals."""
-    return table(
-        f"{cell.label}: share in the variance of the mean makespan",
-        ["input", "alone", "alone and together with others"],
-        [
-            [escape_text(o.name), format_estimate(o.first), format_estimate(o.total)]
-            for o in cell.sobol
-        ],
-        "named",
-    )
-
-
 def difference_list(summary: StudySummary) -> str:
     """Return a list of the policies against the first one."""
     texts = []
@@ -383,7 +301,7 @@ def difference_list(summary: StudySummary) -> str:
         where = "".join(f", {key} = {value}" for key, value in entry.variant.items())
         texts.append(
             f"{entry.policy} against {entry.reference}{where}:"
-            f" {_span(entry.makespan_s, '{:+.1f} s')}, {100 * entry.relative:+.1f} %"
+            f" {format_in_line(entry.makespan_s, '{:+.1f} s')}, {100 * entry.relative:+.1f} %"
         )
     return bullets("Differences, replication by replication", texts)
 
@@ -394,35 +312,12 @@ def collision_lists(summary: StudySummary) -> str:
     out = ""
     for is_open, title in titles.items():
         texts = [
-            f"{cell.label}: {cell.collisions}, {_span(cell.collided, '{:.0f} %', 100.0)}"
+            f"{cell.label}: {cell.collisions}, {format_in_line(cell.collided, '{:.0f} %', 100.0)}"
             for cell in summary.cells
             if cell.collided is not None and (cell.policy == OPEN_LOOP) == is_open
         ]
         out += bullets(title, texts)
     return out
-
-
-def format_estimate(found: Interval | None, *, percent: bool = False) -> str:
-    """Return an estimate with its interval in small letters under it."""
-    if found is None:
-        return "-"
-    factor, unit = (100.0, " %") if percent else (1.0, "")
-    value = f"<span>{_digits(factor * found.estimate)}{unit}</span>"
-    bounds = found.bounds(_digits, factor)
-    return f'{value}<br><span class="interval">{bounds}</span>' if bounds else value
-
-
-def _digits(value: float) -> str:
-    """Return a number with its significant digits."""
-    digits = 1 if abs(value) >= 9.995 else 2
-    return f"{value:.{digits}f}".replace("-0.00", "0.00")
-
-
-def _span(found: Interval, form: str, factor: float = 1.0) -> str:
-    """Return an estimate with its interval in one line."""
-    words = form.format(factor * found.estimate)
-    bounds = found.bounds(factor=factor)
-    return f"{words} ({bounds})" if bounds else words
 
 
 def _mean(found: Interval | None, digits: int = 2) -> str:

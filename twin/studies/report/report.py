@@ -1,4 +1,4 @@
-"""``report.html``: figures and tables of a study in one file that needs no network."""
+"""Report of a study (``report.html``): figures and tables in one file that can be viewed offline."""
 
 from __future__ import annotations
 
@@ -41,13 +41,11 @@ from twin.studies.report.markup import (
     text_table,
 )
 from twin.studies.report.page_tables import (
-    HONEST,
     OPERATED,
     busy_rows,
     collision_lists,
     critical_tasks_table,
     difference_list,
-    gains_tables,
     holding_texts,
     lateness_list,
     lines_table,
@@ -56,9 +54,13 @@ from twin.studies.report.page_tables import (
     ranking_table,
     refused_table,
     replication_sentence,
+    window_rows,
+)
+from twin.studies.report.sensitivity_tables import (
+    HONEST,
+    gains_tables,
     sobol_table,
     tornado_table,
-    window_rows,
 )
 from twin.studies.study import StudyResult
 from twin.studies.summary import CellSummary, StudySummary, shown_cell

@@ -1,4 +1,4 @@
-"""Terminal table of the figures of a study."""
+"""Table of the results of a study, printed in the terminal."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from twin.studies.folder import REPORT
 from twin.studies.plans import words
 from twin.studies.replications.statistics import Interval
 from twin.studies.report.page_tables import (
-    LESS,
-    P90,
     busy_rows,
     holding_texts,
     line_rows,
@@ -24,6 +22,7 @@ from twin.studies.report.page_tables import (
     prevented_rows,
     window_rows,
 )
+from twin.studies.report.sensitivity_tables import LESS, P90
 from twin.studies.study import StudyResult
 from twin.studies.summary import CellSummary, StudySummary, shown_cell
 

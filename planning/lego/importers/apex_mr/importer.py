@@ -20,15 +20,17 @@ import numpy as np
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import BrickType, PlacedBrick, Press
 from planning.lego.bricks.brick_grips import SIDES, legal_offsets, press_cell
+from planning.lego.importers.apex_mr.published_arm import (
+    arm_base,
+    check_arm,
+    tool_offset,
+)
 from planning.lego.importers.apex_mr.task_files import (
     NONE,
     TOOLS,
     Notes,
     Record,
-    arm_base,
-    check_arm,
     read_json,
-    tool_offset,
 )
 from planning.transforms import Transform, from_rpy
 

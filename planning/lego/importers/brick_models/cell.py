@@ -34,13 +34,9 @@ from planning.lego.bricks.brick_world import (
 )
 from planning.lego.bricks.grid import top_pose
 from planning.lego.importers.brick_models.model import BrickModel, ModelBrick
+from planning.lego.skills.brick_contacts import lever_reaches_below
 from planning.lego.skills.brick_skills import BrickSkills
-from planning.lego.skills.targets import (
-    DEFAULT_TWIST,
-    BrickGrip,
-    lever_reaches_below,
-    pick_targets,
-)
+from planning.lego.skills.targets import DEFAULT_TWIST, BrickGrip, pick_targets
 from planning.robots.registry import robot_model
 from planning.steps.skill import SkillPath
 from planning.transforms import from_rpy, translation
@@ -215,7 +211,7 @@ def model_cell(model: BrickModel) -> dict[str, Any]:
     for studs in (STUDS, *_WIDER):
         with suppress(ScenarioError):
             return _content(model, tuple(robots), studs, free=True)
-    # Where no plate leaves room for ever, the stations stand as near as can be.
+    # Where no plate is wide enough, the stations stand as close to the model as possible.
     return plain
 
 

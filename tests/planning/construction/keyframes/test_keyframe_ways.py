@@ -15,7 +15,7 @@ from planning.construction.problem.site import (
 )
 from planning.construction.problem.supply_layout import Spiral
 from planning.construction.world.fixed_world import FixedWorld, with_part_at_rest
-from planning.construction.world.timeline import skill_motion
+from planning.construction.world.skill_motion import skill_motion
 from planning.robots.registry import robot_model
 from planning.transforms import read_only_copy
 

@@ -17,7 +17,7 @@ from benchmarks.construction.fine_check.check import check_construction
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import Fixture
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.paths import roadmap, rrt
+from planning.construction.paths import motion_queue, rrt
 from planning.construction.paths.base_paths import (
     SPACING,
     Lattice,
@@ -26,8 +26,8 @@ from planning.construction.paths.base_paths import (
     lay_lattice,
     write_base_configuration,
 )
+from planning.construction.paths.motion_queue import MOST
 from planning.construction.paths.query import Query, SpaceTimePath
-from planning.construction.paths.roadmap import MOST
 from planning.construction.paths.rrt import make_query
 from planning.construction.planner import plan_construction
 from planning.construction.problem.models import tower
@@ -429,9 +429,9 @@ def test_a_maze_is_found_through_by_few_vertices() -> None:
         assert checker.motion_free(a, s, b, t)
 
 
-no_motions = roadmap.empty_motions
-pop = outer(roadmap.pop_motion)
-push = outer(roadmap.push_motion)
+no_motions = motion_queue.empty_motions
+pop = outer(motion_queue.pop_motion)
+push = outer(motion_queue.push_motion)
 
 
 @settings(deadline=None)

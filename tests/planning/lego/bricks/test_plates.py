@@ -36,7 +36,8 @@ from planning.lego.bricks.grid import (
     top_pose,
 )
 from planning.lego.sequencing.sequencing import sequence_structure
-from planning.lego.skills.targets import resting_contacts, support_targets
+from planning.lego.skills.brick_contacts import resting_contacts
+from planning.lego.skills.support_targets import support_targets
 from planning.lego.stability.contacts import (
     bricks_by_name,
     filled_places,

@@ -25,14 +25,13 @@ from planning.lego.bricks.brick_grips import press_cell
 from planning.lego.bricks.grid import top_pose
 from planning.lego.importers.apex_mr.importer import import_apex_mr
 from planning.lego.skills.handovers import giver_rest_poses, receive_poses
+from planning.lego.skills.support_targets import _contact, support_targets
 from planning.lego.skills.targets import (
     BrickGrip,
-    _contact,
     handover_targets,
     pick_targets,
     place_targets,
     received_top,
-    support_targets,
 )
 from planning.transforms import Array, Transform, from_rpy, translation
 from tests.planning.lego.importers.published_form import (

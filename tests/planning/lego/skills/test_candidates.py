@@ -27,10 +27,11 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.brick_grips import grip_pose, legal_presses
 from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.brick_world import BrickWorld, grasp_number, press_from_number
+from planning.lego.skills.brick_contacts import PRESSED
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.expansion import lego_work
-from planning.lego.skills.targets import DEFAULT_TWIST, PRESSED
+from planning.lego.skills.targets import DEFAULT_TWIST
 from planning.robots.registry import robot_model
 from planning.steps.skill import Obstruction, SkillPath
 from planning.tasks.assignment import (

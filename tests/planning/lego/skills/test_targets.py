@@ -21,17 +21,19 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import box_from_top
 from planning.lego.skills.handovers import giver_rest_poses, receive_poses
-from planning.lego.skills.targets import (
-    DEFAULT_TWIST,
+from planning.lego.skills.support_targets import (
     LEVER_WALL,
     STUD_HEIGHT,
+    support_targets,
+    supported_span,
+)
+from planning.lego.skills.targets import (
+    DEFAULT_TWIST,
     BrickGrip,
     handover_targets,
     pick_targets,
     place_targets,
     received_top,
-    support_targets,
-    supported_span,
 )
 from planning.transforms import Transform, from_rpy, inverse, rotation, translation
 from tests.planning.lego.structures import TOPS, grips

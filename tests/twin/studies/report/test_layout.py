@@ -20,7 +20,8 @@ from twin.studies.replications.statistics import Interval
 from twin.studies.replications.workload import Engines
 from twin.studies.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.studies.report.figures import draw_ecdf, draw_response, draw_waits
-from twin.studies.report.page_tables import makespans_table, sobol_table, tornado_table
+from twin.studies.report.page_tables import makespans_table
+from twin.studies.report.sensitivity_tables import sobol_table, tornado_table
 from twin.studies.sensitivity import Influence, SobolIndex
 from twin.studies.summary import StudySummary
 

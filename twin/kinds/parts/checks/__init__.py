@@ -1,1 +1,1 @@
-"""Checks of assemblies of parts: grips, holds, places, reach, loads, windows of time, and how parts fit."""
+"""Checks of assemblies of parts: grips, holds, places, reach, loads, time windows, and fits."""

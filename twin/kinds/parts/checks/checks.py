@@ -1,4 +1,4 @@
-"""Checks and picture content of a scenario with an assembly of parts."""
+"""Checks of a scenario with an assembly of parts, and the parts that pictures of the scenario show."""
 
 from __future__ import annotations
 
@@ -33,15 +33,11 @@ from twin.checks.tools import (
 )
 from twin.checks.usual import check_physics, check_rates, check_usual
 from twin.document.yaml_text import KeyPath
+from twin.kinds.parts.checks.actuation_times import check_grip_times
 from twin.kinds.parts.checks.context import PartsContext
 from twin.kinds.parts.checks.gripping import check_lifts, check_room, check_turning
 from twin.kinds.parts.checks.grips import check_grips
-from twin.kinds.parts.checks.holds import (
-    check_friction,
-    check_grip_times,
-    check_holds,
-    check_pads,
-)
+from twin.kinds.parts.checks.holds import check_friction, check_holds, check_pads
 from twin.kinds.parts.checks.loads import check_payloads
 from twin.kinds.parts.checks.places import (
     check_balance,

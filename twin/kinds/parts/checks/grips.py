@@ -1,4 +1,4 @@
-"""Checks of grips: fingers and cups that find faces of the parts to hold."""
+"""Checks of grips: whether fingers or cups find suitable faces on each part."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Reachable orientations of a tool: one, those about one axis or about two, or all.
+"""Tool orientations that a robot can reach, derived from the axes of its revolute joints.
 
-Slides turn nothing, and joints about parallel axes that follow each other turn about one direction (a
-SCARA, a gantry with a swivel). Limits of joints are not looked at.
+The result is a single orientation, rotations about one or two axes, or all orientations. Prismatic joints do
+not rotate the tool. Consecutive joints with parallel axes rotate it about one direction, as in a SCARA arm.
+Joint limits are ignored.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.transforms import Array
 
 _SAME = 2e-3
-"""Directions and orientations that differ by no more are one: descriptions are rounded [rad]."""
+"""Tolerance for equal directions and orientations, since numbers in robot descriptions are rounded [rad]."""
 
 
 def turning_axes(robot: PlacedRobot) -> list[Array]:

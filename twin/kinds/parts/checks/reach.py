@@ -1,4 +1,4 @@
-"""Checks of reach: parts, places of work and racks."""
+"""Checks of reach: whether robots can reach all parts, process poses and tool racks."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.errors import (
-    InfeasibleStepError,
-)
+from planning.errors import InfeasibleStepError
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import robot_grips
 from planning.handling.skill_targets import SkillTargets, is_possible_in_some_posture
